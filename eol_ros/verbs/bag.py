@@ -144,9 +144,9 @@ def _verify(args) -> int:
 
 def _recover(args) -> int:
     from eol_ros.devices.bag import edit
-    from eol_ros.devices.bag.reader import BagReader, metadata_fault
+    from eol_ros.devices.bag.reader import BagReader
     from eol_ros.devices.bag.recover import repair, rewrite_metadata
-    from eol_ros.devices.bag.verify import verify
+    from eol_ros.devices.bag.verify import metadata_faults, verify
 
     bag = BagReader(args.bag)
     if args.output:
@@ -162,19 +162,21 @@ def _recover(args) -> int:
     lost = 0
     for file in cut:
         try:
-            done = repair(file.path)
+            done = repair(file.path, beside=True)
         except BlockingIOError:
             raise UsageError(
                 f'{file.path}: is being recorded; --output OUT writes what there is of it so far'
             ) from None
-        lost += len(done.damage)
+        lost += len(done.damage) or done.file is None
         print(f'{file.path.name}: {done.message_count} messages saved', file=sys.stderr)
+        if done.aside:
+            print(f'{file.path.name}: the file as it was is {done.aside}', file=sys.stderr)
         for line in done.damage:
             print(f'{file.path.name}: damaged at {line}', file=sys.stderr)
     if cut:
         return 1 if lost else 0
     metadata, count = bag.path / 'metadata.yaml', sum(bag.counts.values())
-    if bag.path.is_dir() and (not metadata.exists() or metadata_fault(bag.path, count)):
+    if bag.path.is_dir() and (not metadata.exists() or metadata_faults(bag)):
         rewrite_metadata(bag.path)
         print(f'{metadata}: written again', file=sys.stderr)
     if verify(bag.path)[1]:

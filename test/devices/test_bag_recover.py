@@ -227,11 +227,21 @@ def test_a_repair_that_was_cut_off_at_its_last_step_is_finished(tmp_path):
     assert not part.exists()
 
 
-def test_nothing_readable_leaves_no_rubbish(tmp_path):
+@pytest.mark.parametrize('ruin', [None, bytes, lambda n: b'x' * n])
+def test_a_file_of_which_nothing_can_be_read_is_renamed_and_not_changed(tmp_path, ruin):
     BagWriter(tmp_path / 'run', [POINT], {}).abandon()
+    [part] = (tmp_path / 'run').iterdir()
+    if ruin:
+        part.write_bytes(ruin(5000))
+    before = part.read_bytes()
     [done] = repair_all(tmp_path)
-    assert done.file is None
-    assert not (tmp_path / 'run').exists()
+    assert done.file is None and done.aside == tmp_path / 'run' / 'run_0.mcap.damaged'
+    assert [p for p in (tmp_path / 'run').iterdir()] == [done.aside]
+    assert done.aside.read_bytes() == before
+    assert list(repair_all(tmp_path)) == []
+    part.write_bytes(b'again')
+    [done] = repair_all(tmp_path)
+    assert done.aside.name == 'run_0.mcap.2.damaged' and done.aside.read_bytes() == b'again'
 
 
 def test_a_root_that_is_not_there_needs_no_repair(tmp_path):

@@ -163,3 +163,13 @@ def test_pictures_lie_apart_from_the_small_messages(tmp_path):
         chunks = make_reader(stream).get_summary().chunk_indexes
     assert [list(c.message_index_offsets) for c in chunks] == [[]] + [[2]] * 20 + [[1]]
     assert [m.log_ns - T0 for m in BagReader(tmp_path / 'a.mcap').messages()] == list(range(40))
+
+
+def test_a_chunk_spans_less_than_a_second_whoever_writes_it(tmp_path):
+    bag = BagWriter(tmp_path / 'run', [POINT], {})
+    for i in range(600):  # one minute, and nobody flushes
+        bag.write('/eol/point', point(i), T0 + i * 100_000_000, T0, i + 1)
+    bag.close()
+    places = BagReader(tmp_path / 'run').files[0].places
+    assert len(places) == 60
+    assert all(place.end_ns - place.start_ns < 1_000_000_000 for place in places)

@@ -37,7 +37,8 @@ from eol_ros.devices.bag.disk import DISK, Disk
 from eol_ros.devices.bag.scan import CRC_KEY, MAGIC, pairs_crc
 
 LIBRARY = 'eol_ros 2'  # its metadata carry a checksum; its definitions are in the first chunk, too
-CHUNK_BYTES = 1 << 20  # what a killed writer can lose at most
+CHUNK_BYTES = 1 << 20  # what a killed writer, or a flipped bit, can lose at most
+CHUNK_NS = 1_000_000_000  # the same in time
 BIG_BYTES = 1 << 16  # such messages, images, get a chunk each: who wants the rest skips them
 ZSTD_LEVEL = 1
 _MESSAGE = struct.Struct('<BQHIQQ')  # opcode, length, channel, sequence, log time, publish time
@@ -175,6 +176,8 @@ class BagFile:
         In a hurry, an image is stored without compression: half the work, twice the bytes.
         """
         big = len(data) >= BIG_BYTES
+        if self._chunk.offsets and abs(log_ns - self._chunk.start_ns) >= CHUNK_NS:
+            self._end_chunk()
         chunk = _Chunk() if big else self._chunk
         chunk.add(channel, data, log_ns, publish_ns, sequence)
         self.start_ns = min(self.start_ns, log_ns) if self.message_count else log_ns

@@ -220,12 +220,14 @@ class BagFileReader:
         magic = file.read(len(MAGIC))
         if magic != MAGIC:
             near = scan.near_magic(magic)
-            if not near and self.path.name.endswith(PART):
+            part = self.path.name.endswith(PART)
+            if not near and part and scan.anchor(file, 0, size) is None:
                 self.cut_at = 0  # the power failed before the first bytes were on the disk
                 return
             if not magic:
                 raise ConfigError(f'{self.path}: not a bag: the file is empty')
-            if not near:
+            known = part or self.path.name.endswith('.mcap')
+            if not near and (not known or scan.anchor(file, 0, size) is None):
                 raise ConfigError(f'{self.path}: not a bag: begins with {magic!r}, not {MAGIC!r}')
             self._damaged(0, len(MAGIC), f'begins with {magic!r}')
         self.ours = by_this_project(file, size)
@@ -332,6 +334,8 @@ class BagFileReader:
                     self.cut_at = None  # the data are whole
                     if self.ours or self._index_wrong:
                         self._damaged(found.end, size, 'the index')
+                for known in scan.definitions_behind(file, found.offset, size):
+                    self._define(known, trusted=False)
                 break
         if self.places:
             self.start_ns = min(p.start_ns for p in self.places)
@@ -717,7 +721,7 @@ def _mcap_files(path: Path) -> list[Path]:
     names = {p.name for p in files}
     files = [p for p in files if p.name.removesuffix(PART) not in names - {p.name}]
     try:
-        listed = (_information(path) or {}).get('relative_file_paths', [])
+        listed = (information(path) or {}).get('relative_file_paths', [])
     except ConfigError:
         if not files:
             raise
@@ -730,23 +734,27 @@ def _mcap_files(path: Path) -> list[Path]:
     return sorted(files)
 
 
-def _information(folder: Path) -> dict | None:
+def information(folder: Path) -> dict | None:
     """Return what `metadata.yaml` of a bag says, None without one; raise ConfigError."""
     file = folder / 'metadata.yaml'
     if not file.exists():
         return None
     try:
-        information = yaml.safe_load(file.read_text(encoding='utf-8'))
-        found = information['rosbag2_bagfile_information']
-        return {**found, 'relative_file_paths': [str(p) for p in found['relative_file_paths']]}
+        return loads(file.read_text(encoding='utf-8'))
     except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError, ValueError):
         raise ConfigError(f'{file}: not the metadata of a rosbag2 folder') from None
+
+
+def loads(text: str) -> dict:
+    """Return what the text of a `metadata.yaml` says; raises what YAML and a wrong text raise."""
+    found = yaml.safe_load(text)['rosbag2_bagfile_information']
+    return {**found, 'relative_file_paths': [str(p) for p in found['relative_file_paths']]}
 
 
 def metadata_fault(folder: Path, count: int) -> str:
     """Return what is wrong with `metadata.yaml` of a bag of `count` messages, empty if nothing."""
     try:
-        said = (_information(folder) or {}).get('message_count', count)
+        said = (information(folder) or {}).get('message_count', count)
     except ConfigError as error:
         return f'{error}: `eol bag recover` rewrites it'
     if said != count:

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes whole again what a killed or unplugged recorder left: `*.mcap.part` becomes `*.mcap`.
 
-In place: the data are proved from the start to where they end, and the index and the end that are
-missing are written behind them. So it needs next to no room on the disk and in memory, and may be
-stopped anywhere: how far it has come stands in a small file beside it.
+The recorder does it in place: the data are proved from the start to where they end, and the index
+and the end that are missing are written behind them. So it needs next to no room on the disk and in
+memory, and may be stopped anywhere: how far it has come stands in a small file beside it. By hand
+it is done beside the file. A file of which nothing can be read is renamed, and never deleted.
 """
 
 import contextlib
 import fcntl
+import itertools
 import json
 import os
 import shutil
@@ -24,6 +26,7 @@ from mcap.records import (
     Channel,
     ChunkIndex,
     DataEnd,
+    Header,
     MessageIndex,
     Metadata,
     MetadataIndex,
@@ -33,13 +36,16 @@ from mcap.records import (
 
 from eol_ros.devices.bag import scan
 from eol_ros.devices.bag.disk import DISK
-from eol_ros.devices.bag.mcap_file import Summary, metadata_record, packed
+from eol_ros.devices.bag.mcap_file import LIBRARY, Summary, metadata_record, packed
 from eol_ros.devices.bag.reader import BagFileReader, by_this_project
 from eol_ros.devices.bag.scan import MAGIC, ChunkHead, DamagedRecord, Found
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, RUN_METADATA, FileSummary, metadata_text
 from eol_ros.errors import EolError
 
 STATE = '.repair'  # how far a repair has come
+BESIDE = '.recovering'  # a copy on its way to take the place of the file
+LOOK_RECORDS = 20  # the metadata of the run are among the first
+DAMAGED = '.damaged'  # what nothing could be saved of, or not all
 SAVE_BYTES = 64 << 20  # so much is proved again, at most, after a repair was stopped
 BUSY_S = 0.25  # after this it is asked again whether the recording is busy
 SHARE = 0.25  # of the time a repair works at the side of a recording; then it rests
@@ -56,12 +62,16 @@ class Stopped(Exception):
 
 @dataclass(frozen=True)
 class Repaired:
-    """What became of one left-over file; `file` is None when nothing in it could be read."""
+    """What became of one left-over file; `file` is None when nothing in it could be read.
+
+    `aside` is where the original is, if it was not replaced by what was made of it.
+    """
 
     part: Path
     file: Path | None
     message_count: int
     damage: tuple[str, ...] = ()
+    aside: Path | None = None
 
 
 @dataclass
@@ -114,43 +124,144 @@ def leftovers(root: Path) -> list[Path]:
 
 
 def repair(
-    path: Path, breathe: Callable[[], None] = lambda: None, min_free_gb: float = 0.0
+    path: Path,
+    breathe: Callable[[], None] = lambda: None,
+    min_free_gb: float = 0.0,
+    beside: bool = False,
 ) -> Repaired:
     """Write the index and the end that a file lacks, and bring `metadata.yaml` up to date.
 
-    A file without a single readable message is removed, and its folder if nothing else is in it.
-    Beside a file that lies in no folder of a bag no `metadata.yaml` is written. Raises OSError,
-    NoRoom, BlockingIOError where somebody writes it, and what `breathe` raises.
+    A file without a single readable message is renamed to NAME.damaged, unchanged. `beside` works
+    on a copy, which takes the place of the file when all of it has been read back; a file that was
+    damaged is then renamed, too. Beside a file that lies in no folder of a bag no `metadata.yaml`
+    is written. Raises OSError, NoRoom, BlockingIOError where somebody writes it, and what `breathe`
+    raises.
     """
     target = path.with_name(path.name.removesuffix(PART))
     state = target.with_name(target.name + STATE)
     if path != target and target.exists():  # cut off before its last step
+        made = BagFileReader(target, with_places=False)
+        if not made.indexed:
+            return Repaired(path, None, 0, aside=_set_aside(path, state))
         path.unlink(missing_ok=True)
         _bring_up_to_date(target)
         state.unlink(missing_ok=True)
-        return Repaired(path, target, sum(BagFileReader(target, with_places=False).counts.values()))
-    with open(path, 'r+b') as out, open(path, 'rb', buffering=0) as file:
-        fcntl.flock(out, fcntl.LOCK_EX | fcntl.LOCK_NB)  # no buffer: it is read again when changed
-        progress = _load(state)
+        return Repaired(path, target, sum(made.counts.values()))
+    work = target.with_name(target.name + BESIDE) if beside else path
+    progress = _Progress()
+    with open(path, 'r+b') as held:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         reader = BagFileReader(path, with_places=False, walk=False)
         if reader.indexed:  # cut off just before it got its name
-            count = sum(reader.counts.values())
-        elif _begins(file):
-            last = _prove(file, out, progress, state, breathe)
-            count = _finish(file, out, progress, last, path, min_free_gb)
-        else:
+            count, work = sum(reader.counts.values()), path
+        elif not _readable(held):
             count = 0
+        elif beside:
+            count = _recovered(path, work, progress, breathe, min_free_gb)
+        else:
+            progress = _load(state)
+            count = _make_whole(work, progress, state, breathe, path, min_free_gb)
     if not count:
+        kept = _set_aside(path, state)
+        if any(path.parent.glob('*.mcap')):
+            _bring_up_to_date(target)
+        return Repaired(path, None, 0, aside=kept)
+    aside = _set_aside(path, state) if beside and progress.damage else None
+    if work != target:
+        DISK.rename(work, target)
+    if path not in (work, target) and not aside:
         path.unlink()
-        state.unlink(missing_ok=True)
-        if not any(path.parent.iterdir()):
-            path.parent.rmdir()
-        return Repaired(path, None, 0)
-    if path != target:
-        DISK.rename(path, target)
     _bring_up_to_date(target)
     state.unlink(missing_ok=True)
-    return Repaired(path, target, count, tuple(progress.damage))
+    return Repaired(path, target, count, tuple(progress.damage), aside)
+
+
+def _recovered(
+    path: Path,
+    work: Path,
+    progress: _Progress,
+    breathe: Callable[[], None],
+    min_free_gb: float,
+) -> int:
+    """Make a whole file `work` of what is in `path`; return its messages, all read back."""
+    size, free = path.stat().st_size, shutil.disk_usage(path.parent).free
+    if free - size < min_free_gb * GB:
+        raise NoRoom(
+            f'{path.name} needs {size / GB:.2f} GB beside it to be recovered, {free / GB:.2f} GB '
+            'are free; `--output OUT` writes a new bag on another disk'
+        )
+    state = work.with_name(work.name + STATE)
+    try:
+        shutil.copyfile(path, work)
+        count = _make_whole(work, progress, state, breathe, path, min_free_gb)
+        made = BagFileReader(work)
+        read = sum(1 for _ in made.messages(None, 0, None))
+        if made.damage or not made.indexed or not read == count == sum(made.counts.values()):
+            raise EolError(
+                f'{path}: left as it is: of {count} messages {read} could be read back from the '
+                'copy; `--output OUT` writes what can be read as a new bag'
+            )
+        return count
+    except BaseException:
+        work.unlink(missing_ok=True)
+        raise
+    finally:
+        state.unlink(missing_ok=True)
+
+
+def _make_whole(
+    work: Path,
+    progress: _Progress,
+    state: Path,
+    breathe: Callable[[], None],
+    path: Path,
+    min_free_gb: float,
+) -> int:
+    """Mark what is damaged in `work`, write its index and its end; return how many messages."""
+    # no buffer: it is read again when changed
+    with open(work, 'r+b') as out, open(work, 'rb', buffering=0) as file:
+        if not _begins(file):
+            _begin(file, out, progress)
+        last = _prove(file, out, progress, state, breathe)
+        return _finish(file, out, progress, last, path, min_free_gb)
+
+
+def _set_aside(path: Path, state: Path) -> Path:
+    """Rename a file to NAME.damaged, or NAME.2.damaged where that is taken; return the new name."""
+    name = path.name.removesuffix(PART)
+    aside, number = path.with_name(name + DAMAGED), 2
+    while aside.exists():
+        aside, number = path.with_name(f'{name}.{number}{DAMAGED}'), number + 1
+    DISK.rename(path, aside)
+    state.unlink(missing_ok=True)
+    return aside
+
+
+def _readable(file: BinaryIO) -> bool:
+    """Return whether a chunk of the file holds a message that can be read."""
+    for found in scan.walk(file, len(MAGIC), scan.size_of(file)):
+        if isinstance(found.body, ChunkHead):
+            with contextlib.suppress(DamagedRecord):
+                data = scan.chunk_data(file, found.body)
+                if any(True for _ in scan.messages_in(data)):
+                    return True
+    return False
+
+
+def _begin(file: BinaryIO, out: BinaryIO, progress: _Progress) -> None:
+    """Write the beginning that a file has lost, up to its first record that proves itself."""
+    size = scan.size_of(file)
+    at = scan.anchor(file, 0, size)
+    if at is None:
+        return
+    found = (f.body for f in itertools.islice(scan.walk(file, at, size), LOOK_RECORDS))
+    ours = any(isinstance(body, Metadata) and scan.CRC_KEY in body.metadata for body in found)
+    head = MAGIC + packed(Header('ros2', LIBRARY if ours else ''))
+    rest = at - len(head) - scan.HEAD.size
+    if rest < 0:  # not even the definitions are lost that come before a first chunk
+        return
+    _overwrite(out, 0, head + scan.HEAD.pack(scan.BLANK, rest))
+    progress.damage.append(f'bytes 0 to {at}: the beginning is lost')
 
 
 def repair_all(
@@ -171,14 +282,18 @@ def _bring_up_to_date(file: Path) -> None:
 
 def rewrite_metadata(folder: Path) -> None:
     """Rebuild `metadata.yaml` of a bag folder from its complete files."""
+    DISK.write_text(folder / 'metadata.yaml', metadata_of(folder))
+
+
+def metadata_of(folder: Path) -> str:
+    """Return the text of `metadata.yaml` as it follows from the complete files of a bag folder."""
     bags = [BagFileReader(p, with_places=False) for p in sorted(folder.glob('*.mcap'))]
     topics, custom, files = {}, {}, []
     for bag in sorted(bags, key=lambda b: b.start_ns):
         topics.update(bag.topics)
         custom.update(bag.metadata.get(RUN_METADATA, {}) | bag.metadata.get(GAPS_METADATA, {}))
         files.append(FileSummary(bag.path.name, bag.start_ns, bag.end_ns, bag.counts))
-    text = metadata_text(list(topics.values()), files, custom)
-    DISK.write_text(folder / 'metadata.yaml', text)
+    return metadata_text(list(topics.values()), files, custom)
 
 
 class ProvedChunk:
@@ -438,6 +553,9 @@ def _definitions(
                 for _at, kind, body in scan.records_in(data):
                     if kind in (Opcode.SCHEMA, Opcode.CHANNEL):
                         take(scan.parse(kind, body))
+    for record in scan.definitions_behind(file, end, scan.size_of(file)):
+        if record.id not in (schemas if isinstance(record, Schema) else channels):
+            take(record)
     for found in outside:
         known: dict = schemas if isinstance(found.body, Schema) else channels
         if known[found.body.id] != found.body:

@@ -270,20 +270,29 @@ def walk(file: BinaryIO, start: int, end: int, ours: bool = False) -> Iterator[F
     while at + HEAD.size <= end:
         found = record_at(file, at, end, ours)
         if found.why:
-            anchor = _anchor(file, at + 1, end)
+            begin = anchor(file, at + 1, end)
             follows = (
                 0 < found.end <= end - HEAD.size and not record_at(file, found.end, end, ours).why
             )
-            if anchor is None and not follows:
+            if begin is None and not follows:
                 return
-            if anchor is not None and not (follows and found.end <= anchor):
-                found = found._replace(end=anchor)
+            if begin is not None and not (follows and found.end <= begin):
+                found = found._replace(end=begin)
             elif found.opcode in WITHOUT_MESSAGES:
                 found = found._replace(framed=True)
         yield found
         if found.opcode == Opcode.DATA_END and not found.why:
             return
         at = found.end
+
+
+def definitions_behind(file: BinaryIO, at: int, end: int) -> Iterator[Schema | Channel]:
+    """Yield the schemas and channels in the summary, where the data section ends at `at`."""
+    found = record_at(file, at, end)
+    while not found.why and (found.opcode == Opcode.DATA_END or found.body is not None):
+        if isinstance(found.body, (Schema, Channel)):
+            yield found.body
+        found = record_at(file, found.end, end)
 
 
 def record_at(file: BinaryIO, at: int, end: int, ours: bool = False) -> Found:
@@ -319,7 +328,7 @@ def record_at(file: BinaryIO, at: int, end: int, ours: bool = False) -> Found:
             return Found(at, after, opcode, why=str(error))
 
 
-def _anchor(file: BinaryIO, start: int, end: int) -> int | None:
+def anchor(file: BinaryIO, start: int, end: int) -> int | None:
     """Return where the next record begins that proves itself, None if there is none."""
     base = start
     while base < end:

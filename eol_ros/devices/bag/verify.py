@@ -4,13 +4,20 @@
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 from mcap.opcode import Opcode
 from mcap.records import Channel, MessageIndex, Schema
 
 from eol_ros.devices.bag import scan
-from eol_ros.devices.bag.reader import BagFileReader, BagReader, metadata_fault
-from eol_ros.devices.bag.recover import ProvedChunk
+from eol_ros.devices.bag.reader import (
+    BagFileReader,
+    BagReader,
+    information,
+    loads,
+    metadata_fault,
+)
+from eol_ros.devices.bag.recover import ProvedChunk, metadata_of
 from eol_ros.devices.bag.scan import MAGIC, ChunkHead, DamagedRecord
 from eol_ros.errors import BagDamaged
 
@@ -29,9 +36,34 @@ def verify(
         for file in through(bag.files):
             found += _messages(file) + _records(file)
     found = [*bag.cut_short, *bag.damage, *found]
-    fault = metadata_fault(bag.path, sum(bag.counts.values())) if bag.path.is_dir() else ''
-    found += [fault] if fault else []
-    return bag, list(dict.fromkeys(found))
+    return bag, list(dict.fromkeys([*found, *metadata_faults(bag)]))
+
+
+def metadata_faults(bag: BagReader) -> list[str]:
+    """Return what `metadata.yaml` says otherwise than the files, one line each.
+
+    Of bags by other programs only the number of messages is compared.
+    """
+    if not bag.path.is_dir():
+        return []
+    fault = metadata_fault(bag.path, sum(bag.counts.values()))
+    if fault or not all(file.ours and file.indexed for file in bag.files):
+        return [fault] if fault else []
+    said, expected = information(bag.path), loads(metadata_of(bag.path))
+    if said is None:
+        return []
+    return [
+        f'metadata.yaml: {key} is not what the files say: `eol bag recover` rewrites it'
+        for key in dict.fromkeys([*expected, *said])
+        if _by_name(said.get(key, KeyError)) != _by_name(expected.get(key, KeyError))
+    ]
+
+
+def _by_name(value: Any) -> Any:
+    """Return a value of `metadata.yaml` as it is compared: topics in any order."""
+    if isinstance(value, list) and all(isinstance(row, dict) for row in value):
+        return sorted(map(repr, value))
+    return value
 
 
 def _messages(file: BagFileReader) -> list[str]:
