@@ -19,6 +19,7 @@ Every scene has a recorder, named or not; `recorder: off` among the nodes leaves
 
 import dataclasses
 import difflib
+import itertools
 import math
 import os
 import re
@@ -32,13 +33,20 @@ from typing import Any
 import yaml
 
 from eol_ros.errors import ConfigError, EolError
-from eol_ros.settings import FORMS, MASK, NotifySettings, masked, renamed, secrets
+from eol_ros.scene_secrets import SceneText, without
+from eol_ros.settings import FORMS, NotifySettings, masked, renamed, secrets
 from eol_ros.streams.graph import IMAGE_SOURCES, MAX_DOMAIN, NAMESPACE, NODES, providers
 
 _KEYS = (
     'scene', 'include', 'network', 'domain', 'namespace', 'real_time', 'nodes', 'together',
     'elsewhere', 'notify',
 )  # fmt: skip
+SECRET = frozenset(  # names of settings that are shown to nobody
+    f.name
+    for kind in (NotifySettings, *(node.settings for node in NODES.values()))
+    for f in dataclasses.fields(kind)
+    if f.metadata.get('secret')
+)
 _WORDS = {float: 'a number', int: 'a whole number', bool: 'true or false', str: 'text'}
 
 
@@ -54,12 +62,14 @@ class Scene:
     elsewhere: tuple[str, ...] = ()  # nodes of the graph that run on another machine
     path: Path | None = None
     real_time: bool = False  # ask for real-time priority
-    text: str = ''  # of the file and its includes, as it goes into a bag
+    text: str = ''  # of the file and its includes, as it goes into a bag: without secrets
     warnings: tuple[str, ...] = ()  # what is understood, and should be said in another way
     namespace: str = NAMESPACE  # without the slash at its beginning
     notify: NotifySettings | None = None
     # Where nodes and their settings stand (`leds`, `leds.port`): file, line, column.
     places: dict[str, tuple[str, int, int]] = field(default_factory=dict, repr=False, compare=False)
+    # What is secret, as it is meant and as it is spelt in the files.
+    hidden: tuple[str, ...] = field(default=(), repr=False, compare=False)
 
     @classmethod
     def alone(cls, *names: str) -> 'Scene':
@@ -151,7 +161,7 @@ class _Reader:
 
     def __init__(self) -> None:
         self.mistakes: list[Mistake] = []
-        self.texts: list[str] = []
+        self.texts: list[tuple[str, SceneText]] = []
         self.warnings: list[str] = []
         self.places: dict[str, tuple[str, int, int]] = {}
 
@@ -180,7 +190,7 @@ class _Reader:
         except yaml.YAMLError as error:
             self.wrong(start, '', f'not YAML: {str(error).splitlines()[0]}')
             return start
-        self.texts.append(f'# {Path(name).name}\n{text}')
+        self.texts.append((Path(name).name, SceneText(text, tree, SECRET)))
         try:
             top = self._convert(tree, name) if tree else start
         except RecursionError:
@@ -382,11 +392,9 @@ def check_value(field_: dataclasses.Field[Any], value: Any) -> Any:
 
 
 def without_secrets(scene: Scene, text: str) -> str:
-    """Return `text` with a mask wherever a secret of the scene stands in it."""
-    for settings in filter(None, (*scene.nodes.values(), scene.notify)):
-        for secret in secrets(settings).values():
-            text = text.replace(secret, MASK)
-    return text
+    """Return `text` with a mask wherever a secret of the scene stands in it, however spelt."""
+    kept = (secrets(s).values() for s in (*scene.nodes.values(), scene.notify) if s)
+    return without(text, {*itertools.chain.from_iterable(kept), *scene.hidden})
 
 
 def public(scene: Scene) -> Scene:
@@ -394,7 +402,7 @@ def public(scene: Scene) -> Scene:
     nodes = {name: masked(settings) for name, settings in scene.nodes.items()}
     notify = masked(scene.notify) if scene.notify else None
     text = without_secrets(scene, scene.text)
-    return dataclasses.replace(scene, nodes=nodes, notify=notify, text=text)
+    return dataclasses.replace(scene, nodes=nodes, notify=notify, text=text, hidden=())
 
 
 def plain(scene: Scene) -> dict[str, Any]:
@@ -494,6 +502,7 @@ def load(name: str | Path) -> Scene:
     notify = reader.settings('notify', NotifySettings, place) if place else None
     if reader.mistakes:
         raise SceneError(reader.mistakes)
+    hidden = tuple({s for _, text in reader.texts for s in text.secrets() if s})
     return Scene(
         str(title.value) if title else path.stem,
         nodes,
@@ -503,11 +512,12 @@ def load(name: str | Path) -> Scene:
         elsewhere,
         path.resolve(),
         real_time,
-        '\n'.join(reader.texts),
+        '\n'.join(f'# {name}\n{text.masked(hidden)}' for name, text in reader.texts),
         tuple(reader.warnings),
         namespace,
         notify,
         reader.places,
+        hidden,
     )
 
 

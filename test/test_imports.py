@@ -43,6 +43,7 @@ ALLOWED = {
     'web/certificate.py': {'cryptography'},
     'bringup': {'yaml'},
     'scene.py': {'yaml'},
+    'scene_secrets.py': {'yaml'},
     'scene_text.py': {'yaml'},
     'settings.py': set(),
     'errors.py': set(),
@@ -57,7 +58,8 @@ ALLOWED = {
 BELOW = {
     'core': {'core', 'settings', 'errors'},
     'streams': {'core', 'streams', 'settings', 'errors'},
-    'scene.py': {'settings', 'streams', 'errors'},
+    'scene.py': {'settings', 'streams', 'errors', 'scene_secrets'},
+    'scene_secrets.py': {'settings'},
     'scene_text.py': {'scene', 'errors'},
     'devices': {'core', 'devices', 'settings', 'streams', 'errors', 'folders', 'parent_death'},
     'ros': {

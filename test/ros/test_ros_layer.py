@@ -192,7 +192,7 @@ def test_the_pin_is_in_no_parameter_and_in_no_bag(ros, tmp_path):
     assert node.get_parameter('pin').value == '***'
     told = about(scene)
     assert 'kept-to-ourselves' not in str(told)
-    assert 'pin: ***' in told['scene'] and "pin: '***'" in told['settings']
+    assert "pin: '***'" in told['scene'] and "pin: '***'" in told['settings']
     node.destroy_node()
 
 

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Masks what is secret in the text of a scene, however YAML spells it; comments and layout stay."""
+
+import html
+import json
+import re
+import urllib.parse
+from collections.abc import Collection, Iterable, Iterator
+
+import yaml
+
+from eol_ros.settings import MASK
+
+_PROPERTIES = re.compile(r'(?:[&!]\S*\s+)*')  # an anchor or a tag before a scalar
+_COMMENT = re.compile(r'(?:^|(?<=\s))#[^\n]*', re.MULTILINE)
+
+
+class SceneText:
+    """The text of one scene file, with the places of all its scalars.
+
+    Parameters
+    ----------
+    text : str
+        As it is in the file.
+    tree : yaml.Node
+        What `yaml.compose` makes of it.
+    names : collection of str
+        Keys whose values are secret, wherever in the file they stand.
+    """
+
+    def __init__(self, text: str, tree: yaml.Node | None, names: Collection[str]):
+        self._text, self._names = text, names
+        self._scalars: list[yaml.ScalarNode] = []
+        self._secret: list[yaml.ScalarNode] = []
+        if tree is not None:
+            self._walk(tree, False, set())
+
+    def _walk(self, node: yaml.Node, secret: bool, seen: set[tuple[int, bool]]) -> None:
+        if (id(node), secret) in seen:  # an alias
+            return
+        seen.add((id(node), secret))
+        if isinstance(node, yaml.ScalarNode):
+            (self._secret if secret else self._scalars).append(node)
+        elif isinstance(node, yaml.SequenceNode):
+            for item in node.value:
+                self._walk(item, secret, seen)
+        elif isinstance(node, yaml.MappingNode):
+            for key, value in node.value:
+                self._walk(key, False, seen)
+                self._walk(value, secret or key.value in self._names, seen)
+
+    def secrets(self) -> Iterator[str]:
+        """Yield what is secret, as it is meant and as it is spelt here."""
+        for node in self._secret:
+            spelt = self._spelt(node)
+            yield from (node.value, spelt, spelt[1:-1] if spelt[:1] in ('"', "'") else '')
+
+    def masked(self, secrets: Collection[str]) -> str:
+        """Return the text with a mask in place of each secret value, and of each of `secrets`.
+
+        A comment that assigns a value to a secret name loses that value.
+        """
+        hidden = [node for node in self._scalars if any(s in node.value for s in secrets)]
+        hidden = [n for n in hidden if not any(s in self._spelt(n) for s in secrets)]
+        masks = {self._span(node): f"'{MASK}'" for node in (*self._secret, *hidden)}
+        spans = sorted(self._span(node) for node in (*self._scalars, *self._secret))
+        assigned = re.compile(rf'\b(?:{"|".join(map(re.escape, self._names))})\s*[:=]\s*')
+        for comment in _COMMENT.finditer(self._text):
+            if any(begin <= comment.start() < end for begin, end in spans):
+                continue  # a part of a text
+            if (found := assigned.search(self._text, comment.start(), comment.end())) is not None:
+                masks[found.end(), comment.end()] = MASK
+        text = self._text
+        for (begin, end), mask in sorted(masks.items(), reverse=True):
+            text = text[:begin] + mask + text[end:]
+        return text
+
+    def _span(self, node: yaml.ScalarNode) -> tuple[int, int]:
+        """Return where a scalar begins and ends, without properties and the lines behind it."""
+        begin, end = node.start_mark.index, node.end_mark.index
+        found = _PROPERTIES.match(self._text, begin, end)
+        begin = found.end() if found else begin
+        return begin, begin + len(self._text[begin:end].rstrip())
+
+    def _spelt(self, node: yaml.ScalarNode) -> str:
+        begin, end = self._span(node)
+        return self._text[begin:end]
+
+
+def without(text: str, secrets: Iterable[str]) -> str:
+    """Return `text` with a mask wherever one of `secrets` stands, as programs may spell it."""
+    spellings = {spelling for secret in secrets for spelling in _spellings(secret)}
+    for spelling in sorted(spellings, key=len, reverse=True):
+        text = text.replace(spelling, MASK)
+    return text
+
+
+def _spellings(secret: str) -> set[str]:
+    found = {
+        secret,
+        json.dumps(secret)[1:-1],
+        json.dumps(secret, ensure_ascii=False)[1:-1],
+        repr(secret)[1:-1],
+        ascii(secret)[1:-1],
+        secret.replace("'", "''"),
+        html.escape(secret),
+        urllib.parse.quote(secret),
+        urllib.parse.quote(secret, safe=''),
+    }
+    for unicode in (False, True):
+        dumped = yaml.safe_dump(secret, allow_unicode=unicode, width=10**9).removesuffix('\n...\n')
+        found.add(dumped.strip().strip('\'"'))
+    return found - {''}
