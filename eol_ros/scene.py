@@ -240,7 +240,7 @@ class _Reader:
             place.text = node.value
             try:
                 place.value = yaml.SafeLoader('').construct_object(node)
-            except (yaml.YAMLError, ValueError) as error:
+            except (yaml.YAMLError, ValueError, OverflowError) as error:
                 self.wrong(place, '', f'{node.value!r}: {str(error).splitlines()[0]}')
         return place
 

@@ -523,7 +523,10 @@ class SoundSettings:
     governor_db: float = setting(6.0, 'what the governor may take away', 'dB', 0, 40, live=True)
     fade_in_s: float = setting(2.0, 'at the start and after a mute', 's', 0, 60)
     fade_out_s: float = setting(0.5, 'at the end and to a mute', 's', 0, 10)
-    wav: str = setting('', 'file where there is no card; empty: sound-DATE.wav beside the bags')
+    wav: str = setting(
+        '', 'file where there is no card; empty: none, or with `device: wav` sound-DATE.wav beside '
+        'the bags'
+    )  # fmt: skip
     wav_limit_s: float = setting(3600.0, 'longest such file', 's', 1)
     trigger_log: str = setting('', 'a CSV of each trigger: when it came, how long before its time')
     meter_hz: float = setting(20.0, 'sound_meter messages', 'Hz', 1, 60)

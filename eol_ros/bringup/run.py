@@ -88,12 +88,14 @@ def run(args: argparse.Namespace) -> int:
     with (
         _scene_file(scene) as file,
         server,
-        EventLog(folders.state()) as events,
         Terminal() as terminal,
+        EventLog(folders.state_path(), terminal.say) as events,
         ServiceManager() as manager,
     ):
         say = terminal.say
         say(f'{scene.name}: {", ".join(scene.nodes)}')
+        if events.trouble:
+            say(f'WARN {events.trouble}')
         events.entry(f'{scene.name}: start of {", ".join(scene.nodes)}')
         for note in (*scene.warnings, *notes, *network.warnings(scene.network)):
             say(note)

@@ -237,8 +237,9 @@ class Supervisor:
     def _hear(self, child: Child) -> None:
         child.beats(self._clock())
         for line in child.output():
-            self._events.line(f'{child.process.name}: {line}')
-            if child.for_people(line) and not line.startswith('compiling'):
+            shown = child.for_people(line) and not line.startswith('compiling')
+            self._events.line(f'{child.process.name}: {line}', shown)
+            if shown:
                 self._say(f'{child.process.name} | {line}')
 
     def _on_signal(self, _number: int, _stack: Any) -> None:
@@ -374,8 +375,9 @@ class Supervisor:
             if row['level'] != told:
                 self._note(f'{row["node"]:9} {status.WORDS[row["level"]]}: {row["text"]}')
         for line in child.output():
-            self._events.line(f'{child.process.name}: {line}')
-            if child.for_people(line):
+            shown = child.for_people(line)
+            self._events.line(f'{child.process.name}: {line}', shown)
+            if shown:
                 self._say(f'{child.process.name} | {line}')
 
     def _ended(self, child: Child, now: float) -> int | None:

@@ -24,6 +24,7 @@ from eol_ros.errors import ConfigError
 
 NAMES = ('Monday', 'Tuesday', 'Wednesday', 'Thursday', 'Friday', 'Saturday', 'Sunday')
 HORIZON = datetime.timedelta(days=400)  # what does not change within that does not change
+YEARS = range(2000, 2200)  # of dates: days before and after each are looked at, too
 CLOCK_SET_S = 1_767_225_600.0  # 2026: a clock that shows a time before has not been set
 SLEEP, WAKE = 'sleep', 'wake'
 _DAY = datetime.timedelta(days=1)
@@ -81,9 +82,12 @@ def _days(
 
 def _date(text: str) -> datetime.date:
     try:
-        return datetime.date.fromisoformat(text)
+        date = datetime.date.fromisoformat(text)
     except ValueError:
         raise ValueError(f'{text} is no date of the calendar') from None
+    if date.year not in YEARS:
+        raise ValueError(f'{text} is not in the years {YEARS[0]} to {YEARS[-1]}')
+    return date
 
 
 def _weekday(text: str) -> int:

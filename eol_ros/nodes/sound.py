@@ -57,7 +57,7 @@ class SoundNode(EolNode):
             self.midi = Midi(self, self.instrument)
         self.meter, self.banks = Meter(self.mixer), BankLoader(s.sample_rate)
         folder = Path(self.scene.settings('recorder').folder)
-        wav = s.wav or folder / time.strftime('sound-%Y%m%d-%H%M%S.wav')
+        named = folder / time.strftime('sound-%Y%m%d-%H%M%S.wav') if s.device == 'wav' else ''
         self.meters = self.publisher('sound_meter')
         self.samples = SampleStream(self, self.mixer, self.epoch_ns)
         self.unheard = 0
@@ -72,7 +72,7 @@ class SoundNode(EolNode):
             self.mixer,
             s.device,
             s.block_size,
-            wav,
+            s.wav or named,
             s.wav_limit_s,
             s.fade_in_s,
             card_needed=s.card_needed,

@@ -24,7 +24,7 @@ from eol_ros.bringup.child import Child
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.supervisor import Supervisor
-from eol_ros.errors import ConfigError, UsageError
+from eol_ros.errors import UsageError
 
 BEAT = """
 import json, os, signal, sys, time
@@ -774,9 +774,3 @@ beat('twin'); stuck_in_the_ice()
     if platform.machine() == 'x86_64' and asked[0]:  # some machines do not tell
         assert asked[0] == '230'
     assert not any('stuck_in_the_ice' in line or 'thread' in line for line in lines)
-
-
-def test_a_log_that_cannot_be_written_is_one_line(tmp_path):
-    (tmp_path / 'eol.log').mkdir()
-    with pytest.raises(ConfigError, match=r'eol\.log: Is a directory; set EOL_STATE to a folder'):
-        EventLog(tmp_path)

@@ -273,3 +273,19 @@ def test_what_lies_far_ahead_has_its_date():
     assert clock.at('2027-03-03 18:00') == 'asleep, and no opening ahead'
     always = Clock(Door(OpeningHours(['Mon-Sun 0:00-24:00'], VIENNA)))
     assert always.at('2026-11-27 18:00') == 'open, and no closing ahead'
+
+
+@pytest.mark.parametrize(
+    'days', ['9999-12-31', '0001-01-01', '2026-01-01-9999-12-31', '1999-12-31']
+)
+def test_a_date_at_the_end_of_the_calendar_is_refused_in_a_line(days):
+    with pytest.raises(ConfigError, match='is not in the years 2000 to 2199') as error:
+        line(f'{days} closed')
+    assert mistakes(['Mon 10:00-12:00', f'{days} closed']) == [str(error.value)]
+
+
+@pytest.mark.parametrize('days', ['2000-01-01', '2199-12-31', '2000-01-01-2199-12-31'])
+def test_the_first_and_the_last_date_that_are_taken_work(days):
+    hours = OpeningHours([f'{days} 14:00-26:00'], VIENNA)
+    for day in ('2000-01-01', '2199-12-31'):
+        assert hours.state(vienna(f'{day} 15:00')).open == (day in days)

@@ -7,6 +7,7 @@ import threading
 import time
 import wave
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -332,6 +333,46 @@ def test_where_no_card_is_needed_a_file_is_as_good(tmp_path, needed, level):
         assert str(wav) in player.text
     finally:
         player.close(0.0)
+
+
+@pytest.mark.parametrize('needed, level', [(True, 'warn'), (False, 'ok')])
+def test_without_a_card_nothing_is_written_that_nobody_asked_for(
+    tmp_path, monkeypatch, needed, level
+):
+    monkeypatch.chdir(tmp_path)
+    mixer = new_mixer()
+    player = Player(mixer, 'no such card', PERIOD, '', card_needed=needed)
+    try:
+        assert wait_until(lambda: mixer.state['frame'][0] > FS // 10, 20)  # its clock goes on
+        assert player.level == level and 'set sound.wav' in player.text
+    finally:
+        player.close(0.0)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_disk_that_was_full_gets_another_file_when_it_has_room(tmp_path, monkeypatch):
+    monkeypatch.setattr(wav_sink, 'RETRY_S', 0.05)
+    full, free = [True], [0]
+    write = wave.Wave_write.writeframesraw
+
+    def refuse(file, data):
+        if full[0]:
+            raise OSError(errno.ENOSPC, 'No space left on device')
+        write(file, data)
+
+    monkeypatch.setattr(wave.Wave_write, 'writeframesraw', refuse)
+    monkeypatch.setattr(wav_sink.shutil, 'disk_usage', lambda _: SimpleNamespace(free=free[0]))
+    sink = WavSink(new_mixer(), tmp_path / 'x.wav', PERIOD, 3600.0)
+    wait_until(lambda: sink.name.startswith('nothing'), 20)
+    time.sleep(0.2)  # without room it begins no file
+    assert [p.name for p in tmp_path.iterdir()] == ['x.wav']
+    full[0], free[0] = False, 1 << 30
+    wait_until(lambda: sink.name == str(tmp_path / 'x-1.wav'), 20)
+    size = sink._written
+    wait_until(lambda: sink._written > size + FS // 10, 20)
+    assert sink.close()
+    with wave.open(str(tmp_path / 'x-1.wav')) as file:
+        assert file.getnframes() > FS // 10
 
 
 PRIORITY = """

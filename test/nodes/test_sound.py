@@ -19,7 +19,7 @@ from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import request_to_msg
 from eol_ros.ros.stamps import NS, now_ns, to_msg, to_ns
 from eol_ros.scene import Scene
-from eol_ros.settings import MotionSettings, SoundSettings
+from eol_ros.settings import MotionSettings, RecorderSettings, SoundSettings
 from eol_ros.streams import corpus, triggers
 from eol_ros.streams.requests import Asked
 
@@ -383,3 +383,14 @@ def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path, monkeypatch, capfd
         node.close()
         node.destroy_node()
         ear.close()
+
+
+@pytest.mark.parametrize('device', ['no such card', 'wav'])
+def test_a_file_is_made_only_where_the_scene_asks_for_one(ros, tmp_path, device):
+    recorder = RecorderSettings(folder=str(tmp_path))
+    settings = SoundSettings(device=device, card_needed=False)
+    node = SoundNode(settings, scene=Scene('here', {'sound': settings, 'recorder': recorder}))
+    with Nodes(node) as nodes:
+        nodes.until(lambda: node.mixer.state['frame'][0] > 4800)
+        assert node.player.level == 'ok'
+    assert len(list(tmp_path.glob('sound-*.wav'))) == (device == 'wav')

@@ -55,6 +55,19 @@ def test_each_line_of_opening_hours_that_cannot_be_meant(check):
     assert (code, words) == (0, 'no mistakes\n') and 'hours' in out
 
 
+@pytest.mark.parametrize(
+    'hours',
+    ["open: ['9999-12-31 closed']", "open: ['0001-01-01 10:00-12:00']", 'open: [9999-12-31]',
+     'time_zone: 0001-01-01T00:00:00+23:00', "open: ['2026-01-01-9999-12-31 closed']"],
+)  # fmt: skip
+def test_dates_at_the_ends_of_the_calendar_are_mistakes_in_a_line(tmp_path, capsys, hours):
+    scene = tmp_path / 'scene.yaml'
+    scene.write_text(f'nodes:\n  twin: {{}}\n  hours:\n    {hours}\n')
+    assert cli.main(['check', str(scene)]) == 78
+    told = capsys.readouterr().err
+    assert f'{scene}:4:' in told and 'error' in told
+
+
 def test_a_system_without_time_zones_says_what_to_install(monkeypatch):
     monkeypatch.setattr(zoneinfo, 'available_timezones', set)
     monkeypatch.setattr(zoneinfo, 'ZoneInfo', _no_zone)

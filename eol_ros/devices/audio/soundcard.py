@@ -174,7 +174,7 @@ class Player:
         if isinstance(output, Card):
             return 'ok'
         wanted = self.device == 'wav' and not self._why
-        writes = not self._card_needed and not output.name.startswith('nothing')
+        writes = not self._card_needed and (not self._wav or not output.name.startswith('nothing'))
         return 'ok' if (wanted or writes) and not output.full else 'warn'
 
     @property
@@ -187,6 +187,8 @@ class Player:
         if self.device == 'wav' and not self._why:
             return clauses([said('writing', 'writing {name}', name=output.name), full])
         instead = said('instead', 'the sound goes to {name}', name=output.name)
+        if not self._wav:
+            instead = said('no_file', 'the sound goes to no file: set sound.wav for one')
         return clauses([self._why, instead, full])
 
     def close(self, fade_out_s: float = 0.5) -> None:
@@ -230,7 +232,7 @@ class Player:
 
     def _file(self, path) -> WavSink:
         try:
-            return WavSink(self.mixer, path, self.block_size, self._wav_limit_s)
+            return WavSink(self.mixer, path or None, self.block_size, self._wav_limit_s)
         except ConfigError as error:
             self._why = f'{self._why}; {error}'.removeprefix('; ')
             return WavSink(self.mixer, None, self.block_size, self._wav_limit_s)

@@ -8,6 +8,7 @@ The file's header is kept true while it grows: a run that is killed leaves a fil
 
 import contextlib
 import math
+import shutil
 import threading
 import time
 import wave
@@ -24,6 +25,8 @@ from eol_ros.errors import ConfigError
 BEHIND_S = 0.5  # further behind than this is not made up for: the samples in between are left out
 LOOKS = 10  # at both clocks at most, until there is no pause between them
 HEADER_S = 1.0  # how often the header is brought up to date
+RETRY_S = 10.0  # after a disk refused the file, until another is begun
+ROOM_BYTES = 64 << 20  # that the disk must have for that
 
 
 class WavSink:
@@ -41,6 +44,7 @@ class WavSink:
         if not turn(mixer.address, np.zeros((0, mixer.channels), np.float32), 0):
             raise ConfigError(STALE)
         self._file = _open(self.path, mixer) if self.path else None
+        self._again_s: float | None = None  # when to begin another, after a disk refused this one
         self._stop = threading.Event()
         # One that is put aside while it has Python's lock holds up those who bring triggers.
         self._thread = carrier_thread('wav sink', self._run)
@@ -78,6 +82,8 @@ class WavSink:
                     blocks = 0
             turn(mixer.address, out, 0)
             blocks += 1
+            if self._file is None and self._again_s is not None:
+                self._reopen(time.monotonic())
             if self._file is not None:
                 self._write(self._file, out)
         self._finish()
@@ -105,7 +111,23 @@ class WavSink:
                 self.full = True
         except OSError as error:  # disk full: the show goes on, and says so
             self.name = f'nothing ({self.path}: {error.strerror})'
+            self._again_s = time.monotonic() + RETRY_S if self.path else None
             self._finish()
+
+    def _reopen(self, now_s: float) -> None:
+        """Begin another file once the disk has room again; the limit is of all of them."""
+        assert self._again_s is not None and self.path is not None
+        if now_s < self._again_s:
+            return
+        self._again_s = now_s + RETRY_S
+        try:
+            if shutil.disk_usage(self.path.parent).free < ROOM_BYTES:
+                return
+            path = free_name(self.path)
+            self._file = _open(path, self._mixer)
+        except (OSError, ConfigError):
+            return
+        self.path, self.name, self._again_s = path, str(path), None
 
     def _finish(self) -> None:
         file, self._file = self._file, None
