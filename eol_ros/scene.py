@@ -34,7 +34,7 @@ import yaml
 
 from eol_ros.errors import ConfigError, EolError
 from eol_ros.scene_secrets import SceneText, without
-from eol_ros.settings import FORMS, NotifySettings, masked, renamed, secrets
+from eol_ros.settings import FORMS, MASK, NotifySettings, masked, renamed, secrets
 from eol_ros.streams.graph import IMAGE_SOURCES, MAX_DOMAIN, NAMESPACE, NODES, providers
 
 _KEYS = (
@@ -118,10 +118,10 @@ def mistake(scene: Scene, where: str, error: EolError) -> Mistake:
 
 
 class SceneError(ConfigError):
-    """All mistakes of a scene."""
+    """All mistakes of a scene, and what is secret in its files."""
 
-    def __init__(self, mistakes: list[Mistake]):
-        self.mistakes = sorted(mistakes)
+    def __init__(self, mistakes: list[Mistake], hidden: tuple[str, ...] = ()):
+        self.mistakes, self.hidden = sorted(mistakes), hidden
         count = len(mistakes)
         lines = [str(m) for m in self.mistakes]
         lines.append(f'{count} error{"s" if count > 1 else ""}. Nothing was started.')
@@ -368,7 +368,7 @@ def check_value(field_: dataclasses.Field[Any], value: Any) -> Any:
         value = float(value)
     asked = _range(meta)
     if type(value) is not kind:
-        shown = 'nothing' if value is None else repr(value)
+        shown = 'nothing' if value is None else MASK if meta.get('secret') else repr(value)
         asked = f' ({asked})' if asked else ''
         if kind is str and value is not None:
             asked = ': put it into quotes'
@@ -500,9 +500,9 @@ def load(name: str | Path) -> Scene:
     together = _together(reader, values.get('together'), nodes)
     place = values.get('notify')
     notify = reader.settings('notify', NotifySettings, place) if place else None
-    if reader.mistakes:
-        raise SceneError(reader.mistakes)
     hidden = tuple({s for _, text in reader.texts for s in text.secrets() if s})
+    if reader.mistakes:
+        raise SceneError(reader.mistakes, hidden)
     return Scene(
         str(title.value) if title else path.stem,
         nodes,

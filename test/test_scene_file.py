@@ -162,7 +162,7 @@ def test_what_is_no_text(tmp_path, pin):
 
 def test_a_number_for_text_by_ros_parameter_is_told_to_be_quoted():
     pin = next(f for f in dataclasses.fields(NODES['panel'].settings) if f.name == 'pin')
-    with pytest.raises(ConfigError, match='34 is not text: put it into quotes'):
+    with pytest.raises(ConfigError, match=r'\*\*\* is not text: put it into quotes'):
         scenes.check_value(pin, 34)
 
 

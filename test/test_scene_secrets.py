@@ -14,6 +14,7 @@ from eol_ros import scene as scenes
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.ros.run_record import about
+from eol_ros.scene_secrets import without
 
 HEAD = 'network: lan  # for all\nnodes:\n  panel:\n    host: 0.0.0.0   # open\n    pin: '
 TAIL = '\n    # below the secret\n    port: 0\n'
@@ -112,6 +113,14 @@ def test_secrets_of_included_files_and_of_comments_are_hidden(tmp_path):
 def test_a_secret_that_stands_elsewhere_in_another_spelling_is_hidden(tmp_path):
     scene = loaded(tmp_path, 'seven-keys', head=f'scene: "s\\x65ven-keys"\n{HEAD}')
     assert r's\x65ven' not in scenes.public(scene).text
+
+
+def test_a_mistake_shows_no_secret_and_says_what_to_hide(tmp_path):
+    with pytest.raises(scenes.SceneError) as error:
+        loaded(tmp_path, '["s\\x65ven keys", {a: other-keys}]')
+    assert 'panel.pin: *** is not text' in str(error.value)
+    told = 'seven keys, other-keys, ' + r's\x65ven keys'
+    assert without(told, error.value.hidden) == '***, ***, ***'
 
 
 def escaped(value):

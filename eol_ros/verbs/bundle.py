@@ -17,6 +17,7 @@ from eol_ros import folders
 from eol_ros import scene as scenes
 from eol_ros.errors import EolError, SupervisorSilent
 from eol_ros.ros.run_record import versions
+from eol_ros.scene_secrets import without
 from eol_ros.verbs import reach
 
 HELP = (
@@ -46,9 +47,9 @@ def run(args):
     """Write the file; what cannot be gathered is said in it, and stops nothing."""
     path = scenes.find(args.scene)  # a name that was mistyped is for the person who typed it
     try:
-        scene = scenes.load(path)
-    except scenes.SceneError:
-        scene = None
+        hide = functools.partial(scenes.without_secrets, scenes.load(path))
+    except scenes.SceneError as error:
+        hide = functools.partial(without, secrets=error.hidden)
         print(f'eol bundle: {path} has mistakes; check.txt will list them', file=sys.stderr)
     folders.check_writable(args.output, '--output')
     parts: dict[str, Callable[[], str]] = {
@@ -62,7 +63,7 @@ def run(args):
     }
     parts |= {f'logs/{path.name}': functools.partial(_end_of, path) for path in _logs()}
     try:
-        _write(args.output, parts, scene)
+        _write(args.output, parts, hide)
     except BaseException:  # also Ctrl-C: half a bundle would pass for a whole one
         if (written := Path(args.output)).is_file():
             written.unlink()
@@ -71,7 +72,7 @@ def run(args):
     return 0
 
 
-def _write(output: str, parts: dict[str, Callable[[], str]], scene: scenes.Scene | None) -> None:
+def _write(output: str, parts: dict[str, Callable[[], str]], hide: Callable[[str], str]) -> None:
     with zipfile.ZipFile(output, 'w', zipfile.ZIP_DEFLATED) as bundle:
         for name, part in parts.items():
             try:
@@ -80,7 +81,7 @@ def _write(output: str, parts: dict[str, Callable[[], str]], scene: scenes.Scene
                 text = f'{error}\n'
             except Exception:  # a fault of ours, or a file that may not be read: it helps too
                 text = traceback.format_exc()
-            bundle.writestr(name, _without(text, scene))
+            bundle.writestr(name, hide(text))
             print(f'eol bundle: {name}', file=sys.stderr)
 
 
@@ -112,10 +113,6 @@ def _about() -> dict:
 def _scene(name: str) -> dict:
     scene = scenes.public(scenes.load(name))
     return {'path': str(scene.path), 'text': scene.text, 'settings': scenes.plain(scene)}
-
-
-def _without(text: str, scene: scenes.Scene | None) -> str:
-    return scenes.without_secrets(scene, text) if scene else text
 
 
 def _status(args) -> dict:

@@ -75,6 +75,12 @@ notify:
     assert '# for all' in json.loads(found['scene.json'])['text']
 
 
+def test_a_scene_with_mistakes_gives_no_secret_away(bundle):
+    found = bundle(SCENE.replace('twin: {}', 'twin: {fps: many}'))
+    assert 'many' in found['check.txt'] and not [n for n, text in found.items() if PIN in text]
+    assert found['logs/events.log'] == 'panel: somebody typed ***\n'
+
+
 def test_it_has_what_helps_and_no_secret(bundle, bag_cut_short):
     found = bundle()
 
