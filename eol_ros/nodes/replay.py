@@ -21,7 +21,7 @@ from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import ConfigError
 from eol_ros.ros.definitions import type_hash
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.played import BLOCKS, IMAGES, REQUESTS, played
+from eol_ros.ros.played import BLOCKS, IMAGES, REQUESTS, TAPS, played
 from eol_ros.ros.requests import new_id, request_to_msg
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import now_ns, to_msg
@@ -64,7 +64,8 @@ class ReplayNode(EolNode):
         self.health.watches('replay', self.rounds, DISK_S, DISK_HUNG_S)
         self.player = BagPlayer(
             self.bag, self.names, self.give, s.rate, s.fast, s.loop, s.start_s,
-            stamped=[recorded(IMAGES), recorded(BLOCKS)], begin=self.begin, sleep=self._nap,
+            stamped=[recorded(IMAGES), recorded(BLOCKS)], taps=[recorded(TAPS)], begin=self.begin,
+            sleep=self._nap,
         )  # fmt: skip
         self.barrier = StartupBarrier(self)
         self.state, self.fault = 'waiting', None

@@ -191,6 +191,29 @@ def test_stamped_messages_come_at_their_stamps_and_the_rest_between(stamped, rat
     ]
 
 
+@pytest.mark.parametrize('rate', [0.25, 1.0, 4.0])
+def test_a_tap_is_played_at_its_knock_however_late_the_run_had_it(tmp_path, rate):
+    taps = BagTopic('/eol/taps', 'a/msg/B', '', '')
+    writer = BagWriter(tmp_path / 'taps', [BagTopic(IMAGES, 'a/msg/B', '', ''), taps], {})
+
+    def write(topic, after_ms, late_ms):
+        stamp = T0 + after_ms * 1_000_000
+        log = stamp + late_ms * 1_000_000
+        writer.write(topic, struct.pack('<IiI', 256, stamp // NS, stamp % NS), log, log)
+
+    write(IMAGES, 0, 2)
+    write('/eol/taps', 5, 4)  # received before the next image
+    write(IMAGES, 20, 2)
+    write('/eol/taps', 10, 27)  # received after it
+    write(IMAGES, 40, 2)
+    writer.close()
+    options = {'stamped': [IMAGES], 'taps': ['/eol/taps']}
+    clock, player = play(BagReader(tmp_path / 'taps'), (IMAGES, '/eol/taps'), rate=rate, **options)
+    player.run()
+    times = [(LEAD_S + t) / rate for t in (0, 0.005, 0.02, 0.02, 0.04)]
+    assert [t for t, _ in clock.given] == pytest.approx(times, abs=1e-6)
+
+
 def test_what_came_late_to_the_recorder_is_played_as_it_was_sent(tmp_path):
     writer = BagWriter(tmp_path / 'late', [POINT], {})
     for i, late_ms in enumerate((0, 40, 900, 900, 0)):

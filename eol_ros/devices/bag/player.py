@@ -2,9 +2,9 @@
 """Plays a bag against a clock: rate, start, loop, pause. Bytes and stamps stay as recorded.
 
 Messages are played in the order in which they were received. Images and blocks, which carry the
-time of exposure, are played when recorded time reaches that stamp; everything between them as long
-before or after as it was sent. So nothing of the delays of the recorded run is waited for once
-more, at a low rate several times as long.
+time of exposure, and taps, which carry that of the knock, are played when recorded time reaches
+that stamp; everything between them as long before or after an image as it was sent. So nothing of
+the delays of the recorded run is waited for once more, at a low rate several times as long.
 """
 
 import threading
@@ -61,7 +61,9 @@ class BagPlayer:
 
     rate: recorded seconds per second of the clock; `fast` hands over as fast as `give` takes.
     `start_s` counts from the first message of the bag. `stamped` names the topics that are played
-    by their stamps. `begin` is called before each round, once all have seen recorded time go back.
+    by their stamps and tell how late the run was, `taps` those that are played by their stamps
+    where the order allows it. `begin` is called before each round, once all have seen recorded time
+    go back.
     Clock and sleep are arguments so that tests need not wait.
     """
 
@@ -75,6 +77,7 @@ class BagPlayer:
         loop: bool = False,
         start_s: float = 0.0,
         stamped: Collection[str] = (),
+        taps: Collection[str] = (),
         begin: Callable[[], None] = lambda: None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
@@ -84,7 +87,7 @@ class BagPlayer:
         self.rounds = 0
         self.late_s = 0.0  # how far the newest message came after its time
         self._bag, self._topics, self._give = bag, frozenset(topics), give
-        self._stamped = frozenset(stamped) & self._topics
+        self._stamped, self._taps = frozenset(stamped) & self._topics, frozenset(taps)
         self.rate = rate  # may be changed while it plays
         self._fast, self._loop, self._begin = fast, loop, begin
         self._first_ns = bag.start_ns + round(start_s * 1e9)  # of the recorder's clock
@@ -140,6 +143,8 @@ class BagPlayer:
             if message.topic in self._stamped and (stamp := stamp_ns(message.data)):
                 self._delay_ns = _sent_ns(message) - stamp
             wish_ns = _sent_ns(message) - self._delay_ns
+            if message.topic in self._taps:
+                wish_ns = max(min(wish_ns, stamp_ns(message.data)), due_ns)
             if wish_ns < due_ns - BACK_NS:
                 self._stand(wish_ns - LEAD_NS, STAND_S)
                 due_ns = wish_ns
