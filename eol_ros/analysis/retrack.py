@@ -32,8 +32,8 @@ LOST_AT_ONCE = 60  # images that are kept until it is known whether the tracker 
 
 EQUAL, PART, DIFFERENT = 'equal', 'part', 'different'
 SHOWN = 20  # holes that are named one by one
-# Relative difference of floats, up to which another processor or library explains it: some steps of
-# single precision. What is computed otherwise, or from something else, differs by much more.
+# Relative difference of floats up to which another processor, Python or library explains it: some
+# steps of single precision. What another code makes, or of something else, differs by much more.
 ROUNDING = 1e-6
 
 
@@ -73,7 +73,7 @@ class Comparison:
     def words(self) -> str:
         """Return it for people."""
         if self.different and self.rounding:
-            least = f'by at most {self.apart:.0e} of the value, as on another processor'
+            least = f'by at most {self.apart:.0e} of the value, as on another processor or Python'
             return f'{self.different} differ {least}, {self.first}'
         if self.different:
             return f'{self.different} differ, {self.first}'

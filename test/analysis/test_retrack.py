@@ -214,7 +214,7 @@ def test_a_result_that_was_tampered_with_is_found(run, monkeypatch, topic, colum
             elif cell.dtype == object:
                 cell[0] = cell[0] + 1
             else:
-                cell += 1
+                cell += np.timedelta64(1, 'ns') if cell.dtype.kind == 'M' else 1
         return rows
 
     monkeypatch.setattr(run, 'table', tampered)

@@ -66,7 +66,9 @@ def test_what_it_holds_is_what_today_makes_of_its_blocks():
     said = '; '.join(f'{name}: {check.words()}' for name, check in unequal.items())
     if any(not check.rounding for check in unequal.values()):
         pytest.fail(f'bags/sample is older than what is computed from its blocks: {MAKE}. {said}')
-    assert not unequal, f'this processor rounds otherwise than the one that recorded it. {said}'
+    assert not unequal, (
+        f'this processor or Python rounds otherwise than those that recorded it. {said}'
+    )
     assert set(again.topics) == {
         'slips', 'felt_slips', 'cascades', 'grain_triggers', 'felt_triggers'
     }  # fmt: skip
