@@ -196,7 +196,7 @@ def _run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
         return error.exit_code
     except BrokenPipeError:
         return _unread()
-    except (ModuleNotFoundError, RuntimeError, OSError) as error:
+    except (ModuleNotFoundError, OSError) as error:
         known = _explained(error, args)
         if known is None:
             raise
@@ -206,21 +206,15 @@ def _run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
         interrupts.finish()
 
 
-def _explained(
-    error: ModuleNotFoundError | RuntimeError | OSError, args: argparse.Namespace
-) -> EolError | None:
+def _explained(error: ModuleNotFoundError | OSError, args: argparse.Namespace) -> EolError | None:
     """Return what to do about what others' code has raised; None for a fault of ours."""
     if isinstance(error, OSError):
         # a full disk is told of no file: it is the one that was asked for
         where = error.filename or (error.errno in FULL and _output(args))
         return ConfigError(f'{where}: {error.strerror}') if where else None
-    if isinstance(error, ModuleNotFoundError):
-        from eol_ros.ros import installed
+    from eol_ros.ros import installed
 
-        return installed.explained(error)
-    from eol_ros import compiled
-
-    return compiled.explained(error)
+    return installed.explained(error)
 
 
 def _output(args: argparse.Namespace) -> str | None:

@@ -1,46 +1,49 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Is what numba compiles in its cache? Told in some milliseconds, without numba.
+"""The cache of compiled loops, without numba: where it lies, whether it is complete, what is stale.
 
-Each cached function knows what it was made from (`core/compiled.py`), but to ask it numba must be
-imported, and all that it calls. So `eol compile` writes a stamp beside its cache when it has
-compiled a part: what the sources contained, for which processor and which versions, and which files
-that made. Where the package's own folders cannot be written, numba uses a folder of the user's, and
-so do the stamps.
+One folder holds what was compiled by one set of versions for one processor. An object file in it
+holds one function for one set of argument types, and its name contains a digest of everything that
+it was made from (`core/compiled.py`). A name therefore always means the same code, whoever wrote
+the file, and processes share no index. Files appear complete or not at all, and begin with a digest
+of their content: a damaged one is compiled again.
+
+`eol compile` writes a manifest for each part, with the sources and the objects that it used, so
+that bringup can tell in some milliseconds what must be compiled.
 """
 
 import contextlib
 import fcntl
+import functools
 import hashlib
 import importlib.metadata
 import json
 import os
 import platform
 import sys
-from collections.abc import Callable, Iterable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 from eol_ros.errors import ConfigError
 
 ROOT = Path(__file__).parent
-# What each part is made of, as packages with all below them; all use what stands in `core` itself.
-# A part has the name of the node or the command that needs it.
-PARTS = {
-    'tracker': ('core/vision',),
-    'twin': ('core/physics', 'core/vision'),
-    'sound': ('core/sound', 'devices/audio'),
-    'ice': ('core/sound',),  # no node: the recording that is made where a scene names none
-    'simulate': ('core/physics',),  # `eol simulate`: the solvers beside that of the twin
-    'stiff': ('core/physics',),  # and what the first scene with stiff springs needs,
-    'glide': ('core/physics',),  # or the first in which all blocks vibrate against each other
-}
+# Nodes that have compiled loops; then the ice recording, which a scene needs that names none; then
+# what `eol simulate` needs beyond the twin: its solvers, and two kernels for stiff scenes.
+PARTS = ('tracker', 'twin', 'sound', 'ice', 'simulate', 'stiff', 'glide')
 AT_FIRST = ('tracker', 'twin', 'sound', 'ice')  # what a scene may need
-_COMMON = 'core'
-_FILES = {'devices/audio': 'callback.py'}  # where only one file of a package is compiled
-_CALLS = {'devices/audio': ('core/sound',)}  # whose machine code stands in that of the package too
+WAIT_S = 120.0  # for another process that compiles the same function; then compile it here, too
+WAIT_PARTS_S = 1800.0  # for another `eol compile`
+_SOURCES = ('eol_ros.core', 'eol_ros.devices', 'eol_ros.verbs.compile')  # what decides on a part
 _NO_MATTER = ('NUMBA_CACHE_DIR', 'NUMBA_NUM_THREADS')  # of the settings of numba
 _DO = 'set NUMBA_CACHE_DIR to a folder that can be written, where compiled loops are kept'
+# As /proc/cpuinfo spells what `core/compiled.py` needs to compile for its one target.
+_FLAGS = 'avx2', 'bmi1', 'bmi2', 'f16c', 'fma', 'fsgsbase', 'invpcid', 'abm', 'movbe', 'rdrand'
 _MACHINE = ('model name', 'flags', 'Features', 'CPU implementer', 'CPU part')
+_TOKEN = os.urandom(6).hex()  # a process number may be another's in another container
+
+_used: set[str] = set()  # objects that this process has loaded or stored
+_locks: dict[Path, int] = {}
+_unstored: list[str] = []  # why objects of this process are not in the cache
 
 
 def cold(parts: Iterable[str]) -> list[str]:
@@ -50,155 +53,266 @@ def cold(parts: Iterable[str]) -> list[str]:
 
 @contextlib.contextmanager
 def alone(waiting: Callable[[], None]) -> Iterator[None]:
-    """Hold the cache while something is compiled into it; others wait, after `waiting()`.
+    """Hold off other `eol compile` that use the same cache; if one runs, call `waiting()` first.
 
-    So two first starts at once do not compile everything twice, and neither forgets what the other
-    has just made. Where no lock can be had they do.
+    After WAIT_PARTS_S this one starts as well. That is safe, but work is done twice.
     """
-    path = _stamp('lock').with_suffix('.lock')
+    take('eol compile', WAIT_PARTS_S, waiting)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        file = path.open('ab')
-    except OSError:
         yield
-        return
-    with file:
+    finally:
+        give_back('eol compile')
+
+
+def take(name: str, wait_s: float = WAIT_S, waiting: Callable[[], None] = lambda: None) -> None:
+    """Take the lock `name` of the cache, or give up after `wait_s`. It ends with the process.
+
+    Locks only save work. Where none can be had (no folder, no locks on its file system) there is
+    none.
+    """
+    until = None
+    with contextlib.suppress(OSError, ConfigError):
+        lock = _lock_file()
+        while True:
+            try:
+                fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, _place(name))
+                return
+            except (BlockingIOError, PermissionError):  # POSIX allows either
+                if until is None:
+                    waiting()
+                    until = time.monotonic() + wait_s
+                elif time.monotonic() > until:
+                    return
+                time.sleep(0.05)
+
+
+def give_back(name: str | None = None) -> None:
+    """Release the lock `name`, or all locks of this process."""
+    with contextlib.suppress(OSError, ConfigError):
+        fcntl.lockf(_lock_file(), fcntl.LOCK_UN, *((1, _place(name)) if name else ()))
+
+
+def _place(name: str) -> int:
+    """Return which byte of the lock file stands for a name."""
+    return int.from_bytes(hashlib.blake2b(name.encode(), digest_size=7).digest(), 'big')
+
+
+def _lock_file() -> int:
+    folder = writable()
+    if folder not in _locks:  # never closed: closing one descriptor would release all locks
+        _locks[folder] = os.open(folder / 'lock', os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    return _locks[folder]
+
+
+def load(name: str) -> bytes | None:
+    """Return what was stored under `name`; None if that is nowhere or damaged."""
+    for folder in folders():
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            waiting()
-            fcntl.flock(file, fcntl.LOCK_EX)
-        yield
+            data = (folder / name).read_bytes()
+        except OSError:
+            continue
+        if (payload := _checked(data)) is not None:
+            _used.add(name)
+            return payload
+        say(f'{folder / name} is damaged; compiling it again')
+    return None
+
+
+def _checked(data: bytes) -> bytes | None:
+    digest, _, rest = data.partition(b'\n')
+    if digest != _digest(rest).encode():
+        return None
+    return rest.partition(b'\n')[2]
+
+
+def store(name: str, sources: Mapping[str, str], payload: bytes) -> None:
+    """Store `payload`, made from `sources` (path to digest), or say why that is not possible."""
+    rest = json.dumps({_relative(path): value for path, value in sources.items()}).encode()
+    rest += b'\n' + payload
+    try:
+        _write(writable() / name, _digest(rest).encode() + b'\n' + rest)
+        _used.add(name)
+    except (OSError, ConfigError) as error:
+        if not _unstored:
+            say(f'compiled loops are not stored: {error}')
+        _unstored.append(str(error))
 
 
 def stamp(part: str) -> None:
-    """Note that `part` has been compiled from the sources as they are."""
-    folders = {
-        name: {'sources': _digest(name), 'files': sorted(_cached(name))} for name in PARTS[part]
+    """Note that `part` has been compiled: from the sources and into the objects of this process."""
+    if _unstored:
+        raise ConfigError(f'{_unstored[0]}; {_DO}')
+    files = [
+        file
+        for name, module in list(sys.modules.items())
+        if name.startswith(_SOURCES) and (file := getattr(module, '__file__', None))
+    ]
+    manifest = {
+        'sources': {_relative(path): content(path) for path in files},
+        'objects': sorted(_used),
     }
-    path = _stamp(part)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        new = path.with_suffix(f'.{os.getpid()}')
-        new.write_text(json.dumps(folders))
-        new.replace(path)
+        _write(writable() / f'{part}.json', json.dumps(manifest).encode())
     except OSError as error:
-        raise ConfigError(f'{path.parent}: {error.strerror}; {_DO}') from None
-
-
-def explained(error: RuntimeError) -> ConfigError | None:
-    """Return what to do where numba finds no folder for machine code; None for other faults."""
-    if 'cannot cache function' not in str(error):
-        return None
-    folders = f'{cache_folder(_COMMON)} and {_user_cache()}'
-    return ConfigError(f'{folders}: neither can be written; {_DO}')
-
-
-def forget(everything: bool = False) -> None:
-    """Remove from the cache what was compiled from sources that have changed, or all of it.
-
-    numba names its files by the lines that functions stand in, and would leave those of earlier
-    versions for good. What no stamp vouches for goes too.
-    """
-    names = {name for folders in PARTS.values() for name in folders}
-    if not everything:
-        known = [_read(part) for part in PARTS]
-        names = {
-            name
-            for name in names
-            if all(s.get(name, {}).get('sources') != _digest(name) for s in known)
-        }
-    for name in names:
-        for file in _cached(name):
-            folder, _, file = file.rpartition('/')
-            (cache_folder(folder) / file).unlink(missing_ok=True)
-    if everything:
-        for part in PARTS:
-            _stamp(part).unlink(missing_ok=True)
-
-
-def cache_folder(name: str) -> Path:
-    """Return where numba keeps what it compiles from folder `name` of this package."""
-    source = ROOT / name
-    if given := os.environ.get('NUMBA_CACHE_DIR'):
-        return Path(given) / _subfolder(source)
-    if os.access(source, os.W_OK):
-        return source / '__pycache__'
-    return _user_cache() / _subfolder(source)
-
-
-def _subfolder(source: Path) -> str:
-    """As numba names it in a folder that many packages share."""
-    path = os.path.abspath(source)
-    return f'{source.name}_{hashlib.sha1(path.encode()).hexdigest()}'
-
-
-def _user_cache() -> Path:
-    return Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache') / 'numba'
-
-
-def _cached(name: str) -> list[str]:
-    """Return what the caches of a package hold for this Python, as `package/file`."""
-    found = []
-    version = f'.py{sys.version_info[0]}{sys.version_info[1]}'  # as numba names its files
-    for folder in _folders(name):
-        try:
-            files = os.listdir(cache_folder(folder))
-        except OSError:
-            continue
-        found += [f'{folder}/{f}' for f in files if f.endswith(('.nbi', '.nbc')) and version in f]
-    return found
-
-
-def _folders(name: str) -> list[str]:
-    """Return a package and all below it, as paths from the root."""
-    below = [path.parent for path in (ROOT / name).rglob('__init__.py')]
-    return sorted(path.relative_to(ROOT).as_posix() for path in below)
-
-
-def _stamp(part: str) -> Path:
-    return cache_folder(_COMMON) / f'eol-{part}-{_machine()}.json'
-
-
-def _read(part: str) -> dict[str, dict[str, Any]]:
-    try:
-        folders = json.loads(_stamp(part).read_text())
-        return folders if isinstance(folders, dict) else {}
-    except (OSError, ValueError):
-        return {}
+        raise ConfigError(f'{error.filename}: {error.strerror}; {_DO}') from None
 
 
 def _is_warm(part: str) -> bool:
-    made = _read(part)
-    return all(
-        name in made
-        and made[name]['sources'] == _digest(name)
-        and set(made[name]['files']) <= set(_cached(name))
-        for name in PARTS[part]
-    )
+    for folder in folders():
+        try:
+            manifest = json.loads((folder / f'{part}.json').read_bytes())
+            if not _stale(manifest['sources']) and all(map(_is_whole, manifest['objects'])):
+                return True
+        except (OSError, ValueError, KeyError, TypeError):
+            continue
+    return False
 
 
-def _digest(name: str) -> str:
-    """Return what the sources of a package, those that it calls and those that all use, contain."""
-    digest = hashlib.blake2b(digest_size=12)
-    own = (ROOT / name).rglob(_FILES.get(name, '*.py'))
-    called = (path for other in _CALLS.get(name, ()) for path in (ROOT / other).rglob('*.py'))
-    for path in (*sorted((ROOT / _COMMON).glob('*.py')), *sorted(called), *sorted(own)):
-        where = path.relative_to(ROOT).as_posix()
-        digest.update(where.encode() + b'\0' + path.read_bytes())
-    return digest.hexdigest()
+def _is_whole(name: str) -> bool:
+    for folder in folders():
+        with contextlib.suppress(OSError):
+            if _checked((folder / name).read_bytes()) is not None:
+                return True
+    return False
 
 
-def _machine() -> str:
+def _stale(sources: Mapping[str, str]) -> bool:
+    return any(_content(str(ROOT / path)) != digest for path, digest in sources.items())
+
+
+def forget(everything: bool = False) -> None:
+    """Remove what was compiled from sources that have changed, and damaged files; or everything.
+
+    So does what other versions of numba, NumPy or this package left, for this version of Python.
+    """
+    for folder in folders():
+        tag = folder.name.rpartition('-')[0]
+        for path in folder.parent.glob(f'{tag}-*/*'):
+            if everything or path.parent != folder or not _is_current(path):
+                with contextlib.suppress(OSError):
+                    path.unlink()
+        for other in folder.parent.glob(f'{tag}-*'):
+            with contextlib.suppress(OSError):
+                other.rmdir()  # if nothing is left in it
+    for path in ROOT.rglob('*.nb[ci]'):  # of versions of this package that used numba's own cache
+        with contextlib.suppress(OSError):
+            path.unlink()
+
+
+def _is_current(path: Path) -> bool:
+    try:
+        if path.suffix == '.new':  # being written, or left by a process that was killed
+            return time.time() - path.stat().st_mtime < 3600
+        if path.suffix != '.object':
+            return True
+        data = path.read_bytes()
+        return _checked(data) is not None and not _stale(json.loads(data.split(b'\n', 2)[1]))
+    except OSError:
+        return True
+
+
+def folders() -> list[Path]:
+    """Return where compiled loops may lie, best first; no folder need be there."""
+    name = f'loops-{sys.implementation.cache_tag}-{_version()}'
+    shared = f'{ROOT.name}_{hashlib.sha1(str(ROOT).encode()).hexdigest()}'
+    if given := os.environ.get('NUMBA_CACHE_DIR'):
+        return [Path(given) / shared / name]
+    user = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache') / 'numba'
+    return [ROOT / '__pycache__' / name, user / shared / name]
+
+
+def writable() -> Path:
+    """Return the first of `folders` that can be written, made if absent; else raise ConfigError."""
+    reasons = []
+    for folder in folders():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            reasons.append(f'{folder.parent}: {error.strerror}')
+            continue
+        if os.access(folder, os.W_OK):
+            return folder
+        reasons.append(f'{folder}: read-only')
+    raise ConfigError(f'{"; ".join(reasons)}; {_DO}')
+
+
+def check() -> None:
+    """Raise ConfigError if there is no folder to load from and none to store in."""
+    if not any(map(os.path.isdir, folders())):
+        writable()
+
+
+def numbers() -> Iterator[int]:
+    """Yield numbers of 15 digits that no other process, forked or not, yields too."""
+    process, number = 0, 0
+    while True:
+        if process != os.getpid():
+            process, number = os.getpid(), 2**49 + int.from_bytes(os.urandom(6), 'big')
+        number += 1
+        yield number
+
+
+def say(line: str) -> None:
+    """Tell the user, or the log of a node."""
+    print(line, file=sys.stderr, flush=True)
+
+
+@functools.cache
+def content(path: str) -> str:
+    """Return a digest of a file as it was when this was first asked.
+
+    A process runs the sources that it has imported, even if an update replaces them.
+    """
+    return _content(path)
+
+
+def _content(path: str) -> str:
+    try:
+        return _digest(Path(path).read_bytes())
+    except OSError:  # a cell of a notebook has no file; its name is made from what it contains
+        return _digest(path.encode())
+
+
+def _relative(path: str) -> str:
+    return os.path.relpath(path, ROOT) if path.startswith(f'{ROOT}{os.sep}') else path
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.blake2b(data, digest_size=20).hexdigest()
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Write a file that is complete whenever it is there, whatever ends the process."""
+    new = path.with_name(f'{path.name}.{os.getpid()}-{_TOKEN}.new')
+    try:
+        with new.open('wb') as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(path)
+    except OSError as error:
+        new.unlink(missing_ok=True)
+        raise OSError(error.errno, error.strerror, str(path)) from None
+
+
+@functools.cache
+def _version() -> str:
     """Return a name for all but the sources that machine code depends on."""
     parts = [sys.implementation.cache_tag, platform.machine()]
     parts += [importlib.metadata.version(name) for name in ('numba', 'llvmlite', 'numpy')]
     parts += sorted(
         f'{k}={v}' for k, v in os.environ.items() if k.startswith('NUMBA_') and k not in _NO_MATTER
     )
+    parts += _processor()
+    return hashlib.blake2b('\n'.join(map(str, parts)).encode(), digest_size=6).hexdigest()
+
+
+def _processor() -> list[str]:
+    """Return what of the processor decides on machine code: nothing where the target is fixed."""
     try:
         first = Path('/proc/cpuinfo').read_text().split('\n\n')[0].splitlines()
-        parts += [line for line in first if line.startswith(_MACHINE)]
     except OSError:
-        parts.append(platform.processor())
-    return hashlib.blake2b('\n'.join(map(str, parts)).encode(), digest_size=6).hexdigest()
+        return [platform.processor()]
+    if any(set(line.split()) >= set(_FLAGS) for line in first if line.startswith('flags')):
+        return []
+    return [line for line in first if line.startswith(_MACHINE)]

@@ -266,7 +266,7 @@ def setup(extra: str) -> None:
             old.unlink()
         messages_ready.touch()
     ready.touch()
-    # Does nothing where the cache has what this version, on this processor, needs.
+    # Does nothing where the cache has what this version needs.
     parts = ['--parts', 'tracker,twin,sound,ice,simulate,stiff,glide'] if extra else []
     wait(
         Step(

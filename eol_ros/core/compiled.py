@@ -7,8 +7,9 @@ code (LLVM bitcode) of each function for callers that might be compiled later. I
 compiles nothing that is 30 to 45 MB and half a second. Here both are had when something is
 compiled, and only then. The machine code is the same.
 
-What is in the cache is taken only while all that it was made from is as it was: numba itself looks
-at the file of the function alone, not at those of the functions and numbers in it.
+numba's own cache looks at the file of the function alone, not at those of the functions and numbers
+in it, and its index can give a process the code of other argument types where two processes have
+written it. The cache here (`eol_ros/compiled.py`) names each object by all that it was made from.
 
 All is compiled for one processor, x86-64 with AVX2 and FMA, on every machine that can run its code:
 the width of vectors decides in which order a loop adds, so code made for each machine's own
@@ -18,12 +19,12 @@ Use `njit` and `cfunc` of this module in place of numba's.
 """
 
 import functools
-import hashlib
+import json
 import pickle
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
+from hashlib import sha256
 from types import CodeType, ModuleType
 from typing import Any
 
@@ -32,13 +33,16 @@ import numba
 import numpy as np
 from numba import types
 from numba.core import config, environment, sigutils
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.bytecode import FunctionIdentity
 from numba.core.ccallback import CFunc
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, compile_result
+from numba.core.compiler import Compiler, CompileResult, compile_result
 from numba.core.dispatcher import Dispatcher
 from numba.core.runtime import rtsys
+from numba.core.serialize import dumps
 from numba.extending import _Intrinsic
+
+from eol_ros import compiled as store
 
 TARGET = 'haswell'  # LLVM's name for x86-64 with AVX2, BMI2 and FMA (x86-64-v3)
 NEEDED = ('avx2', 'bmi', 'bmi2', 'f16c', 'fma', 'fsgsbase', 'invpcid', 'lzcnt', 'movbe', 'rdrnd')
@@ -55,7 +59,13 @@ def fix_target(features: Mapping[str, bool], settings: Any) -> bool:
     return able
 
 
-fix_target(llvm.get_host_cpu_features(), config)
+FIXED = fix_target(llvm.get_host_cpu_features(), config)
+
+# numba numbers the functions that it compiles from 1 in each process and puts the number into their
+# symbols. Objects of two processes could then define one symbol for two functions, and a third
+# process, which loads both, would run one in place of the other.
+numbers: Any = store.numbers()
+FunctionIdentity._unique_ids = numbers
 
 
 def njit(
@@ -74,16 +84,26 @@ def njit(
     if function is None:
         return lambda function: njit(function, cache=cache, inner=inner, **options)
     options |= {'no_cpython_wrapper': inner, 'no_cfunc_wrapper': True}
+    known = json.dumps(options, sort_keys=True, default=sorted)
     if inner:
         options['pipeline_class'] = _InnerCompiler
     compiled = numba.njit(**options)(function)
     compiled.get_call_template = functools.partial(_without_literals, compiled.get_call_template)
     if cache:
-        compiled._cache = _InnerCache(function) if inner else _Cache(function)
+        compiled._cache = _InnerCache(function, known) if inner else _Cache(function, known)
+        compiled.compile = functools.partial(_compile, compiled.compile)
     if inner:  # numba would call an entry that is not there
         compiled.add_overload = functools.partial(_add_inner, compiled)
         compiled._compile_for_args = functools.partial(_refuse, function)
     return compiled
+
+
+def _compile(compile: Callable[[Any], Any], sig: Any) -> Any:
+    try:
+        return compile(sig)
+    except BaseException:  # what is not compiled will not be stored either
+        store.give_back()
+        raise
 
 
 def _add_inner(dispatcher: Any, compiled: Any) -> None:
@@ -156,18 +176,18 @@ def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def decorate(function: Callable[..., Any]) -> Any:
         callback: Any = CFunc(function, sigutils.normalize_signature(signature), {}, {})
-        callback._cache = _Cache(function)
+        callback._cache = _Cache(function, 'cfunc')
         callback.compile()
         return callback
 
     return decorate
 
 
-def made_from(function: Callable[..., Any]) -> str:
-    """Return a digest of what the machine code of `function` is made from.
+def made_from(function: Callable[..., Any]) -> tuple[dict[str, str], str]:
+    """Return what the machine code of `function` is made from: digests of each file and of globals.
 
-    That is the content of its file and of the files of all compiled functions that it calls,
-    directly or not, and each global that one of them reads. All that it calls must be defined.
+    The files are its own and those of all compiled functions that it calls, directly or not; the
+    globals are those that one of them reads. All that it calls must be defined.
     """
     files = set()
     constants = set()
@@ -186,10 +206,8 @@ def made_from(function: Callable[..., Any]) -> str:
                 files.add(getattr(sys.modules[value.__module__], '__file__', ''))
             elif isinstance(value, _CONSTANT):
                 constants.add((called.__module__, name, pickle.dumps(value)))
-    digest = hashlib.sha256(repr(sorted(constants)).encode())
-    for file in sorted(files - {''}):
-        digest.update(_content(file))
-    return digest.hexdigest()
+    digest = sha256(repr(sorted(constants)).encode()).hexdigest()
+    return {file: store.content(file) for file in sorted(files - {''})}, digest
 
 
 _CONSTANT = (bool, int, float, complex, str, bytes, tuple, np.ndarray, np.generic, np.dtype)
@@ -219,70 +237,105 @@ def _names(code: CodeType) -> Iterator[str]:
             yield from _names(inside)
 
 
-@functools.cache
-def _content(file: str) -> bytes:
-    """Return a digest of a file as it was when this was first asked, or of its name if it has none.
-
-    A cell of a notebook has no file; its name is made from what it contains.
-    """
-    try:
-        return hashlib.sha256(Path(file).read_bytes()).digest()
-    except OSError:
-        return file.encode()
+def _described(kind: Any) -> Any:
+    """Return a name of an argument's type that tells apart what numba compiles apart."""
+    fields = getattr(kind, 'fields', ())  # of a named tuple; `str` names its class alone
+    inside = getattr(kind, 'types', ()) if isinstance(kind, types.BaseTuple) else ()
+    return str(kind), tuple(map(str, fields)), tuple(map(_described, inside))
 
 
-class _CacheFile(IndexDataCacheFile):
-    def _load_index(self) -> Any:
-        try:
-            return super()._load_index()
-        except (AttributeError, ImportError):  # of an argument whose type is no longer there
-            return {}
-
-
-class _Cache(FunctionCache):
-    """numba's cache of one function: it knows what its code was made from (`made_from`).
+class _Cache:
+    """The cache of one function, in place of numba's; each set of argument types has a file.
 
     It asks for the compiler only where it finds nothing.
     """
 
-    def __init__(self, function: Callable[..., Any]):
-        super().__init__(function)
-        base = self._impl.filename_base
-        self._cache_file = _CacheFile(self._cache_path, base, self._cache_file._source_stamp)
-        _content(function.__code__.co_filename)  # an update may come before the first call
+    def __init__(self, function: Callable[..., Any], options: str):
+        store.check()
+        self._function, self._options = function, options
+        store.content(function.__code__.co_filename)  # an update may come before the first call
+
+    @property
+    def cache_path(self) -> str:
+        return str(store.folders()[0])
+
+    def flush(self) -> None:
+        """Leave the files: what they were made from has not changed."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        self._cache_file._source_stamp = made_from(self._py_func)
         rtsys.initialize(target_context)
-        with _without_imports():
-            found = self._load_overload(sig, target_context)
+        name, _ = self._named(sig, target_context.codegen())
+        found = self._load(name, sig, target_context)
         if found is None:
-            target_context.refresh()  # numba's compiler, with all that it knows
-        else:
-            self._leave_bitcode(found.library, sig, target_context)
+            store.take(name)  # until it is stored
+            found = self._load(name, sig, target_context)  # by whom this process has waited for
+            if found is None:
+                target_context.refresh()  # numba's compiler, with all that it knows
+            else:
+                store.give_back(name)
         return found
 
-    def _leave_bitcode(self, library: Any, sig: Any, target_context: Any) -> None:
-        """Drop the bitcode of a library; a caller that is compiled later has it read again."""
+    def save_overload(self, sig: Any, result: Any) -> None:
+        if result.lifted or result.library.has_dynamic_globals:
+            raise ValueError(f'{self._function.__qualname__} cannot be cached')
+        name, files = self._named(sig, result.codegen)
+        store.store(name, files, dumps((sig, result._reduce())))
+        store.give_back(name)
+
+    def _named(self, sig: Any, codegen: Any) -> tuple[str, dict[str, str]]:
+        """Return the name of the file for `sig`, and the sources that it is made from."""
+        function = self._function
+        files, constants = made_from(function)
+        args, returned = sigutils.normalize_signature(sig)
+        key = (
+            *(function.__module__, function.__qualname__, function.__code__.co_firstlineno),
+            *(sha256(function.__code__.co_code).hexdigest(), self._options, constants),
+            *([_described(kind) for kind in args], str(returned)),
+            TARGET if FIXED else codegen.magic_tuple(),
+            sorted(files.values()),
+        )
+        where = function.__module__.rpartition('.')[2]
+        title = ''.join(c for c in f'{where}.{function.__qualname__}' if c not in '<>/')
+        return f'{title}-{sha256(repr(key).encode()).hexdigest()[:32]}.object', files
+
+    def _load(self, name: str, sig: Any, target_context: Any) -> Any:
+        data = store.load(name)
+        if data is None:
+            return None
+        try:
+            with _without_imports():
+                made_for, reduced = pickle.loads(data)
+                # otherwise: a default of nan, or a class of the script that was started
+                return self._rebuild(name, target_context, reduced) if made_for == sig else None
+        except Exception as error:  # of whatever pickle and LLVM raise
+            store.say(f'{name} cannot be loaded ({error}); compiling it again')
+            return None
+
+    def _rebuild(self, name: str, target_context: Any, reduced: Any) -> Any:
+        """Rebuild without the bitcode; for a caller that is compiled later it is read again."""
+        found = CompileResult._rebuild(target_context, *reduced)
+        library = found.library
         library._shared_module.close()
         library._shared_module = None
 
         def read_again() -> Any:
             if library._shared_module is None:
-                key = self._index_key(sig, target_context.codegen())
-                (_name, _kind, (_machine_code, bitcode)), *_rest = self._cache_file.load(key)
+                data = store.load(name)
+                if data is None:
+                    raise RuntimeError(f'{name} has gone from the cache of compiled loops')
+                _sig, ((_name, _kind, (_machine_code, bitcode)), *_rest) = pickle.loads(data)
                 library._shared_module = llvm.parse_bitcode(bitcode)
             return library._shared_module
 
         library._get_module_for_linking = read_again
+        return found
 
 
-class _InnerCacheImpl(CompileResultCacheImpl):
-    def rebuild(self, target_context: Any, payload: Any) -> Any:
-        (name, kind, bitcode), fndesc, env, signature, *_rest = payload
-        if kind != _INNER:  # machine code of an earlier version
-            return None
-        library = _InnerLibrary(target_context.codegen(), name)
+class _InnerCache(_Cache):
+    def _rebuild(self, name: str, target_context: Any, reduced: Any) -> Any:
+        (title, kind, bitcode), fndesc, env, signature, *_rest = reduced
+        assert kind == _INNER
+        library = _InnerLibrary(target_context.codegen(), title)
         library._final_module = llvm.parse_bitcode(bitcode)
         library._finalize_final_module()
         return compile_result(
@@ -298,14 +351,6 @@ class _InnerCacheImpl(CompileResultCacheImpl):
             reload_init=(),
             referenced_envs=(),
         )
-
-
-class _InnerCache(_Cache):
-    # numba declares it as None
-    _impl_class = _InnerCacheImpl  # type: ignore[assignment]
-
-    def _leave_bitcode(self, library: Any, sig: Any, target_context: Any) -> None:
-        pass
 
 
 @contextmanager

@@ -17,8 +17,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from eol_ros import compiled, thread_faults
 from eol_ros import scene as scenes
+from eol_ros import thread_faults
 from eol_ros.errors import EolError, UsageError, warning_line
 from eol_ros.folders import state_path
 from eol_ros.ros import network, shutdown_watchdog
@@ -76,19 +76,12 @@ def run(names: Sequence[str], argv: Sequence[str] | None = None) -> int:
     except EolError as error:
         print(f'{"+".join(names)}: {error}', file=sys.stderr, flush=True)
         return error.exit_code
-    except RuntimeError as error:
-        if (line := compiled.explained(error)) is None:
-            raise
-        print(f'{"+".join(names)}: {line}', file=sys.stderr, flush=True)
-        return line.exit_code
 
 
 def _explained(error: Exception) -> EolError:
     """Return what a callback raised as one line; rclpy has logged its traceback just now."""
     if error.__cause__ or error.__context__:  # which rclpy leaves out
         print(textwrap.indent(''.join(traceback.format_exception(error)), '  '), file=sys.stderr)
-    if isinstance(error, RuntimeError) and (line := compiled.explained(error)):
-        return line
     frames = traceback.extract_tb(error.__traceback__)
     ours = Path(__file__).parent
     callback = next((f for f in frames if Path(f.filename).parent != ours), frames[-1])

@@ -73,7 +73,7 @@ def _say_waiting() -> None:
 
 def _compile(cold: Sequence[str]) -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # and the processes end with this one
-    print('compiling, once for this version and this processor', file=sys.stderr, flush=True)
+    print('compiling, once for this version', file=sys.stderr, flush=True)
     if sys.stderr.isatty():
         for _ in track(_percents(cold), 'compiling', total=100):
             pass

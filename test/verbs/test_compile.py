@@ -1,80 +1,121 @@
 # SPDX-License-Identifier: Apache-2.0
-"""eol compile: two at once share one cache."""
+"""eol compile: two at once share one cache, and what is damaged or stale is not taken for done."""
 
-import fcntl
-import re
-import shutil
+import json
+import subprocess
 import sys
 
+import pytest
+
 from eol_ros import cli, compiled
+from eol_ros.core.compiled import FIXED
 from eol_ros.verbs import compile as verb
 
+# Another process holds the lock until its standard input ends.
+HOLD = (
+    'import sys; from eol_ros import compiled; compiled.take("eol compile"); print(1, flush=True); '
+    'sys.stdin.read()'
+)
 
-def test_who_comes_second_waits_and_compiles_nothing_again(tmp_path, monkeypatch, capsys):
-    monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path))
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path / 'cache'))
+    monkeypatch.setattr(compiled, '_used', set())
+    return compiled.folders()[0]
+
+
+def test_who_comes_second_waits_and_compiles_nothing_again(monkeypatch, capsys):
     made = []
 
     def make(parts):
         made.append(list(parts))
-        with open(compiled._stamp('lock').with_suffix('.lock'), 'ab') as other:
-            try:
-                fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                made.append('alone')
         for part in parts:
             compiled.stamp(part)
 
     monkeypatch.setattr(verb, '_compile', make)
+    first = subprocess.Popen([sys.executable, '-c', HOLD],
+                             stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # fmt: skip
+    assert first.stdout.readline() == b'1\n'
 
     def first_is_done():  # while the second waits
-        print('waits')
         made.append('waits')
         compiled.stamp('sound')
-        fcntl.flock(held, fcntl.LOCK_UN)
+        first.communicate()
 
     monkeypatch.setattr(verb, '_say_waiting', first_is_done)
-    lock = compiled._stamp('lock').with_suffix('.lock')
-    lock.parent.mkdir(parents=True)
-    with lock.open('ab') as held:
-        fcntl.flock(held, fcntl.LOCK_EX)
-        assert cli.main(['compile', '--parts', 'sound']) == 0
-        assert made == ['waits']
+    assert cli.main(['compile', '--parts', 'sound']) == 0
+    assert made == ['waits']
     assert cli.main(['compile', '--parts', 'sound,ice']) == 0
-    assert made == ['waits', ['ice'], 'alone']
+    assert made == ['waits', ['ice']]
     assert cli.main(['compile', '--parts', 'sound,ice', '--force']) == 0
-    assert made[3:] == [['sound', 'ice'], 'alone']
+    assert made[2:] == [['sound', 'ice']]
     assert cli.main(['compile', '--parts', 'trumpet']) == 2
     assert 'trumpet: not one of' in capsys.readouterr().err
 
 
-def test_a_change_in_what_is_called_makes_the_caller_cold(tmp_path, monkeypatch):
-    """Machine code of one package stands in that of those that call it."""
-    names = {name for folders in compiled.PARTS.values() for name in folders}
-    called = set()
-    for name in names:
-        for path in (compiled.ROOT / name).rglob(compiled._FILES.get(name, '*.py')):
-            text = path.read_text()
-            for module in re.findall(r'^from eol_ros\.([\w.]+) import', text, re.M):
-                place = module.replace('.', '/')
-                others = {o for o in names - {name} if place == o or place.startswith(f'{o}/')}
-                if 'njit' in text or 'kernel' in text or 'cfunc' in text:
-                    called |= {(name, other) for other in others}
-    assert ('devices/audio', 'core/sound') in called
-    missing = {pair for pair in called if pair[1] not in compiled._CALLS.get(pair[0], ())}
-    assert missing == set()
+def test_a_lock_that_is_never_given_back_holds_nobody_for_good():
+    first = subprocess.Popen([sys.executable, '-c', HOLD],
+                             stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # fmt: skip
+    first.stdout.readline()
+    waited = []
+    compiled.take('eol compile', 0.1, lambda: waited.append(True))
+    assert waited == [True] and first.poll() is None
+    first.communicate()
 
-    shutil.copytree(compiled.ROOT / 'core', tmp_path / 'core')
-    shutil.copytree(compiled.ROOT / 'devices', tmp_path / 'devices')
-    monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path / 'cache'))
-    monkeypatch.setattr(compiled, 'ROOT', tmp_path)
+
+@pytest.mark.parametrize('damage', [
+    lambda data: b'',
+    lambda data: data[: len(data) // 2],
+    lambda data: bytes(len(data)),
+    lambda data: data[:-1] + b'?',
+], ids=['emptied', 'halved', 'zeroed', 'flipped'])  # fmt: skip
+@pytest.mark.parametrize('name', ['loop.object', 'sound.json'])
+def test_a_damaged_file_is_not_taken_for_done(cache, damage, name):
+    compiled.store('loop.object', {}, b'machine code')
+    compiled.stamp('sound')
+    compiled.stamp('ice')
+    assert compiled.cold(['sound', 'ice']) == []
+    path = cache / name
+    path.write_bytes(damage(path.read_bytes()))
+    assert compiled.cold(['sound', 'ice']) == (['sound', 'ice'] if name[0] == 'l' else ['sound'])
+    compiled.forget()
+    assert (cache / 'loop.object').exists() == (name[0] == 's')
+
+
+def test_a_change_in_a_source_makes_its_objects_stale_and_no_others(cache, tmp_path, monkeypatch):
+    for name in ('mixer', 'outline'):
+        (tmp_path / f'{name}.py').write_text('1')
+        path = str(tmp_path / f'{name}.py')
+        compiled.store(f'{name}.object', {path: compiled.content(path)}, b'machine code')
+    monkeypatch.setattr(compiled, '_SOURCES', ('mixer',))
+    monkeypatch.setitem(sys.modules, 'mixer', type(sys)('mixer'))
+    sys.modules['mixer'].__file__ = str(tmp_path / 'mixer.py')
     compiled.stamp('sound')
     assert compiled.cold(['sound']) == []
-    kept = compiled.cache_folder('devices/audio')
-    kept.mkdir(parents=True)
-    (kept / f'callback.turn-25.py{sys.version_info[0]}{sys.version_info[1]}.nbi').touch()
-    (kept / 'callback.turn-25.py399.nbi').touch()
-    with (tmp_path / 'core' / 'sound' / 'mixer.py').open('a') as file:
-        file.write('\n')
+    (tmp_path / 'mixer.py').write_text('2')
     assert compiled.cold(['sound']) == ['sound']
+    other = cache.with_name(cache.name[:-3] + 'old')  # of other versions
+    other.mkdir()
+    (other / 'outline.object').touch()
+    (cache / 'mixer.object.1.new').touch()  # by a process that writes it now
     compiled.forget()
-    assert [file.name for file in kept.iterdir()] == ['callback.turn-25.py399.nbi']
+    assert list(cache.parent.iterdir()) == [cache]
+    left = {'mixer.object.1.new', 'outline.object', 'sound.json'}
+    assert {path.name for path in cache.iterdir()} == left
+
+
+def test_a_part_depends_on_all_modules_that_it_was_compiled_with(cache):
+    code = (
+        'import eol_ros.core.sound.mixer, eol_ros.cli\n'
+        'from eol_ros import compiled\n'
+        'compiled.stamp("sound")\n'
+    )
+    subprocess.run([sys.executable, '-c', code], check=True)
+    sources = json.loads((cache / 'sound.json').read_text())['sources']
+    assert {'core/sound/mixer.py', 'core/compiled.py', 'core/sound/lanes.py'} <= sources.keys()
+    assert 'cli.py' not in sources and 'core/vision/tracker.py' not in sources
+
+
+def test_what_of_the_processor_decides_is_told_without_numba():
+    assert (compiled._processor() == []) == FIXED

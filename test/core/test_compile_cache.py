@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One cache of compiled loops, many processes: what is loaded is right, whatever happens to it."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+from support.checkout import ROOT
+
+pytestmark = pytest.mark.slow
+KERNELS = """
+import numpy as np
+from eol_ros.core.compiled import njit
+
+@njit(cache=True, inner=True)
+def term(value, scale):
+    return value * scale
+
+@njit(cache=True)
+def total(values, scale):
+    sum = values[0] * 0
+    for value in values:
+        sum += term(value, scale)
+    return sum
+
+@njit(cache=True)
+def mean(values, scale):
+    return total(values, scale) / len(values)
+"""
+# `work` compiles or loads in an order of its own: two processes then number their types otherwise.
+WORK = """
+import json, os, signal, sys, time
+import numpy as np
+import kernels
+from eol_ros import compiled
+
+KINDS = [np.float64, np.float32, np.int64, np.int32]
+
+def work(first):
+    for k in range(len(KINDS)):
+        values = np.arange(10, dtype=KINDS[(first + k) % len(KINDS)])
+        assert kernels.total(values, values[2]) == 90 and kernels.mean(values, values[2]) == 9
+    stats = (kernels.total.stats, kernels.mean.stats)
+    return sum(sum(row.cache_misses.values()) for row in stats)
+
+def fork(first=0, allowed=99):
+    child = os.fork()
+    if not child:
+        code = 2
+        try:
+            code = int(work(first) > allowed)
+        finally:
+            os._exit(code)
+    return child
+
+def ended(child):
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+"""
+TOGETHER = """
+for k in range(3):
+    os.environ['NUMBA_CACHE_DIR'] = f'{sys.argv[1]}/{k}'
+    assert [ended(child) for child in [fork(first) for first in range(8)]] == [0] * 8
+    assert [ended(fork(first, allowed=0)) for first in range(4)] == [0] * 4
+"""
+KILLED = """
+os.environ['NUMBA_CACHE_DIR'] = f'{sys.argv[1]}/whole'
+start = time.monotonic()
+assert ended(fork()) == 0
+took = time.monotonic() - start
+os.environ['NUMBA_CACHE_DIR'] = f'{sys.argv[1]}/killed'
+for k in range(20):
+    child = fork(k)
+    time.sleep(0.05 * took * (k + 0.5) if k % 2 else 0.3 * took)
+    os.kill(child, signal.SIGKILL)
+    ended(child)
+    names = [path.name for path in compiled.folders()[0].glob('*.object')]
+    assert all(map(compiled._is_whole, names))
+start = time.monotonic()
+assert [ended(fork()), ended(fork(allowed=0))] == [0, 0]
+assert time.monotonic() - start < compiled.WAIT_S / 2  # no lock is left
+"""
+ONCE = 'print(work(0))'
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Return a function that runs a script with the kernels and returns the ended process."""
+    (tmp_path / 'kernels.py').write_text(KERNELS)
+
+    def run(script, *before, python=sys.executable, **environment):
+        path = tmp_path / 'script.py'
+        path.write_text(WORK + script)
+        return subprocess.run(
+            [*before, python, str(path), str(tmp_path)], capture_output=True, text=True,
+            env={**os.environ, 'PYTHONPATH': str(ROOT), 'PYTHONWARNINGS': 'default',
+                 'NUMBA_CACHE_DIR': str(tmp_path / 'cache'), **environment},
+        )  # fmt: skip
+
+    return run
+
+
+def objects(tmp_path):
+    return sorted((tmp_path / 'cache').rglob('*.object'))
+
+
+def test_eight_processes_on_one_cold_cache(run):
+    done = run(TOGETHER)
+    assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
+
+
+def test_two_processes_never_give_one_symbol_to_two_functions(run):
+    code = (
+        'symbol = "print(kernels.total.overloads.popitem()[1].fndesc.mangled_name, flush=True)"\n'
+        'for k in range(3):\n'
+        '    if not os.fork():\n'
+        '        kernels.total(np.arange(3), 1)\n'
+        '        exec(symbol)\n'
+        '        os._exit(0)\n'
+        '    os.wait()\n'
+        '    compiled.forget(everything=True)\n'
+    )
+    symbols = run(code).stdout.split()
+    assert len(symbols) == len(set(symbols)) == 3
+    assert len({len(symbol) for symbol in symbols}) == 1
+
+
+@pytest.mark.soak
+def test_eight_processes_with_the_oldest_numba_that_is_allowed(run, tmp_path):
+    requires = (ROOT / 'setup.py').read_text()
+    oldest = requires.partition("'numba>=")[2].partition("'")[0]
+    subprocess.run([sys.executable, '-m', 'venv', str(tmp_path / 'venv')], check=True)
+    python = str(tmp_path / 'venv' / 'bin' / 'python')
+    wanted = [f'numba=={oldest}.*', 'numpy', 'scipy']
+    install = [python, '-m', 'pip', 'install', '--quiet', '--only-binary=:all:', *wanted]
+    made = subprocess.run(install, capture_output=True, text=True)
+    if made.returncode:
+        pytest.skip(f'numba {oldest} cannot be installed: {made.stderr.splitlines()[-1]}')
+    done = run(TOGETHER, python=python)
+    assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
+    both = [run(ONCE, python=each).stdout for each in (python, sys.executable) * 2]
+    assert both == ['8\n', '8\n', '0\n', '0\n']  # in one folder, and neither takes the other's
+
+
+def test_a_compilation_is_killed_twenty_times(run):
+    done = run(KILLED)
+    assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
+
+
+def flipped(data):
+    return [data[:at] + bytes([data[at] ^ 16]) + data[at + 1 :]
+            for at in (0, 60, len(data) // 2, len(data) - 1)]  # fmt: skip
+
+
+@pytest.mark.parametrize('damage', [
+    flipped,
+    lambda data: [b''],
+    lambda data: [data[: len(data) // 2]],
+    lambda data: [bytes(len(data))],
+    lambda data: [data + b'\0'],
+], ids=['flipped', 'emptied', 'halved', 'zeroed', 'longer'])  # fmt: skip
+def test_a_damaged_object_is_compiled_again_and_said(run, tmp_path, damage):
+    assert run(ONCE).stdout == '8\n'
+    files = objects(tmp_path)
+    assert len(files) == 12
+    used = [path for path in files if '.term-' not in path.name]  # within these
+    whole = [path.read_bytes() for path in files]
+    for k in range(len(damage(whole[0]))):
+        for path, data in zip(files, whole, strict=True):
+            path.write_bytes(damage(data)[k])
+        done = run(ONCE)
+        assert (done.returncode, done.stdout) == (0, '8\n'), done.stderr
+        assert all(f'{path} is damaged; compiling it again' in done.stderr for path in used)
+        done = run(ONCE)
+        assert (done.returncode, done.stdout, done.stderr) == (0, '0\n', '')
+
+
+def test_an_object_that_is_whole_and_cannot_be_loaded(run, tmp_path):
+    run(ONCE)
+    code = (
+        'for path in compiled.folders()[0].glob("*.object"):\n'
+        '    compiled.store(path.name, {}, b"no pickle")\n'
+    )
+    assert run(code).returncode == 0
+    done = run(ONCE)
+    assert (done.returncode, done.stdout) == (0, '8\n'), done.stderr
+    assert len(done.stderr.splitlines()) >= 8
+    assert all('cannot be loaded' in line for line in done.stderr.splitlines())
+
+
+def mounted(folder, then):
+    """Return the command that runs another with a small file system of its own in `folder`."""
+    own = ['unshare', '--user', '--map-root-user', '--mount']
+    able = shutil.which('unshare') and not subprocess.run([*own, 'true']).returncode
+    if not able:
+        pytest.skip('no mount namespace of its own can be made here')
+    folder.mkdir()
+    script = f'mount -t tmpfs -o size=64k tmpfs {folder} && {then} && exec "$@"'
+    return [*own, 'sh', '-c', script, 'sh']
+
+
+def test_a_full_cache(run, tmp_path):
+    done = run(ONCE, *mounted(tmp_path / 'small', 'true'), NUMBA_CACHE_DIR=str(tmp_path / 'small'))
+    assert (done.returncode, done.stdout) == (0, '8\n'), done.stderr
+    (line,) = done.stderr.splitlines()
+    assert 'compiled loops are not stored' in line and 'No space left on device' in line
+
+
+def test_a_cache_that_cannot_be_written(run, tmp_path):
+    small = tmp_path / 'small'
+    empty = mounted(small, f'mount -o remount,ro {small}')
+    done = run(ONCE, *empty, NUMBA_CACHE_DIR=str(small))
+    assert done.returncode == 1 and 'Read-only file system; set NUMBA_CACHE_DIR' in done.stderr
+    run(ONCE)
+    small.rmdir()
+    filled = mounted(small, f'mount -o remount,size=9m {small} && cp -r {tmp_path}/cache/. {small} '
+                            f'&& mount -o remount,ro {small}')  # fmt: skip
+    done = run(ONCE, *filled, NUMBA_CACHE_DIR=str(small))
+    assert (done.returncode, done.stdout, done.stderr) == (0, '0\n', '')
+    later = 'kernels.total(np.arange(3, dtype=np.uint8), 1)\nprint(work(0))'
+    done = run(later, *filled[:-1], 'sh', NUMBA_CACHE_DIR=str(small))
+    assert (done.returncode, done.stdout) == (0, '1\n')
+    assert 'compiled loops are not stored' in done.stderr
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(3600)
+def test_a_cold_cache_that_eol_compile_and_five_eol_track_meet(tmp_path, monkeypatch):
+    import numpy as np
+
+    from eol_ros.core.geometry import N_BLOCKS, rest_lattice
+    from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+
+    renderer, (x, y) = Renderer(RenderOptions(), None, 0), rest_lattice().T
+    images = [renderer.render(x, y, np.zeros(N_BLOCKS), k).copy() for k in range(90)]
+    np.save(tmp_path / 'images.npy', images)
+    monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path / 'cache'))
+    eol = [sys.executable, '-m', 'eol_ros']
+
+    def track(k):
+        words = ['track', 'images.npy', '--fps', '60', '--json', '-o', f'{k}.npz']
+        return subprocess.Popen([*eol, *words], cwd=tmp_path, stdout=subprocess.PIPE)
+
+    first = subprocess.Popen([*eol, 'compile', '--here', '--parts', 'tracker'],
+                             stdout=subprocess.DEVNULL)  # fmt: skip
+    together = [track(k) for k in range(5)]
+    assert first.wait() == 0
+    told = [process.communicate()[0] for process in together]
+    assert [process.returncode for process in together] == [0] * 5
+    for k in range(5, 10):
+        later = track(k)
+        told.append(later.communicate()[0])
+        assert later.returncode == 0
+    answers = [dict(np.load(tmp_path / f'{k}.npz')) for k in range(10)]
+    for answer in answers[1:]:
+        for name, value in answers[0].items():
+            np.testing.assert_array_equal(answer[name], value)
+    assert all(json.loads(line)['images'] == 90 for line in told)
