@@ -269,8 +269,17 @@ def content(path: str) -> str:
 def _content(path: str) -> str:
     try:
         return _digest(Path(path).read_bytes())
-    except OSError:  # a cell of a notebook has no file; its name is made from what it contains
+    except OSError:
         return _digest(path.encode())
+
+
+def is_known(path: str) -> bool:
+    """Tell whether `content` follows what is in a file: not for code from the command line.
+
+    A cell of a notebook has no file; its name is made from what it contains.
+    """
+    cell = path.startswith('<ipython-') or Path(path).parent.name.startswith('ipykernel_')
+    return cell or os.path.exists(path)
 
 
 def _relative(path: str) -> str:

@@ -264,7 +264,10 @@ class _Cache:
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         rtsys.initialize(target_context)
-        name, _ = self._named(sig, target_context.codegen())
+        name, files = self._named(sig, target_context.codegen())
+        if not all(map(store.is_known, files)):
+            target_context.refresh()
+            return None
         found = self._load(name, sig, target_context)
         if found is None:
             store.take(name)  # until it is stored
@@ -279,8 +282,9 @@ class _Cache:
         if result.lifted or result.library.has_dynamic_globals:
             raise ValueError(f'{self._function.__qualname__} cannot be cached')
         name, files = self._named(sig, result.codegen)
-        store.store(name, files, dumps((sig, result._reduce())))
-        store.give_back(name)
+        if all(map(store.is_known, files)):
+            store.store(name, files, dumps((sig, result._reduce())))
+            store.give_back(name)
 
     def _named(self, sig: Any, codegen: Any) -> tuple[str, dict[str, str]]:
         """Return the name of the file for `sig`, and the sources that it is made from."""

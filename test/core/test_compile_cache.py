@@ -95,7 +95,7 @@ def run(tmp_path):
         path.write_text(WORK + script)
         return subprocess.run(
             [*before, python, str(path), str(tmp_path)], capture_output=True, text=True,
-            env={**os.environ, 'PYTHONPATH': str(ROOT), 'PYTHONWARNINGS': 'default',
+            env={**os.environ, 'PYTHONPATH': str(ROOT), 'PYTHONWARNINGS': 'ignore',
                  'NUMBA_CACHE_DIR': str(tmp_path / 'cache'), **environment},
         )  # fmt: skip
 

@@ -140,6 +140,21 @@ def test_a_cache_is_stale_when_anything_has_changed_that_it_was_made_from(tmp_pa
     assert told() == ['308.0', '1']
 
 
+def test_code_that_has_no_file_is_not_taken_from_a_cache(own_cache):
+    code = (
+        'from eol_ros.core.compiled import njit\n'
+        '@njit(cache=True)\n'
+        'def add(x):\n'
+        '    return x + %d\n'
+        'print(add(1))\n'
+    )
+    told = [
+        subprocess.run([sys.executable, '-c', code % number], capture_output=True, check=True)
+        for number in (1, 2)
+    ]
+    assert [done.stdout for done in told] == [b'2\n', b'3\n']
+
+
 RECORD = """
 from typing import NamedTuple
 from eol_ros.core.compiled import njit
