@@ -7,6 +7,7 @@ board reads it at b, the answer is back at t1. The offset b - (t0 + t1) / 2 is w
 takes up the difference in rate between the two crystals.
 """
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -92,12 +93,12 @@ class ClockSync:
     def _fit(self) -> None:
         best = min(trip for _, _, trip in self._samples)
         chosen = [s for s in self._samples if s[2] <= 1.5 * best + 50e-6]
-        centre = sum(s[0] for s in chosen) / len(chosen)
-        offset = sum(s[1] - s[0] for s in chosen) / len(chosen)
+        centre = math.fsum(s[0] for s in chosen) / len(chosen)
+        offset = math.fsum(s[1] - s[0] for s in chosen) / len(chosen)
         slope = 0.0
         if chosen[-1][0] - chosen[0][0] >= LINE_SPAN_S:
-            spread = sum((s[0] - centre) ** 2 for s in chosen)
-            slope = sum((s[0] - centre) * (s[1] - s[0] - offset) for s in chosen) / spread
+            spread = math.fsum((s[0] - centre) ** 2 for s in chosen)
+            slope = math.fsum((s[0] - centre) * (s[1] - s[0] - offset) for s in chosen) / spread
             slope = min(max(slope, -MAX_RATE), MAX_RATE)
         else:  # too short for a slope: the newest of the good ones stands nearest to now
             centre, offset = chosen[-1][0], chosen[-1][1] - chosen[-1][0]

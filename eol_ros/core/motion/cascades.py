@@ -6,6 +6,7 @@ and the later onset falls before the earlier slip's end plus a short gap. A casc
 set; its nucleus is the block of the earliest onset, its area counts blocks, its size counts slips.
 """
 
+import math
 from dataclasses import dataclass, field
 
 from eol_ros.core.geometry import N_BLOCKS, neighbours
@@ -126,5 +127,5 @@ def _close(cascade: _Cascade, stamp_s: float) -> CascadeEvent:
         len(blocks),
         len(members),
         blocks,
-        sum(m.distance_m for m in members),
+        math.fsum(m.distance_m for m in members),
     )

@@ -139,7 +139,7 @@ class Coincidence:
         near = [o for o in self.onsets if abs(o[0] - stamp_s) <= WINDOW_S + REACH * sigma_s]
         for q in range(4):
             place = int(UNTURNED[q, name])
-            answers = sum(
+            answers = math.fsum(
                 _density(stamp_s - at_s, sigma_s, HONEST * spread_s)
                 for at_s, block, spread_s in near
                 if block == place
@@ -167,7 +167,7 @@ class Coincidence:
 
 
 def _density(apart_s: float, *sigmas_s: float) -> float:
-    sigma = math.sqrt(TIMING_S**2 + sum(s * s for s in sigmas_s))
+    sigma = math.sqrt(TIMING_S**2 + math.fsum(s * s for s in sigmas_s))
     away = apart_s / sigma
     return elementary.exp(-0.5 * away * away) / (sigma * math.sqrt(2 * math.pi))
 
