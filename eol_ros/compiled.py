@@ -3,8 +3,8 @@
 
 One folder holds what was compiled by one set of versions for one processor. An object file in it
 holds one function for one set of argument types, and its name contains a digest of everything that
-it was made from (`core/compiled.py`). A name therefore always means the same code, whoever wrote
-the file, and processes share no index. Files appear complete or not at all, and begin with a digest
+it was made from (`core/compiled.py`). A name therefore always means the same code, whatever process
+wrote it, and processes share no index. Files appear complete or not at all, and begin with a digest
 of their content: a damaged one is compiled again.
 
 `eol compile` writes a manifest for each part, with the sources and the objects that it used, so
