@@ -42,6 +42,8 @@ class PanelNode(EolNode):
         self.day_file = DayFile(f'{self.frame_prefix}{self.scene.name}')
         self.screen_file = DayFile(f'{self.frame_prefix}{self.scene.name}', 'screens')
         self.server.routes.screens = screens.kept(self.screen_file.load())
+        self.staff_file = DayFile(f'{self.frame_prefix}{self.scene.name}', 'staff')
+        self.server.routes.pin.remember(self.staff_file.load())
         self.day = notices.Day(self.day_file.load())
         self.states = Health(self.server.hub, self.tell, self.namespace)
         self.streams, self.markers = Streams(self, self.server.hub), Markers(self)
@@ -95,7 +97,9 @@ class PanelNode(EolNode):
             self.tell('cascades', self.day.notice())
         self.day_file.save(self.day.kept(), time.monotonic())
         self.screen_file.save(self.server.routes.screens, time.monotonic())
-        trouble = self.day_file.trouble or self.screen_file.trouble
+        self.staff_file.save(self.server.routes.pin.known, time.monotonic())
+        files = self.day_file, self.screen_file, self.staff_file
+        trouble = next((file.trouble for file in files if file.trouble), '')
         here = said(
             'panel', '{address}, viewers: {viewers}', address=self.server.address, viewers=viewers
         )
@@ -105,6 +109,7 @@ class PanelNode(EolNode):
         self.server.stop()
         self.day_file.save(self.day.kept(), float('inf'))
         self.screen_file.save(self.server.routes.screens, float('inf'))
+        self.staff_file.save(self.server.routes.pin.known, float('inf'))
 
 
 main = runner(PanelNode)

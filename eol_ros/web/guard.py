@@ -5,9 +5,9 @@ import hmac
 import ipaddress
 import math
 import socket
-from collections import deque
 from collections.abc import Iterable
 from itertools import pairwise
+from typing import Any
 from urllib.parse import urlsplit
 
 from eol_ros.errors import ConfigError
@@ -27,9 +27,12 @@ HEADERS = {
 }
 PRIVATE = ('image', 'sound')  # channels that show and let hear the people at the table
 FREE_TRIES = 3  # wrong PINs from an address before it has to wait
-LONGEST_WAIT_S = 900.0
-FORGOTTEN_S = 86_400.0  # wrong PINs of an address count this long
-WRONG_PER_HOUR = 20  # from all addresses that never knew it: one in a million needs six years
+LONGEST_WAIT_S = 86_400.0  # of an address that never gave the right PIN
+LONGEST_KNOWN_WAIT_S = 900.0
+FORGOTTEN_S = 7 * 86_400.0  # wrong PINs of an address count this long
+MOST_GUESSERS = 256  # whose wrong PINs are counted one by one: all of a network of 24 bits
+MOST_KNOWN = 256
+_OTHERS = ''  # under which all further addresses count
 
 
 def is_loopback(host: str) -> bool:
@@ -96,34 +99,43 @@ def same_origin(origin: str | None, host: str) -> bool:
 
 
 class PinGate:
-    """Asks for the PIN. Who guesses waits longer after each wrong one: 2 s, 4 s, ... 15 min.
+    """Asks for the PIN. An address waits longer after each wrong one: 2 s, 4 s ... a day.
 
-    An address is an IPv4 address, or the network of 64 bits of an IPv6 address. Who takes many
-    addresses meets the bound on wrong PINs an hour of all of them together; addresses that have
-    given the right one before are not concerned by it.
+    An address is an IPv4 address, or the network of 64 bits of an IPv6 address. Each waits for its
+    own wrong PINs alone. So many of them are counted one by one; further ones count as one address.
+    An address that has given the right PIN is known: it waits 15 min at most, and is always counted
+    by itself.
     """
 
     def __init__(self, pin: str):
         self._pin = pin
         self._wrong: dict[str, tuple[int, float]] = {}  # how many, and when the last
-        self._known: set[str] = set()
-        self._strangers: deque[float] = deque(maxlen=WRONG_PER_HOUR)  # when they were wrong
+        self._known: dict[str, None] = {}  # the last that gave the PIN is the last
 
     @property
     def needed(self) -> bool:
         """Whether there is a PIN at all."""
         return bool(self._pin)
 
+    @property
+    def known(self) -> list[str]:
+        """The addresses that have given the right PIN, to be kept over a restart."""
+        return list(self._known)
+
+    def remember(self, known: Any) -> None:
+        """Take up what was kept, as far as it makes sense."""
+        found = [a for a in known if isinstance(a, str)] if isinstance(known, list) else []
+        self._known = dict.fromkeys(found[-MOST_KNOWN:])
+
     def wait_s(self, address: str, now_s: float) -> float:
         """Return for how many seconds no PIN is taken from `address`; 0: one may be tried now."""
-        key = _network(address)
+        key = self._counted_as(address)
         count, last_s = self._wrong.get(key, (0, -math.inf))
-        wait = 0.0
-        if count >= FREE_TRIES:
-            wait = last_s + min(2.0 ** (count - FREE_TRIES + 1), LONGEST_WAIT_S) - now_s
-        if key not in self._known and len(self._strangers) == WRONG_PER_HOUR:
-            wait = max(wait, self._strangers[0] + 3600.0 - now_s)
-        return max(wait, 0.0)
+        if count < FREE_TRIES:
+            return 0.0
+        longest_s = LONGEST_KNOWN_WAIT_S if key in self._known else LONGEST_WAIT_S
+        pause_s = min(2.0 ** min(count - FREE_TRIES + 1, 30), longest_s)
+        return max(last_s + pause_s - now_s, 0.0)
 
     def check(self, given: str, address: str, now_s: float) -> str:
         """Return 'ok', 'wrong' or 'locked': not looked at, for the address has to wait."""
@@ -131,24 +143,39 @@ class PinGate:
             return 'ok'
         if self.wait_s(address, now_s) > 0:
             return 'locked'
-        key = _network(address)
         if hmac.compare_digest(given.encode('utf-8', 'replace'), self._pin.encode()):
-            self._wrong.pop(key, None)
-            self._known.add(key)
+            self._know(network_of(address))
             return 'ok'
         if given:  # a control tried without any PIN is no guess
+            if len(self._wrong) >= MOST_GUESSERS:
+                self._forget(now_s)
+            key = self._counted_as(address)
             count, last_s = self._wrong.get(key, (0, now_s))
             if now_s - last_s > FORGOTTEN_S:
                 count = 0
-            if len(self._wrong) > 4096:
-                self._wrong.clear()
             self._wrong[key] = count + 1, now_s
-            if key not in self._known:
-                self._strangers.append(now_s)
         return 'wrong'
 
+    def _counted_as(self, address: str) -> str:
+        """Return under what the wrong PINs of an address are counted."""
+        key = network_of(address)
+        alone = key in self._known or key in self._wrong or len(self._wrong) < MOST_GUESSERS
+        return key if alone else _OTHERS
 
-def _network(address: str) -> str:
+    def _know(self, key: str) -> None:
+        self._wrong.pop(key, None)
+        self._known.pop(key, None)
+        self._known[key] = None
+        while len(self._known) > MOST_KNOWN:
+            self._known.pop(next(iter(self._known)))
+
+    def _forget(self, now_s: float) -> None:
+        old = [key for key, (_, last_s) in self._wrong.items() if now_s - last_s > FORGOTTEN_S]
+        for key in old:
+            del self._wrong[key]
+
+
+def network_of(address: str) -> str:
     """Return what one guesser has at hand: an IPv4 address, or 64 bits of an IPv6 address."""
     try:
         found = ipaddress.ip_address(address.partition('%')[0])

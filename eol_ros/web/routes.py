@@ -3,7 +3,6 @@
 
 import asyncio
 import hashlib
-import json
 import math
 import mimetypes
 import socket
@@ -16,10 +15,11 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from eol_ros.errors import EolError, UsageError
 from eol_ros.streams.requests import KINDS, Asked
-from eol_ros.web import guard, metrics, screens
+from eol_ros.web import guard, metrics, screens, wire
 from eol_ros.web.answers import recognised
+from eol_ros.web.connections import VIEWING, Connection, heaviest
 from eol_ros.web.controls import CONTROLS
-from eol_ros.web.hub import Hub
+from eol_ros.web.hub import Hub, Viewer
 from eol_ros.web.visitor import Visitor
 
 STATIC = Path(__file__).parent / 'static'
@@ -60,6 +60,7 @@ class Routes:
         self.skew_ms = 0.0
         self._flips: dict[str, tuple[int, float]] = {}
         self._sockets: set[web.WebSocketResponse] = set()
+        self._lines: dict[Viewer, Connection] = {}  # as they came
         self._files = {
             path.relative_to(STATIC).as_posix(): _File(path)
             for path in sorted(STATIC.rglob('*'))
@@ -102,7 +103,8 @@ class Routes:
                 self.say(f'refused origin: {str(origin)[:60]!r} from {request.remote}')
                 response = _error(403, 'requests from other sites are refused')
             else:
-                response = await handler(request)
+                with _connection(request).serving():
+                    response = await handler(request)
         except web.HTTPException as error:
             response = _error(error.status, error.reason)
         if not response.prepared:
@@ -183,9 +185,9 @@ class Routes:
         if name not in self.screens and len(self.screens) >= screens.MOST_SCREENS:
             return _error(409, f'{screens.MOST_SCREENS} screens are kept, and no more')
         try:
-            found = screens.checked(json.loads(await request.text()))
-        except (ValueError, RecursionError):
-            return _error(400, 'the request is not JSON')
+            found = screens.checked(wire.loads(await _body(request)))
+        except ValueError as error:
+            return _error(400, f'the request is not JSON: {error}')
         except UsageError as error:
             return _error(400, str(error))
         self.screens = self.screens | {name: found}
@@ -198,9 +200,9 @@ class Routes:
         if (state := self._pin_state(request)) != 'ok':
             return self._refusal(request, state)
         try:
-            body = json.loads(await request.text() or '{}')
-        except (ValueError, RecursionError):
-            return _error(400, 'the request is not JSON')
+            body = wire.loads(await _body(request) or b'{}')
+        except ValueError as error:
+            return _error(400, f'the request is not JSON: {error}')
         try:
             return await self._ask(control.read(body, f'panel {request.remote}'))
         except UsageError as error:
@@ -229,12 +231,12 @@ class Routes:
         return web.json_response({'ok': True, 'text': text, 'said': recognised(text)})
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
-        if len(self.hub.viewers) >= self.settings.viewers:
-            self.say(f'too many viewers: {self.settings.viewers} are connected (panel.viewers)')
-            return _error(503, 'too many viewers')
+        connection = _connection(request)
         ws = web.WebSocketResponse(heartbeat=10.0, max_msg_size=MAX_MESSAGE, compress=False)
         if not ws.can_prepare(request).ok:
             return _error(400, 'a WebSocket is spoken here')
+        if not self._room_for_viewer(connection.address):
+            return _error(503, 'too many viewers')
         ws.headers.update(guard.HEADERS)
         await ws.prepare(request)
         line = request.transport
@@ -243,6 +245,7 @@ class Routes:
         _keep_short(line)
         visitor = Visitor(self, request)
         viewer = self.hub.join(line, visitor.hello)
+        self._lines[viewer], connection.state = connection, VIEWING
         self._sockets.add(ws)
         try:
             async for message in ws:
@@ -263,9 +266,24 @@ class Routes:
                 )
         finally:
             self._sockets.discard(ws)
+            self._lines.pop(viewer, None)
             self.hub.leave(viewer)
             visitor.leave()
         return ws
+
+    def _room_for_viewer(self, address: str) -> bool:
+        """Return whether one more may look on; if need be one of an address with more goes."""
+        if len(self.hub.viewers) < self.settings.viewers:
+            return True
+        self.say(f'too many viewers: {self.settings.viewers} are connected (panel.viewers)')
+        held = {v: line.address for v, line in self._lines.items() if v in self.hub.viewers}
+        most = heaviest(held.values(), address)
+        if most == address:
+            return False
+        newest = next(viewer for viewer in reversed(held) if held[viewer] == most)
+        self.hub.leave(newest)
+        self._lines.pop(newest).drop()
+        return True
 
     def flipped(self, side: str, change: int, time_ms: float) -> None:
         """A wall says when it changed; with both sides of one change, their skew is known."""
@@ -277,6 +295,20 @@ class Routes:
     def pin_state(self, request: web.Request, given: str) -> str:
         """Return what the gate says to a PIN that came over the WebSocket."""
         return self._pin_state(request, given)
+
+
+def _connection(request: web.Request) -> Connection:
+    connection = request.protocol
+    assert isinstance(connection, Connection)
+    return connection
+
+
+async def _body(request: web.Request) -> bytes:
+    """Return the body; raises ValueError where it is not compressed as its header says."""
+    try:
+        return await request.read()
+    except web.RequestPayloadError as error:
+        raise ValueError(f'the body cannot be read: {str(error).splitlines()[0]}') from None
 
 
 def _keep_short(line: asyncio.BaseTransport) -> None:

@@ -22,6 +22,7 @@ from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
 from eol_ros.streams.requests import Asked
 from eol_ros.web import certificate, guard
+from eol_ros.web.connections import Connection, Connections
 from eol_ros.web.hub import Hub
 from eol_ros.web.routes import Routes
 
@@ -29,7 +30,8 @@ TICK_S = 1.0
 HANDSHAKE_S = 5.0  # of TLS: who takes longer is sent away
 CERTIFICATE_S = 60.0  # between looks at whether it has been renewed
 SPARE_CONNECTIONS = 128  # pages and images beside the viewers' sockets
-BATCH = 256  # accepted in one go, so the limit may be exceeded by as many
+BACKLOG = 1024  # connections that the kernel keeps until they are accepted
+NO_FILES_S = 0.1  # pause where the system has no descriptor left
 # Versions are nobody's business; this counts also for what aiohttp refuses by itself.
 web_response.__dict__['SERVER_SOFTWARE'] = 'eol'
 
@@ -145,20 +147,16 @@ class WebServer:
         self.hub.attach(self._loop)
         self._loop.set_exception_handler(self._on_loop_error)
         runner = web.AppRunner(
-            self.routes.application(),
-            access_log=None,
-            logger=logger(self.say),
-            keepalive_timeout=15.0,
-            shutdown_timeout=1.0,
+            self.routes.application(), access_log=None, handle_signals=False, shutdown_timeout=1.0
         )
         await runner.setup()
         most = self.settings.viewers + SPARE_CONNECTIONS
         _allow_files(most + 256)
-        server = await self._loop.create_server(
-            _Limited(runner.server, most, self.say), sock=self._socket, backlog=BATCH,
-            ssl=self._tls, ssl_handshake_timeout=HANDSHAKE_S if self._tls else None,
-        )  # fmt: skip
-        ticking = [self._loop.create_task(self._tick())]
+        held = Connections(most)
+        ticking = [
+            self._loop.create_task(self._tick()),
+            self._loop.create_task(self._accept(runner.server, held)),
+        ]
         if self._tls:
             ticking.append(self._loop.create_task(self._renew(self._tls)))
         self._ready.set()
@@ -168,9 +166,48 @@ class WebServer:
             if task.done():
                 task.result()  # raises what has ended it
             task.cancel()
-        server.close()
         await self.routes.close()
         await runner.cleanup()
+        held.drop_all()  # those in a handshake
+        await asyncio.sleep(0)
+
+    async def _accept(self, server: Any, held: Connections) -> None:
+        """Accept connections, one in each round of the loop, so that others are served."""
+        log = logger(self.say)
+        while True:
+            try:
+                sock, peer = await self._loop.sock_accept(self._socket)
+            except OSError as error:
+                if error.errno != errno.ECONNABORTED:
+                    self.say(f'no connection accepted: {error.strerror}')
+                    await asyncio.sleep(NO_FILES_S)
+                continue
+            address = guard.network_of(peer[0])
+            if len(held) >= held.most:
+                self.say(f'too many connections: {held.most} are open, one of {peer[0]} comes')
+            if held.make_room(address):
+                one = Connection(
+                    held, address, server, loop=self._loop, logger=log, keepalive_timeout=15.0,
+                    access_log=None,
+                )  # fmt: skip
+                held.add(one)
+                one.accepting = self._loop.create_task(self._take(one, held, sock))
+            else:
+                sock.close()
+            await asyncio.sleep(0)
+
+    async def _take(self, one: Connection, held: Connections, sock: socket.socket) -> None:
+        """Serve an accepted connection, after its TLS handshake where there is one."""
+        try:
+            await self._loop.connect_accepted_socket(
+                lambda: one, sock, ssl=self._tls,
+                ssl_handshake_timeout=HANDSHAKE_S if self._tls else None,
+            )  # fmt: skip
+        except OSError:
+            pass  # the handshake failed
+        finally:
+            if one.transport is None:
+                held.discard(one)
 
     async def _tick(self) -> None:
         """Tell all viewers that we live, and how old what they look at is."""
@@ -203,24 +240,6 @@ class WebServer:
         self.say(f'web: {context.get("exception") or context.get("message")}')
 
 
-class _Limited:
-    """Accepts connections up to a number; the rest are closed at once, without a word."""
-
-    def __init__(self, server: Any, most: int, say: Callable[[str], None]):
-        self._server, self._most, self._say = server, most, say
-
-    def __call__(self) -> asyncio.Protocol:
-        if len(self._server.connections) >= self._most:
-            self._say(f'too many connections: more than {self._most} at once, the rest are refused')
-            return _Refusal()
-        return self._server()
-
-
-class _Refusal(asyncio.Protocol):
-    def connection_made(self, transport: Any) -> None:
-        transport.abort()
-
-
 def _allow_files(count: int) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft != resource.RLIM_INFINITY and soft < count:
@@ -241,7 +260,7 @@ def _listen(host: str, port: int) -> socket.socket:
     sock.setblocking(False)
     try:
         sock.bind(address)
-        sock.listen(256)
+        sock.listen(BACKLOG)
     except OSError as error:
         sock.close()
         if error.errno == errno.EADDRINUSE:

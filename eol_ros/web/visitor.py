@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What one browser says over its WebSocket, checked."""
 
-import json
 import math
 import time
 from typing import Any
@@ -63,9 +62,9 @@ class Visitor:
             return 'too many at once'
         self._budget -= 1
         try:
-            message = json.loads(text)
-        except (ValueError, RecursionError):
-            return 'not JSON'
+            message = wire.loads(text)
+        except ValueError as error:
+            return f'not JSON: {error}'
         if not isinstance(message, dict) or len(message) != 1:
             return 'not an object with one key'
         ((kind, value),) = message.items()

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 BLOCKS, TRUTH, IMAGE, METER, SOUND, LEDS = range(1, 7)
+LARGEST = 2**53  # whole numbers up to it are exact in a browser, too
 _HEAD = struct.Struct('<B7sd')
 
 
@@ -81,6 +82,35 @@ def frame(payload: bytes | str | dict[str, Any]) -> bytes:
 def text(event: dict[str, Any]) -> str:
     """Return an event as JSON that every browser reads: no NaN, no infinity."""
     return json.dumps(_finite(event), separators=(',', ':'), ensure_ascii=False)
+
+
+def loads(data: bytes | str) -> Any:
+    """Return what JSON from outside says; whatever passes can be written as JSON again.
+
+    Raises ValueError, in one line, for what is not JSON in UTF-8, a number that is not finite, a
+    whole number beyond 2^53, half of a surrogate pair and nesting that is too deep.
+    """
+    text = data.decode() if isinstance(data, bytes) else data
+    try:
+        value = json.loads(text, parse_int=_whole, parse_float=_real, parse_constant=_real)
+        json.dumps(value, ensure_ascii=False).encode()  # raises for surrogates
+    except RecursionError:
+        raise ValueError('nested too deeply') from None
+    except UnicodeEncodeError:
+        raise ValueError('half of a surrogate pair') from None
+    return value
+
+
+def _whole(digits: str) -> int:
+    if len(digits) > len(str(-LARGEST)) or abs(int(digits)) > LARGEST:
+        raise ValueError('a whole number beyond 2^53')
+    return int(digits)
+
+
+def _real(digits: str) -> float:
+    if not math.isfinite(float(digits)):
+        raise ValueError('a number that is not finite')
+    return float(digits)
 
 
 def _finite(value: Any) -> Any:

@@ -209,6 +209,18 @@ def test_a_restart_forgets_no_cascade_of_the_day(rig):
         again.destroy_node()
 
 
+def test_a_restart_forgets_no_address_that_gave_the_pin(rig):
+    for known in ([], ['192.168.1.9']):
+        node = PanelNode(PanelSettings(port=0, host='0.0.0.0', pin='471147'))
+        try:
+            gate = node.server.routes.pin
+            assert gate.known == known
+            assert gate.check('471147', '192.168.1.9', 0.0) == 'ok'
+        finally:
+            node.close()
+            node.destroy_node()
+
+
 @pytest.mark.slow
 def test_the_corpus_is_fetched_whole(rig):
     corpus = Corpus(name='ice', digest='d', files=['a'], file=[0, 0], start=[0.0, 1.0],

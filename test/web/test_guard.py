@@ -97,16 +97,53 @@ def test_who_guesses_waits_longer_after_each_wrong_one():
     assert gate.wait_s('a', now_s) == 0  # after the right one counting begins again
 
 
+def test_wrong_pins_of_others_lock_nobody_out():
+    gate = guard.PinGate(PIN)
+    for i in range(guard.MOST_GUESSERS - 1):
+        while gate.check('000000', f'192.168.1.{i}', float(i)) == 'wrong':
+            pass
+    assert gate.check(PIN, '192.168.1.255', 255.0) == 'ok'  # never seen before
+    assert gate.check(PIN, '192.168.1.254', 255.0) == 'locked'
+
+
 def test_many_addresses_guess_no_more_than_their_bound_in_all():
-    gate, looked_at = guard.PinGate(PIN), 0
-    assert gate.check(PIN, '192.168.1.9', 0.0) == 'ok'
-    for i in range(40_000):  # ten hours, four a second, never the same address
-        now_s = i * 0.9
-        address = f'10.{i >> 16}.{i >> 8 & 255}.{i & 255}'
-        looked_at += gate.check('000000', address, now_s) == 'wrong'
-    assert looked_at <= 10 * guard.WRONG_PER_HOUR
-    assert gate.check(PIN, '192.168.1.9', now_s) == 'ok'  # who is known is not shut out
-    assert gate.check(PIN, '10.9.9.9', now_s) == 'locked'
+    """Ten hours, one guess in 0.9 s: of 40,000 addresses in turn, and of as many as count alone."""
+    for count in (40_000, guard.MOST_GUESSERS):
+        gate, looked_at = guard.PinGate(PIN), 0
+        gate.remember(['192.168.1.9'])
+        for i in range(40_000):
+            n, now_s = i % count, i * 0.9
+            address = f'10.{n >> 16}.{n >> 8 & 255}.{n & 255}'
+            looked_at += gate.check('000000', address, now_s) == 'wrong'
+        of_one = guard.FREE_TRIES + 15  # 2 + 4 + ... + 2^15 s are more than ten hours
+        assert looked_at <= (guard.MOST_GUESSERS + 1) * of_one
+        assert gate.check(PIN, '10.200.9.9', now_s) == ('locked' if count == 40_000 else 'ok')
+        assert gate.check(PIN, '192.168.1.9', now_s) == 'ok'  # who is known is not shut out
+
+
+def test_an_address_that_never_stops_waits_a_day_and_a_known_one_15_minutes():
+    gate, now_s = guard.PinGate(PIN), 0.0
+    gate.remember(['b'])
+    for _ in range(2000):  # 2 ** 1998 s is no float
+        for address in 'ab':
+            gate.check('000000', address, now_s)
+        now_s += max(gate.wait_s(address, now_s) for address in 'ab')
+    gate.check('000000', 'a', now_s)
+    assert gate.wait_s('a', now_s) == 86_400.0
+    gate.check('000000', 'b', now_s)
+    assert gate.wait_s('b', now_s) == 900.0
+
+
+def test_what_is_known_is_taken_up_as_far_as_it_makes_sense():
+    gate, next_one = guard.PinGate(PIN), guard.PinGate(PIN)
+    for address in ('a', 'b', 'a', '::ffff:192.0.2.1'):
+        assert gate.check(PIN, address, 0.0) == 'ok'
+    assert gate.known == ['b', 'a', '192.0.2.1']
+    next_one.remember(gate.known)
+    assert next_one.known == gate.known
+    for odd in (None, {}, 'a', [1, None, 'c']):
+        next_one.remember(odd)
+    assert next_one.known == ['c']
 
 
 def test_an_ipv6_network_is_one_guesser():
