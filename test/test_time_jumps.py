@@ -2,7 +2,6 @@
 """The system clock is set in mid-run, back and forth: all that rests on stamps goes on."""
 
 import numpy as np
-import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support.flashes import changes
@@ -121,26 +120,23 @@ class SetClock:
         return self.steady_ns + self.offset_ns
 
 
-@pytest.mark.parametrize('version', [1, 2])
 @given(JUMPS, st.integers(3, 60), st.integers(5, 35), st.integers(20, 100))
 @settings(max_examples=25)
 @example([3600.0], 6, 10, 60)
 @example([-3600.0], 35, 5, 20)
 @example([-3600.0], 40, 5, 20)
 @example([0.3, -0.3, 0.3], 6, 20, 60)
-def test_light_goes_on_and_flashes_no_more_than_three_times_a_second(
-    version, jumps, gap, late_ms, span
-):
+def test_light_goes_on_and_flashes_no_more_than_three_times_a_second(jumps, gap, late_ms, span):
     """A slip every `gap` ticks of 10 ms; the clock is set every `span` ticks.
 
-    With a board of version 1 it is what is sent, of version 2 what is told of the board's light.
+    It is what is told of the board's light.
     """
     clock, real = SetClock(), lights_module.time
     lights_module.time = clock
-    lights = Lights(LedsSettings(port='twin', decay_s=0.02 if version == 1 else 0.182))
-    lights.board.version, lights.board.light = version, lambda mask, stamp_us: 0
+    lights = Lights(LedsSettings(port='twin', decay_s=0.182))
+    lights.board.light = lambda mask, stamp_us: 0
     try:
-        times, shown, lit, waiting = [], [], set(), []
+        times, shown, waiting = [], [], []
         for tick in range(span * (len(jumps) + 1) + 200):
             if tick and tick % span == 0 and tick // span <= len(jumps):
                 clock.offset_ns += round(jumps[tick // span - 1] * 1e9)
@@ -149,8 +145,6 @@ def test_light_goes_on_and_flashes_no_more_than_three_times_a_second(
             while waiting and waiting[0][0] <= clock.steady_ns:  # its stamp is of before
                 stamp_ns = waiting.pop(0)[1]
                 lights.slip(12, stamp_ns, stamp_ns - 15_000_000)
-                shown_now = lights._white[12]
-                lit.add((tick, shown_now))
             lights.frame()
             times.append(clock.steady_ns * 1e-9)
             shown.append(lights._white[12] / 255)
@@ -158,13 +152,10 @@ def test_light_goes_on_and_flashes_no_more_than_three_times_a_second(
     finally:
         lights_module.time = real
         lights.close()
-    if version == 1:
-        assert all(level == 255 for _, level in lit)  # each slip is seen
     assert max(shown) == 1.0
     found = changes(times, shown)
     assert max(((found >= t) & (found <= t + 1)).sum() // 2 for t in found) <= 3
-    dim = 0.5 if version == 1 else 0.75
-    assert gap < 40 or min(shown[-100:]) < dim  # light dies away, but for the limit's sake
+    assert gap < 40 or min(shown[-100:]) < 0.75  # light dies away, but for the limit's sake
 
 
 def test_triggers_after_a_jump_are_of_the_corpus_before_it(monkeypatch):

@@ -7,10 +7,8 @@ Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Trans. Networking 7 (1999) 
 CRC-16 with polynomial 0x1021 and start value 0xFFFF (its value for b'123456789' is 0x29B1) over
 kind, sequence and body. All integers are little-endian. docs/serial.md says the same for people.
 
-Version 1 has boards whose white LEDs the host drives, level by level (Levels, Flash, Tap). In
-version 2 blocks flash by themselves, and the bridge between them and the host keeps the limit of
-flashes (Lighting, Detector, Light, SelfTest, Knock, BlockStatus, SelfTested). The other messages
-are in both.
+This is version 2: blocks flash by themselves, and the bridge between them and the host keeps the
+limit of flashes. Version 1, whose white LEDs the host drove level by level, is no longer spoken.
 """
 
 import binascii
@@ -21,12 +19,11 @@ from typing import Any, ClassVar, NamedTuple, get_args
 from eol_ros.core.geometry import N_BLOCKS
 
 VERSION = 2
-SPOKEN = (1, 2)  # by the host; a board speaks one
 MAX_BODY = 48
 MAX_PACKET = MAX_BODY + 4  # kind, sequence, body, crc
 MAX_ENCODED = MAX_PACKET + 1  # COBS adds one byte to fewer than 255
 ALL_BLOCKS = (1 << N_BLOCKS) - 1
-STRENGTH_UNIT = 0.01  # m/s^2 a count of the strength of Tap and Knock on the wire
+STRENGTH_UNIT = 0.01  # m/s^2 a count of the strength of a Knock on the wire
 BRIDGE = 255  # as the block of a BlockStatus
 BY_ITSELF, LIMITED = 1, 2  # flags of Lighting
 WOKE = 1  # flag of Knock
@@ -54,30 +51,12 @@ class Hello:
 
 @dataclass(frozen=True)
 class Levels:
-    """Host to board: the level of each white LED, and the image that caused it.
-
-    `stamp_us` is the low 32 bits of the image's stamp in microseconds, 0 for none.
-    """
+    """Emulated blocks to the twin: the level of each white LED. No board is sent it."""
 
     KIND: ClassVar[int] = 0x02
     BODY: ClassVar[struct.Struct] = struct.Struct(f'<I{N_BLOCKS}s')
     stamp_us: int
     white: bytes
-
-
-@dataclass(frozen=True)
-class Flash:
-    """Host to board: light one block to `peak` at once; it dies by itself within `decay_ms`.
-
-    `decay_ms` is the time constant of the decay, as in `eol_ros.core.light.flash`.
-    """
-
-    KIND: ClassVar[int] = 0x03
-    BODY: ClassVar[struct.Struct] = struct.Struct('<IBBH')
-    stamp_us: int
-    block: int
-    peak: int
-    decay_ms: int
 
 
 @dataclass(frozen=True)
@@ -174,17 +153,6 @@ class Pong:
 
 
 @dataclass(frozen=True)
-class Tap:
-    """Board to host: an accelerometer felt a knock at `board_us`; `strength` in 0.01 m/s^2."""
-
-    KIND: ClassVar[int] = 0x86
-    BODY: ClassVar[struct.Struct] = struct.Struct('<IBH')
-    board_us: int
-    block: int
-    strength: int
-
-
-@dataclass(frozen=True)
 class Knock:
     """Bridge to host: a block was let go at `board_us`, and lit itself `lit_us` later, or NOT_LIT.
 
@@ -250,8 +218,8 @@ class Refused:
     host_version: int
 
 
-_V1 = Hello | Levels | Flash | Infrared | Ping | Welcome | Pong | Tap | Refused
-Message = _V1 | Lighting | Detector | Light | SelfTest | Knock | BlockStatus | SelfTested
+_Line = Hello | Levels | Infrared | Ping | Welcome | Pong | Refused
+Message = _Line | Lighting | Detector | Light | SelfTest | Knock | BlockStatus | SelfTested
 MESSAGES: dict[int, Any] = {m.KIND: m for m in get_args(Message)}
 
 

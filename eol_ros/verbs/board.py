@@ -121,10 +121,8 @@ def _blocks(board) -> dict:
     """Wait for what the bridge tells of the blocks; return it by block."""
     from eol_ros.core.geometry import N_BLOCKS
 
-    if board.version == 1:
-        print('its protocol version 1 tells nothing of single blocks', file=sys.stderr)
     end = time.monotonic() + TOLD_S
-    while len(board.blocks) <= N_BLOCKS and board.version > 1 and time.monotonic() < end:
+    while len(board.blocks) <= N_BLOCKS and time.monotonic() < end:
         time.sleep(0.01)
     return dict(sorted(board.blocks.items()))
 
@@ -268,10 +266,7 @@ def _blink(board, block: int, seconds: float) -> None:
     print(f'block {block} flashes for {seconds:g} s', file=sys.stderr)
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        if board.version == 1:
-            board.flash(block, 255, 300)
-        else:
-            board.light(1 << block, 0)
+        board.light(1 << block, 0)
         time.sleep(BLINK_S)
 
 

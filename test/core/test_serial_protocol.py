@@ -11,12 +11,10 @@ U8, U16, U32 = st.integers(0, 255), st.integers(0, 65535), st.integers(0, 2**32 
 MESSAGES = st.one_of(
     st.builds(p.Hello, U8),
     st.builds(p.Levels, U32, st.binary(min_size=25, max_size=25)),
-    st.builds(p.Flash, U32, U8, U8, U16),
     st.builds(p.Infrared, U32),
     st.builds(p.Ping, U32),
     st.builds(p.Welcome, U8, U8, st.binary(min_size=16, max_size=16)),
     st.builds(p.Pong, U32, U32, U32, U16),
-    st.builds(p.Tap, U32, U8, U16),
     st.builds(p.Refused, U8, U8),
     st.builds(p.Lighting, U8, U8, U16),
     st.builds(p.Detector, U16, U16, U16, U16, U16, U16, U32),
@@ -141,14 +139,14 @@ def test_a_kind_of_tomorrow_is_counted_and_left():
 
 
 def test_a_body_of_another_length_is_damage():
-    packet = bytes([p.Tap.KIND, 0]) + b'123'
+    packet = bytes([p.Knock.KIND, 0]) + b'123'
     packet += p.crc16(packet).to_bytes(2, 'little')
     found, decoder = read(b'\0' + p.cobs_encode(packet) + b'\0')
 
     assert (found, decoder.damaged) == ([], 1)
 
 
-@pytest.mark.parametrize('message', [p.Levels(-1, bytes(25)), p.Tap(0, 256, 0)])
+@pytest.mark.parametrize('message', [p.Levels(-1, bytes(25)), p.SelfTest(256)])
 def test_values_that_do_not_fit_are_named(message):
     with pytest.raises(p.ProtocolError, match=type(message).__name__):
         p.encode(message, 0)

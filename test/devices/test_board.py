@@ -44,39 +44,16 @@ def host(fake):
         yield host
 
 
-@pytest.fixture
-def old(tmp_path):
-    """A board of version 1."""
-    with FakeBoard(str(tmp_path / 'old'), version=1) as fake:
-        yield fake
-
-
-@pytest.fixture
-def old_host(old):
-    with Host(old.link) as host:
-        assert wait_until(lambda: host.board.ready), host.states
-        yield host
-
-
 def test_meets_the_board(host, fake):
     assert host.board.state.text == f'board fake on {fake.link}, 25 blocks'
     assert host.board.sent >= 1
 
 
-def test_levels_arrive_as_sent(old_host, old):
-    sequence = old_host.board.show(bytes(range(25)), 0x1_2345_6789)
+def test_infrared_reaches_the_board(host, fake):
+    host.board.infrared(False)
 
-    assert wait_until(lambda: old.levels() == list(range(25)))
-    arrival = next(a for a in reversed(old.log) if a.kind == 'Levels')
-    assert (arrival.sequence, arrival.stamp_us) == (sequence, 0x2345_6789)
-
-
-def test_infrared_and_flash_reach_the_board(old_host, old):
-    old_host.board.infrared(False)
-    old_host.board.flash(3, 255, 400)
-
-    assert wait_until(lambda: old.infrared_mask == 0 and old.levels()[3] > 100)
-    assert not old_host.board.infrared_on
+    assert wait_until(lambda: fake.infrared_mask == 0)
+    assert not host.board.infrared_on
 
 
 def test_a_tap_is_stamped_with_the_time_of_the_knock(host, fake):
@@ -90,19 +67,6 @@ def test_a_tap_is_stamped_with_the_time_of_the_knock(host, fake):
     assert (tap.block, tap.strength) == (17, pytest.approx(6.5))
     assert before - 5 * tap.time.sigma_s - 1e-3 < tap.time.time_s < after + 5 * tap.time.sigma_s
     assert tap.time.sigma_s < 0.02
-
-
-def test_a_board_of_version_1_is_spoken_to_in_its_language(old_host, old):
-    board = old_host.board
-    assert board.version == 1
-    assert board.state.text == f'board fake on {old.link}, 25 blocks; protocol version 1'
-    assert board.light(1, 0) is None
-    board.configure(protocol.Lighting(0, 255, 350), protocol.Detector())
-    assert wait_until(lambda: old_host.board.round_trip_ms)
-    assert old_host.board.reported_bad == 0
-    old.tap(4, 1.0)
-    assert wait_until(lambda: old_host.taps)
-    assert old_host.taps[0].lit_s is None
 
 
 def test_a_block_that_lit_itself_says_when_and_one_that_slept_is_less_sure(host, fake):
@@ -130,21 +94,22 @@ def test_a_board_that_comes_back_is_told_how_blocks_flash_and_feel(host, fake):
     assert wait_until(lambda: len(host.board.blocks) == 26)
 
 
-def test_an_unplugged_board_is_met_again_and_shown_what_it_missed(old_host, old):
-    old_host.board.infrared(0b11)
-    old.fault('unplug')
+def test_an_unplugged_board_is_met_again_and_shown_what_it_missed(host, fake):
+    host.board.infrared(0b11)
+    fake.fault('unplug')
 
-    assert wait_until(lambda: not old_host.board.ready)
-    assert old_host.board.show(b'\x40' * 25, 5) is None
-    old.fault('reboot')
-    old.fault('plug')
-    assert wait_until(lambda: old_host.board.ready)
-    assert wait_until(lambda: old.levels() == [0x40] * 25 and old.infrared_mask == 0b11)
-    assert old_host.board.connections == 2
-    kinds = [s.kind for s in old_host.states]
+    assert wait_until(lambda: not host.board.ready)
+    assert host.board.light(1, 5) is None
+    fake.infrared_mask = protocol.ALL_BLOCKS
+    fake.fault('reboot')
+    fake.fault('plug')
+    assert wait_until(lambda: host.board.ready)
+    assert wait_until(lambda: fake.infrared_mask == 0b11)
+    assert host.board.connections == 2
+    kinds = [s.kind for s in host.states]
     assert kinds[0] == 'ready' and kinds[-1] == 'ready'
     assert {'lost', 'looking'} >= set(kinds[1:-1]) != set()
-    assert all('trying again in' in s.text for s in old_host.states[1:-1])
+    assert all('trying again in' in s.text for s in host.states[1:-1])
 
 
 def test_a_silent_board_counts_as_lost(host, fake, monkeypatch):
@@ -169,12 +134,12 @@ def test_noise_truncation_and_oversize_cost_a_packet_and_nothing_else(host, fake
 
 
 def test_another_version_is_one_clear_line(tmp_path):
-    for version, cure in ((0, 'update the firmware'), (7, 'update eol_ros')):
+    for version, cure in ((1, 'update the firmware'), (7, 'update eol_ros')):
         with FakeBoard(version=version) as fake, Host(fake.port) as host:
             assert wait_until(lambda: host.states)
             state = host.states[0]
             assert state.kind == 'refused'
-            assert f'speaks protocol version {version}, this program 1 and 2' in state.text
+            assert f'speaks protocol version {version}, this program 2: ' in state.text
             assert cure in state.text
 
 
@@ -202,16 +167,15 @@ def test_a_board_in_use_is_said_to_be(host, fake):
         assert 'in use by another program' in second.states[0].text
 
 
-def test_a_line_that_nobody_reads_never_blocks(old_host, old, monkeypatch):
+def test_a_line_that_nobody_reads_never_blocks(host, fake, monkeypatch):
     asleep = threading.Event()
-    monkeypatch.setattr(old, '_take', lambda *_: asleep.wait())
-    old_host.board.show(bytes(25), 0)
-    results = [old_host.board.show(b'\xff' * 25, k) for k in range(3000)]
+    monkeypatch.setattr(fake, '_take', lambda *_: asleep.wait())
+    results = [host.board.light(1, k) for k in range(8000)]
 
     asleep.set()  # one that blocked would not have come so far
 
     assert None in results
-    assert old_host.board.dropped > 0
+    assert host.board.dropped > 0
 
 
 def test_back_off_grows_and_starts_anew():

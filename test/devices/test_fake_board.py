@@ -60,20 +60,6 @@ def line(board):
     os.close(line.fd)
 
 
-@pytest.fixture
-def old():
-    """Of version 1: the host drives it level by level."""
-    with FakeBoard(version=1) as board:
-        yield board
-
-
-@pytest.fixture
-def old_line(old):
-    line = Line(old.port)
-    yield line
-    os.close(line.fd)
-
-
 def test_says_who_it_is(line):
     line.say(p.Hello())
 
@@ -86,14 +72,13 @@ def test_refuses_another_version(line):
     assert line.hear(p.Refused) == p.Refused(p.VERSION, 9)
 
 
-def test_shows_levels_and_notes_when_they_came(old, old_line):
-    white = bytes(range(25))
+def test_notes_when_an_order_to_flash_came(board, line):
     before_ns = time.time_ns()
-    old_line.say(p.Levels(before_ns // 1000 & 0xFFFFFFFF, white))
+    line.say(p.Light(before_ns // 1000 & 0xFFFFFFFF, 1 << 6))
 
-    assert wait_until(lambda: old.levels() == list(white))
-    arrival = old.log[-1]
-    assert (arrival.kind, arrival.sequence) == ('Levels', 0)
+    assert wait_until(lambda: board.levels()[6] > 0)
+    arrival = board.log[-1]
+    assert (arrival.kind, arrival.sequence) == ('Light', 0)
     assert before_ns < arrival.time_ns < time.time_ns()
     assert latency_s(arrival) >= 0
 
@@ -102,25 +87,9 @@ def test_shows_levels_and_notes_when_they_came(old, old_line):
 def test_latency_is_right_over_the_wrap_of_the_stamp(late_us):
     stamp_us = 17 * 2**32 - 1000
 
-    arrival = Arrival((stamp_us + late_us) * 1000, 'Levels', 0, stamp_us % 2**32)
+    arrival = Arrival((stamp_us + late_us) * 1000, 'Light', 0, stamp_us % 2**32)
 
     assert latency_s(arrival) == pytest.approx(late_us * 1e-6)
-
-
-def test_fades_a_flash_by_itself(old, old_line):
-    old_line.say(p.Flash(0, 6, 200, 100))
-
-    assert wait_until(lambda: old.levels()[6] > 100)
-    assert wait_until(lambda: 0 < old.levels()[6] < 20)
-
-
-def test_goes_dark_when_the_host_is_gone(old, old_line, monkeypatch):
-    monkeypatch.setattr('eol_ros.devices.board.fake.DARK_AFTER_S', 0.1)
-    old_line.say(p.Levels(0, b'\xff' * 25))
-    wait_until(lambda: old.log)
-    time.sleep(0.15)
-
-    assert old.levels() == [0] * 25
 
 
 def test_switches_infrared(board, line):
@@ -139,13 +108,6 @@ def test_answers_pings_with_its_own_running_clock(board, line):
     assert (first.host_us, second.host_us) == (11, 12)
     assert 0.1e6 <= (second.board_us - first.board_us) % 2**32 < 2e6
     assert second.good == 2
-
-
-def test_reports_taps(old, old_line):
-    old.tap(13, 2.5)
-
-    tap = old_line.hear(p.Tap)
-    assert (tap.block, tap.strength) == (13, 250)
 
 
 def test_a_block_lights_itself_and_says_so(board, line):

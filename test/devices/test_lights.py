@@ -34,13 +34,6 @@ def make_lights():
         lights.close()
 
 
-@pytest.fixture
-def old(tmp_path):
-    """A board of version 1, which shows what it is sent."""
-    with FakeBoard(str(tmp_path / 'old'), version=1) as fake:
-        yield fake
-
-
 def seen(lights, block, stamp_ns):
     """A slip that began 15 ms before the image that shows it."""
     return lights.slip(block, stamp_ns, stamp_ns - 15_000_000)
@@ -86,12 +79,11 @@ FREE = {'flash_limit': False, 'flash_limit_off_because': 'to see the difference'
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('version', [1, 2])
-def test_a_storm_of_slips_is_no_strobe_on_the_blocks(make_lights, version):
+def test_a_storm_of_slips_is_no_strobe_on_the_blocks(make_lights):
     most = []
     for more in (FREE, {}):
-        with FakeBoard(version=version) as fake:
-            lights = make_lights(port=fake.port, decay_s=0.02 if version == 1 else 0.182, **more)
+        with FakeBoard() as fake:
+            lights = make_lights(port=fake.port, decay_s=0.182, **more)
             most.append(flashes(changes(*storm(lights, fake))))
             lights.close()
     free, held = most
@@ -129,8 +121,8 @@ def test_a_real_board_keeps_its_limit_in_wall_time_at_any_rate():
         lambda: 1.0,
     )
     most = {}
-    with FakeBoard(version=1) as old, FakeBoard() as fake:
-        boards = {'twin': None, old.port: old, fake.port: fake}
+    with FakeBoard() as fake:
+        boards = {'twin': None, fake.port: fake}
         for port, board in boards.items():
             lights = Lights(LedsSettings(port=port, decay_s=0.02), played=played)
             lights.start()
@@ -139,22 +131,7 @@ def test_a_real_board_keeps_its_limit_in_wall_time_at_any_rate():
             most[port] = flashes(changes(*replayed_storm(lights, board, 4.0)))
             lights.close()
     assert most['twin'] > 3
-    assert most[old.port] <= 3 and most[fake.port] <= 3
-
-
-def test_levels_that_a_slip_overtakes_are_told_in_their_order(make_lights, old):
-    lights = make_lights(port=old.port)
-    now = time.time_ns()
-    seen(lights, 1, now - 100_000_000)
-    told = seen(lights, 2, now)
-
-    assert len(told) == 11 and {one.sequence for one in told} == {told[0].sequence}
-    assert [one.stamp_ns for one in told] == [0] * 10 + [now]
-    faded = [one.white[1] for one in told]
-    assert faded == sorted(faded, reverse=True) and faded[0] < 255
-    assert [one.white[2] for one in told] == [0] * 10 + [255]
-    assert wait_until(lambda: old.levels()[2] == 255)
-    assert sum(a.kind == 'Levels' for a in old.log) == 3  # one at the start
+    assert most[fake.port] <= 3
 
 
 def told_by(lights, seconds=0.3):
@@ -182,7 +159,7 @@ def test_a_block_that_felt_its_slip_is_not_lit_again(make_lights):
         lights.slip(4, knock_ns + 20_000_000, knock_ns + 2_000_000)  # only the camera saw it
         assert wait_until(lambda: fake.levels()[4] > 0)
         told = told_by(lights)
-        assert [a.kind for a in fake.log if a.kind in ('Light', 'Levels')] == ['Light']
+        assert [a.kind for a in fake.log if a.kind == 'Light'] == ['Light']
     by_knock, by_camera = (one for one in told if one.stamp_ns)
     assert by_knock.stamp_ns == knock_ns and by_camera.stamp_ns == knock_ns + 20_000_000
     assert by_knock.sent_ns - knock_ns == pytest.approx(1e6, abs=1)  # when it shone
@@ -195,16 +172,13 @@ def test_a_block_that_felt_its_slip_is_not_lit_again(make_lights):
 @pytest.mark.parametrize(
     ('trigger', 'lit'), [('blocks', [3]), ('slips', [4]), ('both', [3, 4])]
 )  # fmt: skip
-@pytest.mark.parametrize('version', [1, 2])
-def test_what_lights_is_chosen(make_lights, version, trigger, lit):
-    """Block 3 knocks, block 4 is seen, on a board whose blocks flash, and on one of version 1."""
+def test_what_lights_is_chosen(make_lights, trigger, lit):
+    """Block 3 knocks, block 4 is seen."""
     taps = []
-    with FakeBoard(version=version) as fake:
+    with FakeBoard() as fake:
         lights = make_lights(port=fake.port, trigger=trigger, on_tap=taps.append)
-        if version == 2:
-            wanted = trigger != 'slips'
-            assert wait_until(lambda: len(lights.board.blocks) == 26)
-            assert fake.bridge.by_itself == wanted
+        assert wait_until(lambda: len(lights.board.blocks) == 26)
+        assert fake.bridge.by_itself == (trigger != 'slips')
         fake.tap(3, 2.0)
         assert wait_until(lambda: taps)
         lights.tap(3, taps[0].stamp_ns, taps[0].board_us)
@@ -213,8 +187,7 @@ def test_what_lights_is_chosen(make_lights, version, trigger, lit):
         assert [b for b, level in enumerate(fake.levels()) if level] == lit
         lights.asleep = True
         lights.close()
-        if version == 2:
-            assert wait_until(lambda: not fake.bridge.by_itself)
+        assert wait_until(lambda: not fake.bridge.by_itself)
 
 
 def test_without_a_camera_light_goes_on_and_without_a_bridge_too(make_lights):
@@ -306,15 +279,20 @@ def test_after_a_jump_back_the_twin_begins_in_the_dark_and_a_real_board_fades():
             lights.close()
 
 
-def test_a_slip_is_shown_and_told(make_lights, old):
-    lights = make_lights(port=old.port)
-    (sent,) = seen(lights, 4, 1_000_000_000)
+def test_a_slip_is_shown_and_told(make_lights):
+    with FakeBoard() as fake:
+        lights = make_lights(port=fake.port)
+        stamp_ns = time.time_ns()
+        assert seen(lights, 4, stamp_ns) == []  # it is told when it is due
 
-    assert (sent.stamp_ns, sent.white[4], sent.infrared) == (1_000_000_000, 255, True)
-    assert wait_until(lambda: old.levels()[4] > 0)
-    assert lights.values()['sent'] >= 2
-    lights.asleep = True
-    assert seen(lights, 5, 2) == []
+        assert wait_until(lambda: fake.levels()[4] > 0)
+        sent = told_by(lights)[0]
+        assert (sent.stamp_ns, sent.white[4], sent.infrared) == (stamp_ns, 255, True)
+        assert lights.values()['sent'] >= 2
+        lights.asleep = True
+        orders = sum(a.kind == 'Light' for a in fake.log)
+        assert seen(lights, 5, time.time_ns()) == told_by(lights, 0.1)[:0] == []
+        assert sum(a.kind == 'Light' for a in fake.log) == orders
 
 
 def test_the_limit_goes_off_only_with_a_reason():

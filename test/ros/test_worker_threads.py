@@ -172,7 +172,7 @@ def test_a_worker_that_stands_still_shows_in_the_status(name, worker, wanted, tm
             if name == 'projectors':
                 node.all[0]._change.set()
             if worker == 'fake':
-                node.lights.board.flash(3, 9, 9)
+                node.lights.board.light(1 << 3, 0)
             nodes.until(held.reached.is_set)
             count, watch = node.health._workers[watched_as(node, worker)]
             node.health._workers = {worker: (count, watch)}  # the others go on, at their own pace

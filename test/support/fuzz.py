@@ -90,7 +90,7 @@ def _serial(_folder: Path) -> Target:
     """Bytes from the blocks' board."""
     from eol_ros.core import serial_protocol as protocol
 
-    kinds = [protocol.Pong, protocol.Tap, protocol.Knock, protocol.BlockStatus, protocol.Welcome,
+    kinds = [protocol.Pong, protocol.Knock, protocol.BlockStatus, protocol.Welcome,
              protocol.Refused]  # fmt: skip
     seeds = []
     for i, kind in enumerate(kinds):

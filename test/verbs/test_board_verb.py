@@ -92,14 +92,6 @@ def test_ends_when_all_were_knocked_on(fake, capsys):
     assert rows[0]['lit_s'] == pytest.approx(1.1e-3)
 
 
-def test_an_old_board_blinks_too(capsys):
-    with FakeBoard(version=1) as old:
-        assert cli.main(['board', '--port', old.port, '--blink', '7', '--seconds', '0.4']) == 0
-        assert 'Flash' in [a.kind for a in old.log]
-        assert cli.main(['board', '--port', old.port]) == 0
-    assert 'tells nothing of single blocks' in capsys.readouterr().err
-
-
 def test_blocks_test_themselves(fake, capsys, monkeypatch):
     monkeypatch.setattr(board, 'TESTED_S', 0.2)
     fake.self_tests = {3: (protocol.ANSWERS, 20, 400, 400, 0, 0, 3290), 5: None, 6: (0,) * 7}

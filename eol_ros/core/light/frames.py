@@ -65,14 +65,6 @@ class Frames:
             found.append((at_ns, self._lit(at_ns, blocks), cause))
         return found + [(t, levels, None) for t, levels in self._until(stamp_ns)]
 
-    def slip(self, stamp_ns: int, *blocks: int) -> list[bytes]:
-        """Light `blocks`; return the frames that lie before, and last the levels with the light."""
-        return [*self.until(stamp_ns), self._lit(stamp_ns, blocks)]
-
-    def until(self, stamp_ns: int) -> list[bytes]:
-        """Return the frames that lie at or before `stamp_ns` and were not returned before."""
-        return [levels for _, levels in self._until(stamp_ns)]
-
     def _lit(self, stamp_ns: int, blocks: tuple[int, ...]) -> bytes:
         if self.field.dark:
             self._anchor_ns, self._count = stamp_ns, 0

@@ -25,7 +25,7 @@ from eol_ros.devices.board.ports import find_port
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import DeviceMissing
-from eol_ros.streams.said import clauses, said
+from eol_ros.streams.said import said
 
 BAUD = 1_000_000
 HELLO_EVERY_S = 0.25
@@ -96,7 +96,6 @@ class Board:
         self._lock = threading.Lock()
         self._fd: int | None = None
         self._sequence = 0
-        self._white = bytes(N_BLOCKS)
         self._infrared = protocol.ALL_BLOCKS
         self._configuration: list[protocol.Message] = []
         self._asked: dict[int, float] = {}
@@ -109,8 +108,7 @@ class Board:
         self._thread.start()
 
     def close(self) -> None:
-        """Let the lights go dark and close the port; blocks that light themselves go on."""
-        self.show(bytes(N_BLOCKS), 0)
+        """Close the port; blocks light themselves on."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(timeout=2.0)
@@ -120,42 +118,27 @@ class Board:
         """True while the board answers."""
         return self.state.kind == 'ready'
 
-    def show(self, white: bytes, stamp_us: int) -> int | None:
-        """Send the level of each white LED, 25 bytes, and the image's stamp in us (low 32 bits).
-
-        Returns the number of the packet, or None when it could not be sent now. A board that comes
-        back is shown the last levels. To boards of version 1.
-        """
-        self._white = white
-        if not self.ready or self.version != 1:
-            return None
-        return self._send(protocol.Levels(stamp_us & 0xFFFFFFFF, white))
-
     def light(self, mask: int, stamp_us: int) -> int | None:
-        """Let the blocks of `mask` flash; returns as `show` does. To boards from version 2 on."""
-        if not self.ready or self.version < 2:
-            return None
-        return self._send(protocol.Light(stamp_us & 0xFFFFFFFF, mask))
+        """Let the blocks of `mask` flash for the image's stamp in us (low 32 bits).
+
+        Returns the number of the packet, or None when it could not be sent now.
+        """
+        return self._send(protocol.Light(stamp_us & 0xFFFFFFFF, mask)) if self.ready else None
 
     def configure(self, lighting: protocol.Lighting, detector: protocol.Detector) -> None:
         """Say how blocks flash and what they feel; a board that comes back is told again."""
         self._configuration = [lighting, detector]
-        if self.ready and self.version > 1:
+        if self.ready:
             for message in self._configuration:
                 self._send(message)
 
-    def flash(self, block: int, peak: int, decay_ms: int) -> int | None:
-        """Let the board light one block and fade it by itself; returns as `show` does."""
-        message = protocol.Flash(0, block, peak, decay_ms)  # 0: for no image
-        return self._send(message) if self.ready else None
-
     def self_test(self, block: int) -> int | None:
-        """Let a block test itself; `tests` then has it. Returns as `show` does."""
+        """Let a block test itself; `tests` then has it. Returns as `light` does."""
         self.tests.pop(block, None)
-        return self._send(protocol.SelfTest(block)) if self.ready and self.version > 1 else None
+        return self._send(protocol.SelfTest(block)) if self.ready else None
 
     def infrared(self, on: bool | int) -> int | None:
-        """Switch the infrared LEDs: all, none, or a bit per block; returns as `show` does."""
+        """Switch the infrared LEDs: all, none, or a bit per block; returns as `light` does."""
         self._infrared = protocol.ALL_BLOCKS * int(on) if isinstance(on, bool) else on
         return self._send(protocol.Infrared(self._infrared)) if self.ready else None
 
@@ -232,13 +215,10 @@ class Board:
                 'board', 'board {name} on {path}, {count} blocks',
                 name=name, path=path, count=welcome.blocks,
             )  # fmt: skip
-            old = said('protocol_1', 'protocol version 1') if welcome.version == 1 else ''
-            self._set_state('ready', clauses([board, old]))
+            self._set_state('ready', board)
             self.infrared(self._infrared)
-            self.show(self._white, 0)
-            if self.version > 1:
-                for message in self._configuration:
-                    self._send(message)
+            for message in self._configuration:
+                self._send(message)
             self._serve()
 
     def _put_down(self) -> None:
@@ -246,18 +226,15 @@ class Board:
             self._fd = None
 
     def _shake_hands(self, path: str) -> protocol.Welcome:
-        give_up, say = time.monotonic() + HELLO_FOR_S, protocol.VERSION
+        give_up = time.monotonic() + HELLO_FOR_S
         while not self._stop.is_set():
-            self._send(protocol.Hello(say))
+            self._send(protocol.Hello())
             for message in self._read(HELLO_EVERY_S):
-                if isinstance(message, protocol.Refused):
-                    if message.version not in protocol.SPOKEN:
+                if isinstance(message, protocol.Refused | protocol.Welcome):
+                    if message.version != protocol.VERSION:
                         raise VersionRefused(path, message.version)
-                    say = message.version
-                if isinstance(message, protocol.Welcome):
-                    if message.version not in protocol.SPOKEN:
-                        raise VersionRefused(path, message.version)
-                    return message
+                    if isinstance(message, protocol.Welcome):
+                        return message
             if time.monotonic() > give_up:
                 raise LineLost(errno.ETIMEDOUT, f'nothing on {path} answers like a board')
         raise LineLost(errno.ECANCELED, 'stopped')
@@ -289,17 +266,16 @@ class Board:
             self.blocks[message.block] = message
         elif isinstance(message, protocol.SelfTested):
             self.tests[message.block] = message
-        elif isinstance(message, protocol.Tap | protocol.Knock) and message.block < N_BLOCKS:
+        elif isinstance(message, protocol.Knock) and message.block < N_BLOCKS:
             self.taps += 1
             time_ = HostTime(now, UNSYNCED_SIGMA_S)
             if self.sync.ready:
                 time_ = self.sync.to_host(message.board_us)
             strength, lit_s = message.strength * protocol.STRENGTH_UNIT, None
-            if isinstance(message, protocol.Knock):
-                if message.lit_us != protocol.NOT_LIT:
-                    lit_s = message.lit_us * 1e-6
-                if message.flags & protocol.WOKE:
-                    time_ = HostTime(time_.time_s, math.hypot(time_.sigma_s, WOKE_SIGMA_S))
+            if message.lit_us != protocol.NOT_LIT:
+                lit_s = message.lit_us * 1e-6
+            if message.flags & protocol.WOKE:
+                time_ = HostTime(time_.time_s, math.hypot(time_.sigma_s, WOKE_SIGMA_S))
             self._on_tap(TapReport(message.block, strength, time_, message.board_us, lit_s))
 
     def _read(self, timeout_s: float) -> list[protocol.Message]:
@@ -326,10 +302,10 @@ class VersionRefused(Exception):
     """The board speaks another version of the protocol."""
 
     def __init__(self, path: str, version: int):
-        older, way = version < protocol.SPOKEN[0], 'update the firmware of the board'
+        older, way = version < protocol.VERSION, 'update the firmware of the board'
         super().__init__(
             f'the board on {path} speaks protocol version {version}, this program '
-            f'{" and ".join(map(str, protocol.SPOKEN))}: {way if older else "update eol_ros"}'
+            f'{protocol.VERSION}: {way if older else "update eol_ros"}'
         )
 
 

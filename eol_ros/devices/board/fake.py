@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A board made of software: it speaks the protocol of docs/serial.md, over a pty as a rule.
 
-In version 2 it is the bridge, and its blocks flash by themselves; in version 1 the host drives
-them.
+It is the bridge, with blocks that flash by themselves.
 The twin's rehearsal runs on it, and the tests. It keeps its own clock, which neither agrees with
 the host's nor runs at quite its rate, and it can be told to misbehave.
 
@@ -34,7 +33,6 @@ from eol_ros.errors import UsageError
 from eol_ros.streams.said import said
 
 TABLE = said('simulated_table', 'the simulated table')  # the port of a bridge that a twin plays
-DARK_AFTER_S = 2.0  # without a packet from the host
 MILLIVOLTS, CELSIUS = 3900, 24  # of the battery of a block that has one
 WHOLE = (protocol.ANSWERS, 400, 400, 400, 1700, 100, 1350)  # of a self-test
 FAULTS = ('noise', 'truncate', 'oversize', 'mute', 'unmute', 'unplug', 'plug', 'reboot')
@@ -97,12 +95,9 @@ class FakeBoard:
         self.firmware = protocol.FIRMWARE
         self.self_tests: dict[int, tuple[int, ...] | None] = {}  # but for WHOLE; None: no answer
         self._socket_pair, self.port = socket_pair, TABLE if socket_pair else ''
-        self.bridge = Bridge()  # with the blocks; of version 2
+        self.bridge = Bridge()  # with the blocks
         self._on_arrival, self._on_message = on_arrival, on_message
         self._rate, self._clock_us, self._boot = rate, clock_us, time.monotonic()
-        self._white = [0.0] * N_BLOCKS
-        self._fading: dict[int, tuple[float, float]] = {}  # block: since, time constant
-        self._heard = self._boot
         self._muted, self._spoil = False, ''
         self._sequence = 0
         self._lock, self._field = threading.Lock(), threading.Lock()
@@ -144,11 +139,7 @@ class FakeBoard:
 
     def tap(self, block: int, strength: float, ago_s: float = 0.0) -> None:
         """Knock on `block` so hard, in m/s^2, that its accelerometer reports it as `ago_s` old."""
-        if self.version == 1:
-            felt_us, counts = self._felt(strength, ago_s)
-            self._send(protocol.Tap(felt_us, block, counts))
-        else:
-            self.knock(block, strength, ago_s)
+        self.knock(block, strength, ago_s)
 
     def knock(
         self,
@@ -192,16 +183,8 @@ class FakeBoard:
 
     def levels(self) -> list[int]:
         """Return the level 0..255 of each white LED now, 25 of them."""
-        now = time.monotonic()
-        if self.version > 1:
-            with self._field:
-                return list(self.bridge.field.level_bytes(now))
-        if now - self._heard > DARK_AFTER_S:
-            return [0] * N_BLOCKS
-        shown = list(self._white)
-        for block, (since, decay_s) in list(self._fading.items()):
-            shown[block] *= math.exp(-(now - since) / decay_s)
-        return [round(level) for level in shown]
+        with self._field:
+            return list(self.bridge.field.level_bytes(time.monotonic()))
 
     def fault(self, what: str) -> None:
         """Misbehave, see FAULTS: spoil the next packet, fall silent, lose the plug, start again."""
@@ -215,7 +198,6 @@ class FakeBoard:
             self._unplug()
         elif what == 'reboot':
             self._boot, self._clock_us, self._sequence = time.monotonic(), 0, 0
-            self._white = [0.0] * N_BLOCKS
             self._decoder = protocol.Decoder()
         else:
             raise UsageError(f'fault {what!r} is not known; there are {", ".join(FAULTS)}')
@@ -281,7 +263,6 @@ class FakeBoard:
 
     def _take(self, received: protocol.Received, now_ns: int) -> None:
         message = received.message
-        self._heard = time.monotonic()
         arrival = Arrival(
             now_ns, type(message).__name__, received.sequence, getattr(message, 'stamp_us', 0)
         )
@@ -305,8 +286,6 @@ class FakeBoard:
         elif isinstance(message, protocol.Ping):
             counters = (self._decoder.good & 0xFFFFFFFF, min(self._decoder.bad, 0xFFFF))
             self._send(protocol.Pong(message.host_us, self.clock_us(), *counters))
-        elif self.version == 1:
-            self._drive(message)
         else:
             with self._field:
                 obey(self.bridge, time.monotonic(), message)
@@ -316,13 +295,6 @@ class FakeBoard:
                 self.report(protocol.BRIDGE, 0)
                 for block in range(N_BLOCKS):
                     self.report(block)
-
-    def _drive(self, message: protocol.Message) -> None:
-        if isinstance(message, protocol.Levels):
-            self._white, self._fading = [float(level) for level in message.white], {}
-        elif isinstance(message, protocol.Flash) and message.block < N_BLOCKS:
-            self._white[message.block] = float(message.peak)
-            self._fading[message.block] = (self._heard, max(message.decay_ms, 1) * 1e-3)
 
     def _send(self, message: protocol.Message) -> None:
         with self._lock:

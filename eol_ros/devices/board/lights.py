@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The light of the blocks: what they flash by themselves, and what the host adds to it.
 
-A board of protocol version 1 is sent levels, and its blocks' knocks are lit from here. From version
-2 on blocks light themselves, the host names those whose slip only the camera saw, and the board
-keeps the limit of flashes: the levels kept here are the same once more, for viewers and for bags.
+Blocks light themselves, the host names those whose slip only the camera saw, and the board keeps
+the limit of flashes, so that a restart of the host breaks none. The levels kept here are the same
+once more, for viewers and for bags.
 
 Levels are a function of the slips' stamps (core/light/frames.py), so that a replay shows the same
 light again. But behind a replay a real board is in front of real eyes, while recorded time may run
@@ -13,7 +13,7 @@ clock, and the limit of three flashes a second holds in that.
 
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from eol_ros.core import serial_protocol as protocol
@@ -27,8 +27,7 @@ from eol_ros.errors import ConfigError
 from eol_ros.settings import LedsSettings
 from eol_ros.streams.graph import NAMESPACE
 
-LAG_NS = 40_000_000  # frames wait so long for the slips before them: 4 times what p99 takes
-TOLD_NS = 80_000_000  # and for knocks and slips, where they are only told: blocks have lit them
+TOLD_NS = 80_000_000  # frames wait so long for the knocks and slips before them
 PLAYED_NS = 400_000_000  # in a replay, which is as late as the recorder was
 MOST_TAPS = 256  # between two looks at them
 LOW_MV = 3000  # of a lithium cell, whose protection lets go soon after
@@ -39,9 +38,8 @@ FOREIGN_NS = 1_000_000_000  # a stamp so old, or of the future, is of another cl
 class Sent(NamedTuple):
     """Levels that went out: the number of the packet, infrared, cause and time of writing.
 
-    `stamp_ns` is that of the image with the slip, or of the knock, 0 for what fades. Of levels that
-    fall due together only the last are written; the others name the packet that overtook them.
-    What blocks and board do by themselves names the last packet, and the time at which it shone.
+    `stamp_ns` is that of the image with the slip, or of the knock, 0 for what fades. What blocks
+    and board do by themselves names the last packet, and the time at which it shone.
     """
 
     sequence: int
@@ -205,13 +203,12 @@ class Lights:
     @property
     def _decay_s(self) -> float:
         """As the board has it."""
-        decay_s = self._settings.decay_s
-        return decay_s if self.board.version == 1 else max(decay_s, SHORTEST_S)
+        return max(self._settings.decay_s, SHORTEST_S)
 
     @property
     def by_themselves(self) -> bool:
-        """Whether blocks light themselves: the board can, and it is their own knocks that come."""
-        return self.board.version != 1 and self._played is None
+        """Whether the knocks that come are those of the blocks, which light themselves."""
+        return self._played is None
 
     def slip(self, block: int, stamp_ns: int, onset_ns: int) -> list[Sent]:
         """Light `block` for a slip seen in the image of `stamp_ns`, unless it has felt it; not
@@ -221,8 +218,6 @@ class Lights:
         felt = trigger == 'both' and onset_ns - FELT_NS < self._felt_ns[block] <= stamp_ns
         if self._asleep or felt or trigger == 'blocks':
             return []
-        if self.board.version == 1:
-            return self._light(stamp_ns, block)
         began_ns = None if trigger == 'slips' else onset_ns + self._at_ns(stamp_ns) - stamp_ns
         return self._light(stamp_ns, block, onset_ns=began_ns)
 
@@ -240,16 +235,13 @@ class Lights:
 
     def frame(self) -> list[Sent]:
         """Send the light as it is by now; such a packet carries no stamp."""
-        until_ns, lag_ns = self._now_ns(), LAG_NS if self.board.version == 1 else TOLD_NS
+        until_ns = self._now_ns()
         if self.by_stamp:
             if self._played is None:
-                until_ns -= lag_ns
+                until_ns -= TOLD_NS
             else:
                 lag_ns = round(PLAYED_NS * self._played.stretch())
                 until_ns = self._played.recorded_ns(until_ns - lag_ns)
-        if self.board.version == 1:
-            levels = self.frames.until(until_ns)
-            return self._show(levels) if levels else []
         self.frames.field.decay_s = self._decay_s
         found = self.frames.due(until_ns)
         if found:
@@ -269,7 +261,10 @@ class Lights:
 
     def infrared(self, mask: int) -> list[Sent]:
         """Switch the infrared LEDs: bit b is that of block b."""
-        return self._sent(self.board.infrared(mask), [self._white])
+        sequence = self.board.infrared(mask)
+        if sequence is None:
+            return []
+        return [Sent(sequence, self._white, self.board.infrared_on, 0, time.time_ns())]
 
     def values(self) -> dict[str, Any]:
         """Return counters for the health report."""
@@ -315,8 +310,6 @@ class Lights:
     ) -> list[Sent]:
         """Have `blocks` lit now, for the image or knock of `stamp_ns`, or of `at_ns` for none."""
         at_ns = at_ns or self._at_ns(stamp_ns)
-        if self.board.version == 1:
-            return self._show(self.frames.slip(at_ns, *blocks), stamp_ns)
         mask = sum(1 << block for block in blocks)
         sequence = self.board.light(mask, self._wall_us(stamp_ns))
         if sequence is not None:
@@ -348,21 +341,6 @@ class Lights:
     def _new_frames(self) -> Frames:
         s = self._settings
         return Frames(FlashField(s.decay_s, s.peak, s.flash_limit), s.frame_hz)
-
-    def _show(self, levels: Sequence[bytes], stamp_ns: int = 0) -> list[Sent]:
-        """Write the last of `levels`, for the image of `stamp_ns` or for none; tell of all."""
-        self._white = levels[-1]
-        return self._sent(self.board.show(self._white, self._wall_us(stamp_ns)), levels, stamp_ns)
-
-    def _sent(self, sequence: int | None, levels: Sequence[bytes], stamp_ns: int = 0) -> list[Sent]:
-        if sequence is None:
-            return []
-        sent_ns, infrared = time.time_ns(), self.board.infrared_on
-        stamps = [0] * (len(levels) - 1) + [stamp_ns]
-        return [
-            Sent(sequence, white, infrared, stamp, sent_ns)
-            for white, stamp in zip(levels, stamps, strict=True)
-        ]
 
     def _tap(self, tap: TapReport) -> None:
         ago_ns = time.monotonic_ns() - round(tap.time.time_s * 1e9)

@@ -291,6 +291,6 @@ class TwinBoard:
     def _on_arrival(self, arrival: Arrival) -> None:
         if self._log:
             print(*arrival, sep=',', file=self._log)
-        if arrival.kind in ('Levels', 'Light') and arrival.stamp_us:
+        if arrival.kind == 'Light' and arrival.stamp_us:
             with self._guard:
                 self._late_s.append(latency_s(arrival))

@@ -14,6 +14,17 @@ MS = 1_000_000
 LAG = 40 * MS
 
 
+def until(frames, stamp_ns):
+    """Return the levels up to a stamp that were not returned before."""
+    return [levels for _, levels, _ in frames.due(stamp_ns)]
+
+
+def slip(frames, stamp_ns, *blocks):
+    """Light blocks; return the frames that lie before, and last the levels with the light."""
+    frames.lit(stamp_ns, 'slip', *blocks)
+    return until(frames, stamp_ns)
+
+
 def shown(slips, delays, ticks, lag=LAG, decay_s=0.05):
     """Levels in order: slips (stamp, block) known `delays` later, frames asked for at `ticks`."""
     frames = Frames(FlashField(decay_s), 100.0)
@@ -24,7 +35,7 @@ def shown(slips, delays, ticks, lag=LAG, decay_s=0.05):
     events += [(tick, 1, 0) for tick in ticks]
     levels = []
     for now, tick, n in sorted(events):
-        levels += frames.until(now - lag) if tick else frames.slip(*slips[n])
+        levels += until(frames, now - lag) if tick else slip(frames, *slips[n])
     return levels, frames
 
 
@@ -99,33 +110,33 @@ def test_a_slip_that_its_block_has_lit_is_not_lit_again():
 def test_frames_lie_on_the_grid_of_the_slip_that_lit_the_dark():
     field = FlashField(0.2)
     frames = Frames(field, 100.0)
-    assert frames.until(T0) == []
-    (lit,) = frames.slip(T0 + 5 * MS, 3)
+    assert until(frames, T0) == []
+    (lit,) = slip(frames, T0 + 5 * MS, 3)
     assert lit[3] == 255 and sum(lit) == 255
-    assert frames.until(T0 + 14 * MS) == []
-    (first,) = frames.until(T0 + 15 * MS)
+    assert until(frames, T0 + 14 * MS) == []
+    (first,) = until(frames, T0 + 15 * MS)
     assert first[3] == round(255 * np.exp(-0.01 / 0.2))
-    before, after = frames.slip(T0 + 26 * MS, 4)
+    before, after = slip(frames, T0 + 26 * MS, 4)
     assert before[4] == 0 and before[3] < first[3]
-    assert after[4] == 255 and len(frames.until(T0 + 36 * MS)) == 1
+    assert after[4] == 255 and len(until(frames, T0 + 36 * MS)) == 1
 
 
 def test_a_slip_known_too_late_is_lit_and_counted():
     frames = Frames(FlashField(0.2), 100.0)
-    frames.slip(T0, 1)
-    frames.until(T0 + 100 * MS)
-    (levels,) = frames.slip(T0 + 50 * MS, 2)
+    slip(frames, T0, 1)
+    until(frames, T0 + 100 * MS)
+    (levels,) = slip(frames, T0 + 50 * MS, 2)
     assert levels[2] == 255 and frames.late == 1
 
 
 @pytest.mark.parametrize('jump_s', [-3600, -2, 3600])
 def test_a_clock_that_is_set_neither_stops_nor_restarts_the_light(jump_s):
     frames = Frames(FlashField(0.1), 100.0)
-    frames.slip(T0, 1)
-    frames.until(T0 + 50 * MS)
+    slip(frames, T0, 1)
+    until(frames, T0 + 50 * MS)
     frames.shift(jump_s * 10**9)
     now = T0 + jump_s * 10**9
-    (same, fainter) = frames.slip(now + 50 * MS, 1)[-1], frames.until(now + 450 * MS)[-1]
+    (same, fainter) = slip(frames, now + 50 * MS, 1)[-1], until(frames, now + 450 * MS)[-1]
     assert same[1] == 255
     assert fainter[1] < 255  # the hold of a third of a second counts on
-    assert frames.until(now + 10**10)[-1] == bytes(25)
+    assert until(frames, now + 10**10)[-1] == bytes(25)

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The limit of flashes while the process that asks for light is killed again and again."""
+
+import random
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from eol_msgs.msg import Slip
+from support.flashes import changes
+from support.spinning import Nodes
+
+from eol_ros.devices.board.fake import FakeBoard
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.stamps import now_ns, to_msg
+from eol_ros.settings import MotionSettings
+
+LEDS = [sys.executable, '-m', 'eol_ros.nodes.leds', '--ros-args', '-p', 'decay_s:=0.182', '-p']
+SLIP_S = 0.06  # from slip to slip: without the limit more than ten flashes a second
+
+
+class Motion(EolNode):
+    """Publishes a slip of the next block every 60 ms."""
+
+    NAME = 'motion'
+
+    def __init__(self):
+        super().__init__(MotionSettings())
+        self.slips, self.block = self.publisher('slips'), 0
+        self.create_timer(SLIP_S, self.slip)
+
+    def slip(self):
+        self.block = (self.block + 7) % 25
+        message = Slip(kind=Slip.START, block=self.block)
+        message.header.stamp = message.onset = to_msg(now_ns())
+        self.slips.publish(message)
+
+
+class Eye(threading.Thread):
+    """Looks at the blocks every 2 ms: at each, and at all together."""
+
+    def __init__(self, fake):
+        super().__init__(daemon=True)
+        self.fake, self.times, self.shown = fake, [], []
+        self.done = threading.Event()
+
+    def run(self):
+        while not self.done.wait(0.002):
+            self.times.append(time.monotonic())
+            self.shown.append(bytes(self.fake.levels()))
+
+    def most_flashes_in_a_second(self):
+        each = np.frombuffer(b''.join(self.shown), np.uint8).reshape(-1, 25).T / 255
+        most = 0
+        for light in (*each, each.mean(axis=0), each.max(axis=0)):
+            found = changes(self.times, light)
+            most = max([most, *(((found >= t) & (found <= t + 1)).sum() // 2 for t in found)])
+        return most
+
+
+@pytest.mark.parametrize(
+    'kills',
+    [
+        pytest.param(5, marks=pytest.mark.slow),
+        pytest.param(200, marks=[pytest.mark.soak, pytest.mark.timeout(3600)]),
+    ],
+)
+def test_killing_leds_breaks_no_limit(ros, kills):
+    """Blocks knock by themselves all the while, and what they hold is bright at each kill."""
+    rng, lit = random.Random(kills), 0
+    with FakeBoard() as fake, Nodes(Motion()) as nodes:
+        eye = Eye(fake)
+        eye.start()
+        for _ in range(kills):
+            fake.log.clear()
+            leds = subprocess.Popen([*LEDS, f'port:={fake.port}'], stderr=subprocess.DEVNULL)
+            try:
+                nodes.until(lambda: sum(a.kind == 'Light' for a in list(fake.log)) > 3)
+                end = time.monotonic() + rng.uniform(0, 0.5)
+                nodes.until(lambda end=end: time.monotonic() > end)
+                fake.knock(rng.randrange(25), 2.0)
+                lit += max(fake.levels()) > 128
+            finally:
+                leds.kill()
+                leds.wait()
+        eye.done.set()
+        eye.join()
+    assert lit == kills
+    assert 1 <= eye.most_flashes_in_a_second() <= 3
