@@ -83,6 +83,8 @@ def njit(
     """
     if function is None:
         return lambda function: njit(function, cache=cache, inner=inner, **options)
+    # What says nothing of fastmath would take that of the function in which it is compiled first.
+    options.setdefault('fastmath', False)
     options |= {'no_cpython_wrapper': inner, 'no_cfunc_wrapper': True}
     known = json.dumps(options, sort_keys=True, default=sorted)
     if inner:

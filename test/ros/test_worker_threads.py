@@ -72,13 +72,15 @@ def kill():
     names = sorted({t.name for t in threading.enumerate()} - {'MainThread', 'killer'})
     print('threads:', *names, sep='|', flush=True)
     thread = found()
-    ctypes.pythonapi.PyThreadState_SetAsyncExc(
-        ctypes.c_ulong(thread.ident), ctypes.py_object(Killed))
     owner = getattr(thread._target, '__self__', None)
-    if WORKER == 'preview':  # it waits for an image
-        owner.take(0, np.zeros((8, 8), np.uint8))
-    if WORKER == 'projector':
-        owner._change.set()
+    while thread.is_alive():  # what loads compiled code takes an exception for a damaged file
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(
+            ctypes.c_ulong(thread.ident), ctypes.py_object(Killed))
+        if WORKER == 'preview':  # it waits for an image
+            owner.take(0, np.zeros((8, 8), np.uint8))
+        if WORKER == 'projector':
+            owner._change.set()
+        thread.join(2.0)
 
 threading.Thread(target=kill, name='killer', daemon=True).start()
 sys.exit(run.run([NAME], []))

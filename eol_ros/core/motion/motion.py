@@ -50,27 +50,26 @@ class _Begun:
 class Motion:
     """Block positions to slips and cascades: what the motion node and `eol track` run.
 
-        Parameters
-        ----------
-        settings : MotionSettings
-            As a scene has them; `set` changes them.
+    Parameters
+    ----------
+    settings : MotionSettings
+        As a scene has them; `set` changes them.
 
-        Examples
-        --------
-        Block 12 slips 2 cm to the right, beginning at 1 s, as springs let it.
+    Examples
+    --------
+    Block 12 slips 2 cm to the right, beginning at 1 s, as springs let it.
 
-        >>> from eol_ros.core import elementary
-    from eol_ros.core.geometry import rest_lattice
-        >>> motion, slips = Motion(MotionSettings()), []
-        >>> x, y = rest_lattice().T.copy()
-        >>> for k in range(120):
-        ...     x[12] = 0.01 - 0.01 * np.cos(np.pi * np.clip((k / 60 - 1.0) / 0.2, 0.0, 1.0))
-        ...     found, _ = motion.update(k / 60, x, y, np.ones(25, bool), np.full(25, 2e-5))
-        ...     slips += [one.event for one in found]
-        >>> [(slip.block, round(slip.onset_s, 2)) for slip in slips][-1]
-        (12, 1.0)
-        >>> round(slips[-1].distance_m, 3)
-        0.02
+    >>> from eol_ros.core.geometry import rest_lattice
+    >>> motion, slips = Motion(MotionSettings()), []
+    >>> x, y = rest_lattice().T.copy()
+    >>> for k in range(120):
+    ...     x[12] = 0.01 - 0.01 * np.cos(np.pi * np.clip((k / 60 - 1.0) / 0.2, 0.0, 1.0))
+    ...     found, _ = motion.update(k / 60, x, y, np.ones(25, bool), np.full(25, 2e-5))
+    ...     slips += [one.event for one in found]
+    >>> [(slip.block, round(slip.onset_s, 2)) for slip in slips][-1]
+    (12, 1.0)
+    >>> round(slips[-1].distance_m, 3)
+    0.02
     """
 
     def __init__(self, settings: MotionSettings):

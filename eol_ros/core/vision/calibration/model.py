@@ -219,8 +219,8 @@ class Calibration:
 
         Examples
         --------
-        >>> Calibration.ideal().to_table([[694.0, 399.5]]).round(6).tolist()
-        [[0.1, 0.0]]
+        >>> Calibration.ideal().to_table([[694.0, 345.0]]).round(6).tolist()
+        [[0.1, 0.1]]
         """
         return project(self._inverse, self.undistort(px))
 
