@@ -153,6 +153,7 @@ def _http(_folder: Path) -> Target:
     from aiohttp import web
 
     from eol_ros.settings import PanelSettings
+    from eol_ros.web.connections import Connection, Connections
     from eol_ros.web.hub import Hub
     from eol_ros.web.routes import Routes
     from eol_ros.web.server import logger
@@ -165,7 +166,8 @@ def _http(_folder: Path) -> Target:
     bridge = SimpleNamespace(ask=None, give_up=None, rim=None)
     routes = Routes(PanelSettings(), Hub(), bridge, lambda text: None)
     faults: list[str] = []
-    runner = web.AppRunner(routes.application(), access_log=None, logger=logger(say))
+    held, log = Connections(8), logger(say)
+    runner = web.AppRunner(routes.application(), access_log=None, logger=log)
     loop.run_until_complete(runner.setup())
     loop.set_exception_handler(lambda _loop, context: faults.append(str(context)))
 
@@ -206,8 +208,11 @@ def _http(_folder: Path) -> Target:
     ]  # fmt: skip
 
     async def once(data: bytes) -> bytes:
-        line, server = Line(), runner.server
-        handler = server()
+        line = Line()
+        handler = Connection(
+            held, '192.0.2.1', runner.server, loop=loop, logger=log, access_log=None
+        )
+        held.add(handler)
         handler.connection_made(line)
         handler.data_received(data)
         for _ in range(12):
