@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The machine that figures are of: every benchmark says it before its table and in its JSON.
 
-The vector width is asked of the compiler, not of the processor: `core/compiled.py` compiles for one
-target on every machine.
+The compiler, not the processor, gives the vector width: `core/compiled.py` compiles for one target
+on every machine.
 """
 
 import json
@@ -21,7 +21,7 @@ def machine() -> dict[str, Any]:
     import numba
     from numba.core.registry import cpu_target
 
-    from eol_ros.core import compiled  # noqa: F401  fixes the target
+    from eol_ros.core import compiled  # noqa: F401  sets the target
 
     bits, name = _vectors()
     target = cpu_target.target_context.codegen().magic_tuple()[1]

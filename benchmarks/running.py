@@ -337,7 +337,7 @@ def stand_in(
 ) -> Path:
     """Return a scene file like the shipped `name`, with stand-ins in place of its devices.
 
-    changed: settings by node. real_time: ask for real-time priority, whatever the scene says.
+    changed: settings by node. real_time: ask for real-time priority even if the scene does not.
     """
     values = {**scenes.plain(scenes.load(name)), 'real_time': real_time}
     nodes = values['nodes']

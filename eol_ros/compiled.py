@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cache of compiled loops, without numba: where it lies, whether it is complete, what is stale.
+"""The cache of compiled loops, without numba: its folder, completeness and stale files.
 
-One folder holds what was compiled by one set of versions for one processor. An object file in it
-holds one function for one set of argument types, and its name contains a digest of everything that
-it was made from (`core/compiled.py`). A name therefore always means the same code, whatever process
-wrote it, and processes share no index. Files appear complete or not at all, and begin with a digest
-of their content: a damaged one is compiled again.
+One folder holds the code compiled with one set of versions for one processor. An object file holds
+one function for one set of argument types. Its name contains a digest of everything that it was
+made from (`core/compiled.py`), so a name means the same code whichever process wrote it, and
+processes share no index. Files appear complete or not at all. They begin with a digest of their
+content, and a damaged file is compiled again. If nothing can be stored (a full disk), the process
+continues with the code that it has compiled, and logs it.
 
-`eol compile` writes a manifest for each part, with the sources and the objects that it used, so
-that bringup can tell in some milliseconds what must be compiled.
+`eol compile` writes a manifest for each part, with its sources and objects, so that bringup finds
+in some milliseconds which parts must be compiled.
 """
 
 import contextlib
@@ -27,19 +28,19 @@ from pathlib import Path
 from eol_ros.errors import ConfigError
 
 ROOT = Path(__file__).parent
-# Nodes that have compiled loops; then the ice recording, which a scene needs that names none; then
-# what `eol simulate` needs beyond the twin: its solvers, and two kernels for stiff scenes.
+# Nodes with compiled loops; the ice recording, which a scene without a recording needs; and what
+# `eol simulate` needs beyond the twin: its solvers, and two kernels for stiff scenes.
 PARTS = ('tracker', 'twin', 'sound', 'ice', 'simulate', 'stiff', 'glide')
 AT_FIRST = ('tracker', 'twin', 'sound', 'ice')  # what a scene may need
-WAIT_S = 120.0  # for another process that compiles the same function; then compile it here, too
+WAIT_S = 120.0  # wait for a process that compiles the same function; then compile here, too
 WAIT_PARTS_S = 1800.0  # for another `eol compile`
-_SOURCES = ('eol_ros.core', 'eol_ros.devices', 'eol_ros.verbs.compile')  # what decides on a part
+_SOURCES = ('eol_ros.core', 'eol_ros.devices', 'eol_ros.verbs.compile')  # that parts depend on
 _NO_MATTER = ('NUMBA_CACHE_DIR', 'NUMBA_NUM_THREADS')  # of the settings of numba
 _DO = 'set NUMBA_CACHE_DIR to a folder that can be written, where compiled loops are kept'
-# As /proc/cpuinfo spells what `core/compiled.py` needs to compile for its one target.
+# Processor features of the target of `core/compiled.py`, as /proc/cpuinfo spells them.
 _FLAGS = 'avx2', 'bmi1', 'bmi2', 'f16c', 'fma', 'fsgsbase', 'invpcid', 'abm', 'movbe', 'rdrand'
 _MACHINE = ('model name', 'flags', 'Features', 'CPU implementer', 'CPU part')
-_TOKEN = os.urandom(6).hex()  # a process number may be another's in another container
+_TOKEN = os.urandom(6).hex()  # process numbers are not unique across containers
 
 _used: set[str] = set()  # objects that this process has loaded or stored
 _locks: dict[Path, int] = {}
@@ -53,7 +54,7 @@ def cold(parts: Iterable[str]) -> list[str]:
 
 @contextlib.contextmanager
 def alone(waiting: Callable[[], None]) -> Iterator[None]:
-    """Hold off other `eol compile` that use the same cache; if one runs, call `waiting()` first.
+    """Exclude other `eol compile` on the same cache; call `waiting()` first if one runs.
 
     After WAIT_PARTS_S this one starts as well. That is safe, but work is done twice.
     """
@@ -67,8 +68,7 @@ def alone(waiting: Callable[[], None]) -> Iterator[None]:
 def take(name: str, wait_s: float = WAIT_S, waiting: Callable[[], None] = lambda: None) -> None:
     """Take the lock `name` of the cache, or give up after `wait_s`. It ends with the process.
 
-    Locks only save work. Where none can be had (no folder, no locks on its file system) there is
-    none.
+    Locks only save work. Without a folder, or on a file system without locks, none is taken.
     """
     until = None
     with contextlib.suppress(OSError, ConfigError):
@@ -93,7 +93,7 @@ def give_back(name: str | None = None) -> None:
 
 
 def _place(name: str) -> int:
-    """Return which byte of the lock file stands for a name."""
+    """Return the offset of the byte in the lock file that stands for a name."""
     return int.from_bytes(hashlib.blake2b(name.encode(), digest_size=7).digest(), 'big')
 
 
@@ -105,7 +105,7 @@ def _lock_file() -> int:
 
 
 def load(name: str) -> bytes | None:
-    """Return what was stored under `name`; None if that is nowhere or damaged."""
+    """Return the payload stored under `name`; None if it is missing or damaged."""
     for folder in folders():
         try:
             data = (folder / name).read_bytes()
@@ -126,7 +126,7 @@ def _checked(data: bytes) -> bytes | None:
 
 
 def store(name: str, sources: Mapping[str, str], payload: bytes) -> None:
-    """Store `payload`, made from `sources` (path to digest), or say why that is not possible."""
+    """Store `payload`, made from `sources` (path to digest), or log why it cannot be stored."""
     rest = json.dumps({_relative(path): value for path, value in sources.items()}).encode()
     rest += b'\n' + payload
     try:
@@ -139,7 +139,7 @@ def store(name: str, sources: Mapping[str, str], payload: bytes) -> None:
 
 
 def stamp(part: str) -> None:
-    """Note that `part` has been compiled: from the sources and into the objects of this process."""
+    """Write the manifest of `part`: the sources and objects of this process."""
     if _unstored:
         raise ConfigError(f'{_unstored[0]}; {_DO}')
     files = [
@@ -181,9 +181,9 @@ def _stale(sources: Mapping[str, str]) -> bool:
 
 
 def forget(everything: bool = False) -> None:
-    """Remove what was compiled from sources that have changed, and damaged files; or everything.
+    """Remove objects of changed sources and damaged files; or everything.
 
-    So does what other versions of numba, NumPy or this package left, for this version of Python.
+    Also removes the files of other versions of numba, NumPy or this package for this Python.
     """
     for folder in folders():
         tag = folder.name.rpartition('-')[0]
@@ -194,7 +194,7 @@ def forget(everything: bool = False) -> None:
         for other in folder.parent.glob(f'{tag}-*'):
             with contextlib.suppress(OSError):
                 other.rmdir()  # if nothing is left in it
-    for path in ROOT.rglob('*.nb[ci]'):  # of versions of this package that used numba's own cache
+    for path in ROOT.rglob('*.nb[ci]'):  # from versions of this package that used numba's cache
         with contextlib.suppress(OSError):
             path.unlink()
 
@@ -212,7 +212,7 @@ def _is_current(path: Path) -> bool:
 
 
 def folders() -> list[Path]:
-    """Return where compiled loops may lie, best first; no folder need be there."""
+    """Return the possible folders of compiled loops, best first; none needs to exist."""
     name = f'loops-{sys.implementation.cache_tag}-{_version()}'
     shared = f'{ROOT.name}_{hashlib.sha1(str(ROOT).encode()).hexdigest()}'
     if given := os.environ.get('NUMBA_CACHE_DIR'):
@@ -222,7 +222,7 @@ def folders() -> list[Path]:
 
 
 def writable() -> Path:
-    """Return the first of `folders` that can be written, made if absent; else raise ConfigError."""
+    """Return the first writable one of `folders`, created if absent; else raise ConfigError."""
     reasons = []
     for folder in folders():
         try:
@@ -237,13 +237,13 @@ def writable() -> Path:
 
 
 def check() -> None:
-    """Raise ConfigError if there is no folder to load from and none to store in."""
+    """Raise ConfigError if there is neither a folder to load from nor one to store in."""
     if not any(map(os.path.isdir, folders())):
         writable()
 
 
 def numbers() -> Iterator[int]:
-    """Yield numbers of 15 digits that no other process, forked or not, yields too."""
+    """Yield numbers of 15 digits that no other process yields, forked or not."""
     process, number = 0, 0
     while True:
         if process != os.getpid():
@@ -253,15 +253,15 @@ def numbers() -> Iterator[int]:
 
 
 def say(line: str) -> None:
-    """Tell the user, or the log of a node."""
+    """Print a line for the user, or to the log of a node."""
     print(line, file=sys.stderr, flush=True)
 
 
 @functools.cache
 def content(path: str) -> str:
-    """Return a digest of a file as it was when this was first asked.
+    """Return the digest of a file as it was at the first call.
 
-    A process runs the sources that it has imported, even if an update replaces them.
+    A process runs the sources that it has imported, even if an update replaces the files.
     """
     return _content(path)
 
@@ -274,9 +274,9 @@ def _content(path: str) -> str:
 
 
 def is_known(path: str) -> bool:
-    """Tell whether `content` follows what is in a file: not for code from the command line.
+    """Return whether `content` depends on the code in a file: not for code of a command line.
 
-    A cell of a notebook has no file; its name is made from what it contains.
+    A cell of a notebook has no file, but its name depends on its content.
     """
     cell = path.startswith('<ipython-') or Path(path).parent.name.startswith('ipykernel_')
     return cell or os.path.exists(path)
@@ -291,7 +291,7 @@ def _digest(data: bytes) -> str:
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Write a file that is complete whenever it is there, whatever ends the process."""
+    """Write a file atomically: it is complete or absent, whenever the process ends."""
     new = path.with_name(f'{path.name}.{os.getpid()}-{_TOKEN}.new')
     try:
         with new.open('wb') as file:
@@ -317,7 +317,7 @@ def _version() -> str:
 
 
 def _processor() -> list[str]:
-    """Return what of the processor decides on machine code: nothing where the target is fixed."""
+    """Return the processor properties that machine code depends on; none if the target is fixed."""
     try:
         first = Path('/proc/cpuinfo').read_text().split('\n\n')[0].splitlines()
     except OSError:

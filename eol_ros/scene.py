@@ -41,7 +41,7 @@ _KEYS = (
     'scene', 'include', 'network', 'domain', 'namespace', 'real_time', 'nodes', 'together',
     'elsewhere', 'notify',
 )  # fmt: skip
-SECRET = frozenset(  # names of settings that are shown to nobody
+SECRET = frozenset(  # settings whose values are never shown
     f.name
     for kind in (NotifySettings, *(node.settings for node in NODES.values()))
     for f in dataclasses.fields(kind)
@@ -62,13 +62,13 @@ class Scene:
     elsewhere: tuple[str, ...] = ()  # nodes of the graph that run on another machine
     path: Path | None = None
     real_time: bool = False  # ask for real-time priority
-    text: str = ''  # of the file and its includes, as it goes into a bag: without secrets
+    text: str = ''  # file and includes as recorded in a bag, without secrets
     warnings: tuple[str, ...] = ()  # what is understood, and should be said in another way
     namespace: str = NAMESPACE  # without the slash at its beginning
     notify: NotifySettings | None = None
     # Where nodes and their settings stand (`leds`, `leds.port`): file, line, column.
     places: dict[str, tuple[str, int, int]] = field(default_factory=dict, repr=False, compare=False)
-    # What is secret, as it is meant and as it is spelt in the files.
+    # Secret values, parsed and as spelt in the files.
     hidden: tuple[str, ...] = field(default=(), repr=False, compare=False)
 
     @classmethod
@@ -118,7 +118,7 @@ def mistake(scene: Scene, where: str, error: EolError) -> Mistake:
 
 
 class SceneError(ConfigError):
-    """All mistakes of a scene, and what is secret in its files."""
+    """All mistakes of a scene, and the secrets in its files."""
 
     def __init__(self, mistakes: list[Mistake], hidden: tuple[str, ...] = ()):
         self.mistakes, self.hidden = sorted(mistakes), hidden
@@ -392,7 +392,7 @@ def check_value(field_: dataclasses.Field[Any], value: Any) -> Any:
 
 
 def without_secrets(scene: Scene, text: str) -> str:
-    """Return `text` with a mask wherever a secret of the scene stands in it, however spelt."""
+    """Return `text` with a mask in place of each secret of the scene, however it is spelt."""
     kept = (secrets(s).values() for s in (*scene.nodes.values(), scene.notify) if s)
     return without(text, {*itertools.chain.from_iterable(kept), *scene.hidden})
 

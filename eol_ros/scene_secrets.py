@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Masks what is secret in the text of a scene, however YAML spells it; comments and layout stay."""
+"""Masks secrets in the text of a scene, however YAML spells them; comments and layout stay."""
 
 import html
 import json
@@ -21,11 +21,11 @@ class SceneText:
     Parameters
     ----------
     text : str
-        As it is in the file.
+        The text of the file.
     tree : yaml.Node
-        What `yaml.compose` makes of it.
+        The result of `yaml.compose` for it.
     names : collection of str
-        Keys whose values are secret, wherever in the file they stand.
+        Keys whose values are secret, anywhere in the file.
     """
 
     def __init__(self, text: str, tree: yaml.Node | None, names: Collection[str]):
@@ -50,7 +50,7 @@ class SceneText:
                 self._walk(value, secret or key.value in self._names, seen)
 
     def secrets(self) -> Iterator[str]:
-        """Yield what is secret, as it is meant and as it is spelt here."""
+        """Yield the secrets, parsed and as spelt in the text."""
         for node in self._secret:
             spelt = self._spelt(node)
             yield from (node.value, spelt, spelt[1:-1] if spelt[:1] in ('"', "'") else '')
@@ -76,7 +76,7 @@ class SceneText:
         return text
 
     def _span(self, node: yaml.ScalarNode) -> tuple[int, int]:
-        """Return where a scalar begins and ends, without properties and the lines behind it."""
+        """Return start and end of a scalar, without its properties and the lines after it."""
         begin, end = node.start_mark.index, node.end_mark.index
         found = _PROPERTIES.match(self._text, begin, end)
         begin = found.end() if found else begin
@@ -88,7 +88,7 @@ class SceneText:
 
 
 def without(text: str, secrets: Iterable[str]) -> str:
-    """Return `text` with a mask wherever one of `secrets` stands, as programs may spell it."""
+    """Return `text` with a mask in place of each of `secrets`, as programs may spell it."""
     spellings = {spelling for secret in secrets for spelling in _spellings(secret)}
     for spelling in sorted(spellings, key=len, reverse=True):
         text = text.replace(spelling, MASK)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A thread that ends by an exception ends its process, with one line and an exit code.
 
-Python itself would print the traceback and go on without the thread.
+Python itself would print the traceback and continue without the thread.
 """
 
 import sys
@@ -17,10 +17,10 @@ _first: EolError | None = None
 
 
 def install(log: str = 'above', end: Callable[[], object] = lambda: None) -> None:
-    """From here on keep the first exception that ends a thread, for `check`.
+    """From now on keep the first exception that ends a thread, for `check`.
 
-    `log` says in the line where the traceback is. `end` is called in that thread: it may make sure
-    that the process ends even where its main thread waits for the one that is gone.
+    `log` is the part of the line that says where the traceback is. That thread calls `end`, which
+    can end the process even if the main thread waits for the failed one.
     """
 
     def hook(what: threading.ExceptHookArgs) -> None:
@@ -40,13 +40,13 @@ def install(log: str = 'above', end: Callable[[], object] = lambda: None) -> Non
 
 
 def check() -> None:
-    """Raise what has ended a thread; for a loop of the main thread, several times a second."""
+    """Raise the exception that ended a thread; the main thread calls it several times a second."""
     if _first is not None:
         raise _first
 
 
 def _line(name: str, error: BaseException, log: str) -> EolError:
-    if isinstance(error, EolError):  # has its own words and exit code
+    if isinstance(error, EolError):  # has its own message and exit code
         return error
     last = traceback.extract_tb(error.__traceback__)[-1:]
     place = f' ({Path(last[0].filename).name}:{last[0].lineno})' if last else ''

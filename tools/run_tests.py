@@ -22,11 +22,11 @@ from collections.abc import Iterable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-# A shared machine can stand still for longer than real time allows: up to three tests that failed
-# are tried again when all else is over, in a new process with nothing beside it, and the last lines
-# name each with its reason. More than that is no accident.
+# A shared machine can stall for longer than real time allows. So up to three failed tests are
+# retried after all others, in a new process and alone. The last lines name each with its reason.
+# More failures are no accident.
 MOST_AGAIN = 3
-# A test that needed it twice in ten runs is a defect: these runs of `make test` are remembered.
+# A test retried twice in ten runs is a defect: `make test` keeps the retries of these runs.
 REMEMBERED = 10
 RECORD = ROOT / '.pytest_cache' / 'second-tries.json'
 NOTHING_SELECTED = 5  # pytest's exit code, where a part holds none of what was asked for
@@ -128,7 +128,7 @@ def run_part(selection: tuple[str, ...], paths: list[str], words: list[str]) -> 
 
 
 def remember(again: Iterable[str]) -> list[str]:
-    """Note what this run tried again; return the tests of which the last runs did so before."""
+    """Record the retries of this run; return the tests that earlier runs retried, too."""
     try:
         runs = json.loads(RECORD.read_text())
     except (OSError, ValueError):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes `.venv` (or $EOL_VENV) ready: the wheels, the messages, the compiled kernels.
+"""Prepares `.venv` (or $EOL_VENV): wheels, messages and compiled kernels.
 
 Called by tools/setup_env.sh, with the system's Python and nothing but its standard library. Wheels
 and messages are made at the same time, and a line says every few seconds how far they are. What is
@@ -25,10 +25,10 @@ PYTHON = VENV / 'bin' / 'python'
 MESSAGES = ROOT / 'msg_defs' / 'eol_msgs'
 LOCKS = ROOT / 'tools' / 'requirements'
 BROWSER = LOCKS / 'browser'  # what the tests put into a browser: npm's own list and lock
-# What the tests of the pure core do without, of all that the tests use: beginnings of names.
+# Test packages that the tests of the pure core do not need, by the beginning of their names.
 NOT_CORE = ('ros-', 'colcon-', 'cmake', 'ninja', 'dask', 'distributed', 'mypy', 'pyarrow', 'ruff',
             'selenium', 'trio')  # fmt: skip
-# Whose wheels are enough for an extra ('' is a run), beside its own.
+# Other extras whose wheels suffice for an extra ('' is a run).
 ENOUGH = {'': ('test', 'bench'), 'core': ('test', 'bench')}
 TELL_S = 4.0  # between two lines that say how far a step is
 WIDTH = 100
@@ -160,7 +160,7 @@ def locked(file: Path) -> tuple:
 
 
 def core_list() -> Path:
-    """Write the list of what the tests of the pure core need; return its path."""
+    """Write the list of packages that the tests of the pure core need; return its path."""
     entries = re.findall(r'^\S.*(?:\n .*)*\n', (LOCKS / 'test.txt').read_text(), re.MULTILINE)
     path = VENV / 'core.txt'
     path.write_text(''.join(entry for entry in entries if not entry.startswith(NOT_CORE)))
@@ -245,7 +245,7 @@ def setup(extra: str) -> None:
     if not ready.exists():
         say('installing the wheels (about a minute, once)')
         steps.append(Step('wheels', install_wheels, extra))
-    if extra == 'core':  # its tests compile what they need
+    if extra == 'core':  # its tests compile their own kernels
         wait(*steps)
         ready.touch()
         return
@@ -266,7 +266,7 @@ def setup(extra: str) -> None:
             old.unlink()
         messages_ready.touch()
     ready.touch()
-    # Does nothing where the cache has what this version needs.
+    # Does nothing if the cache is complete for this version.
     parts = ['--parts', 'tracker,twin,sound,ice,simulate,stiff,glide'] if extra else []
     wait(
         Step(

@@ -32,8 +32,8 @@ LOST_AT_ONCE = 60  # images that are kept until it is known whether the tracker 
 
 EQUAL, PART, DIFFERENT = 'equal', 'part', 'different'
 SHOWN = 20  # holes that are named one by one
-# Relative difference of floats up to which another processor, Python or library explains it: some
-# steps of single precision. What another code makes, or of something else, differs by much more.
+# Largest relative difference of floats that another processor, Python or library explains: some
+# steps of single precision. Other code or other data differ by much more.
 ROUNDING = 1e-6
 
 
@@ -41,8 +41,8 @@ ROUNDING = 1e-6
 class Comparison:
     """One topic: how many messages were recorded and recomputed, and the first that differ.
 
-    `proved` is of how many of the recorded ones the bag holds all that they were made from;
-    `apart` the largest relative difference of a float, infinite where anything else differs.
+    `proved` is the number of recorded messages whose inputs are all in the bag; `apart` is the
+    largest relative difference of a float, infinite if anything else differs.
     """
 
     topic: str
@@ -67,7 +67,7 @@ class Comparison:
 
     @property
     def rounding(self) -> bool:
-        """Whether all differences are of floats in their last digits."""
+        """Whether only last digits of floats differ."""
         return self.recomputed == self.proved and 0 < self.apart <= ROUNDING
 
     def words(self) -> str:
@@ -530,10 +530,10 @@ def _keys(rows: np.ndarray, names: tuple[str, ...]) -> Iterator[tuple[Any, ...]]
 
 
 def _unequal(mine: np.ndarray, theirs: np.ndarray) -> Iterator[tuple[str, np.ndarray, float]]:
-    """Yield each column of `mine`, (n,) rows, where it is not that of `theirs`, and how far apart.
+    """Yield name, mask of unequal rows (n,) and distance to `theirs` of each column of `mine`.
 
-    Compared bit for bit; NaN is equal to NaN. The largest relative difference is infinite where
-    others than floats, or more than numbers, differ. Columns of records are looked into.
+    Values are compared bit for bit; NaN equals NaN. The distance is the largest relative
+    difference, infinite if anything but a float differs. Records are compared field by field.
     """
     for name in mine.dtype.names or ():
         a, b = mine[name], np.asarray(theirs[name])

@@ -144,7 +144,7 @@ class Child:
                 self.kept[status['node']] = status.pop('kept', {})
                 self.status[status['node']] = status
                 found.append(status)
-        # What a process says of a worker that hangs is no sign of life.
+        # A status that reports a hung worker is no heartbeat.
         if found and not any(row.get('hung') for row in self.status.values()):
             self.policy.beat(now_s)
         return found

@@ -15,8 +15,8 @@ _FILES = 10
 class EventLog:
     """`eol.log`: all that nodes print, 10 files of 5 MB; `events.log`: starts, faults, stops.
 
-    A context manager, which closes both. Where they cannot be opened `trouble` says why, and lines
-    go to `say`.
+    A context manager, which closes both. If they cannot be opened, `trouble` says why, and lines go
+    to `say`.
     """
 
     def __init__(self, where: Path, say: Callable[[str], None] = lambda line: None):
@@ -44,7 +44,7 @@ class EventLog:
                 handler.close()
 
     def line(self, text: str, shown: bool = False) -> None:
-        """Keep a line that a node printed; `shown`: people have been told of it already."""
+        """Log a line that a node printed; `shown`: the user has already seen it."""
         self._log.info(text)
         if not self._log.handlers and not shown:
             self._say(text)
@@ -57,8 +57,10 @@ class EventLog:
 
 
 class _File(logging.handlers.RotatingFileHandler):
-    """A log that a full disk does not stop: lines that are not written are counted, and that is
-    written when there is room again."""
+    """A log that a full disk does not stop.
+
+    It counts the lines that are not written, and writes the count when there is room again.
+    """
 
     def __init__(self, path: Path, older: int):
         super().__init__(path, maxBytes=_SIZE, backupCount=older)
@@ -72,9 +74,9 @@ class _File(logging.handlers.RotatingFileHandler):
             super().emit(logging.makeLogRecord({'msg': f'({before} lines could not be written)'}))
 
     def handleError(self, _record: logging.LogRecord) -> None:  # noqa: N802 (of logging)
-        """Count a line, and open the file again for the next; logging would print a traceback."""
+        """Count a lost line and reopen the file for the next; logging would print a traceback."""
         self.lost += 1
-        stream, self.stream = self.stream, None  # with what it could not write
+        stream, self.stream = self.stream, None  # its buffer holds the lost line
         if stream:
             with contextlib.suppress(OSError):
                 stream.close()

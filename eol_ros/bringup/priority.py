@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who goes first where all want the two cores in the same millisecond: the kernel's side of it.
+"""Kernel priorities of processes that need the two cores in the same millisecond.
 
-An image wakes six processes at once. In a scene that asks for it (`real_time: true`) those between
-a camera and what people see and hear get real-time priority (SCHED_RR, 1 or 2 of 99: below every
-sound server), so that they run when their message is there. Processes that nobody waits for step
-back. Both are set when all is up: a start is work for everybody alike. A thread of the same level
-is not put aside for another: what works for milliseconds on each image has the lower one, or a
-knock would wait for it.
+An image wakes six processes together. In a scene with `real_time: true` the processes from camera
+to light and sound get real-time priority (SCHED_RR, 1 or 2 of 99, below every sound server), so
+that they run when their message arrives. Processes that nobody waits for get a lower priority.
+Bringup sets both when all nodes are up. A thread does not preempt another of its own level:
+threads that work for milliseconds on each image have the lower level, so that no tap waits.
 """
 
 import contextlib
@@ -35,16 +34,14 @@ def step_back(pid: int, nice: int) -> None:
 
 
 def step_ahead(pid: int, level: int, main: bool = True) -> bool:
-    """Give real-time priority to what carries messages in `pid`; return whether we may.
+    """Give real-time priority to the message threads of `pid`; return whether the system allows it.
 
-    It is `level`, or the highest below it that we may.
+    The priority is `level`, or the highest permitted below it. Message threads are the `main`
+    thread, where every callback runs, the threads of DDS, and those that carry images and taps.
+    Threads that load files, compile or record keep the normal priority, and so do their children.
 
-    That is the `main` thread, where every callback runs, the threads of DDS, and those that carry
-    images and knocks; what loads files, compiles or records stays with everybody else, and so does
-    whatever these start.
-
-    The kernel ends the process (SIGXCPU, RLIMIT_RTTIME) when one of them has run for SILENT_S
-    without a pause: a node that is silent for so long counts as hung anyway.
+    The kernel ends the process (SIGXCPU, RLIMIT_RTTIME) when one of these threads has run for
+    SILENT_S without a pause. A node that is silent for so long counts as hung anyway.
     """
     most_us = round(SILENT_S * 1e6)
     with contextlib.suppress(ProcessLookupError):

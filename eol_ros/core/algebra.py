@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Linear algebra of small matrices with the same bits on every machine.
 
-BLAS and LAPACK choose their order of summation by the processor. These add in a fixed order. They
-are meant for some ten rows; `solve` is Gaussian elimination with partial pivoting (Golub and Van
-Loan, Matrix Computations, 3.4).
+BLAS and LAPACK choose their order of summation by the processor. These functions add in a fixed
+order. They are meant for some ten rows. `solve` is Gaussian elimination with partial pivoting
+(Golub and Van Loan, Matrix Computations, 3.4).
 """
 
 import numpy as np
 
 from eol_ros.core import elementary
 
-NEWTON_STEPS = 6  # from Tricomi's first guess three reach the last bit
+NEWTON_STEPS = 6  # three steps from Tricomi's first guess reach the last bit
 
 
 def matmul(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -43,9 +43,9 @@ def inverse(a: np.ndarray) -> np.ndarray:
 
 
 def least_squares(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return x (k, m) for which a (n, k) x comes closest to b (n, m), by the normal equations.
+    """Return x (k, m) that minimises |a x - b|, a (n, k), b (n, m), by the normal equations.
 
-    Half the digits are lost if the columns of `a` are nearly dependent.
+    Nearly dependent columns of `a` cost half the digits.
     """
     turned = np.asarray(a).T
     return solve(matmul(turned, a), matmul(turned, b))

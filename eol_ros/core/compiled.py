@@ -7,13 +7,13 @@ code (LLVM bitcode) of each function for callers that might be compiled later. I
 compiles nothing that is 30 to 45 MB and half a second. Here both are had when something is
 compiled, and only then. The machine code is the same.
 
-numba's own cache looks at the file of the function alone, not at those of the functions and numbers
-in it, and its index can give a process the code of other argument types where two processes have
-written it. The cache here (`eol_ros/compiled.py`) names each object by all that it was made from.
+numba's own cache checks only the file of the function, not the files of the functions and constants
+that it uses. If two processes write its index, it can return code for other argument types. The
+cache here (`eol_ros/compiled.py`) names each object by everything that it was made from.
 
-All is compiled for one processor, x86-64 with AVX2 and FMA, on every machine that can run its code:
-the width of vectors decides in which order a loop adds, so code made for each machine's own
-processor gives other last bits. Elsewhere (older x86-64, Arm) it is compiled for the machine.
+The target is one processor, x86-64 with AVX2 and FMA, on every machine that can run its code. The
+vector width determines the order in which a loop adds, so code for each machine's own processor
+differs in the last bits. Other machines (older x86-64, Arm) get code for their own processor.
 
 Use `njit` and `cfunc` of this module in place of numba's.
 """
@@ -49,9 +49,9 @@ NEEDED = ('avx2', 'bmi', 'bmi2', 'f16c', 'fma', 'fsgsbase', 'invpcid', 'lzcnt', 
 
 
 def fix_target(features: Mapping[str, bool], settings: Any) -> bool:
-    """Let numba (`settings`: its config) compile for TARGET where a processor has all of it.
+    """Make numba (`settings`: its config) compile for TARGET if the processor has its features.
 
-    Whatever NUMBA_CPU_NAME and NUMBA_CPU_FEATURES say. Returns whether it does.
+    NUMBA_CPU_NAME and NUMBA_CPU_FEATURES do not matter. Returns whether TARGET is used.
     """
     able = all(features.get(name, False) for name in NEEDED)
     if able:
@@ -63,7 +63,7 @@ FIXED = fix_target(llvm.get_host_cpu_features(), config)
 
 # numba numbers the functions that it compiles from 1 in each process and puts the number into their
 # symbols. Objects of two processes could then define one symbol for two functions, and a third
-# process, which loads both, would run one in place of the other.
+# process that loads both would run one in place of the other.
 numbers: Any = store.numbers()
 FunctionIdentity._unique_ids = numbers
 
@@ -83,7 +83,7 @@ def njit(
     """
     if function is None:
         return lambda function: njit(function, cache=cache, inner=inner, **options)
-    # What says nothing of fastmath would take that of the function in which it is compiled first.
+    # Without an explicit fastmath a function would inherit that of its first caller.
     options.setdefault('fastmath', False)
     options |= {'no_cpython_wrapper': inner, 'no_cfunc_wrapper': True}
     known = json.dumps(options, sort_keys=True, default=sorted)
@@ -103,7 +103,7 @@ def njit(
 def _compile(compile: Callable[[Any], Any], sig: Any) -> Any:
     try:
         return compile(sig)
-    except BaseException:  # what is not compiled will not be stored either
+    except BaseException:  # a failed compilation stores nothing
         store.give_back()
         raise
 
@@ -186,10 +186,10 @@ def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 def made_from(function: Callable[..., Any]) -> tuple[dict[str, str], str]:
-    """Return what the machine code of `function` is made from: digests of each file and of globals.
+    """Return the sources of the machine code of `function`: digests of each file and of globals.
 
-    The files are its own and those of all compiled functions that it calls, directly or not; the
-    globals are those that one of them reads. All that it calls must be defined.
+    The files are its own and those of all compiled functions that it calls, directly or not. The
+    globals are those that these functions read. All called functions must be defined.
     """
     files = set()
     constants = set()
@@ -240,8 +240,8 @@ def _names(code: CodeType) -> Iterator[str]:
 
 
 def _described(kind: Any) -> Any:
-    """Return a name of an argument's type that tells apart what numba compiles apart."""
-    fields = getattr(kind, 'fields', ())  # of a named tuple; `str` names its class alone
+    """Return a name of an argument type, unique for each type that numba compiles separately."""
+    fields = getattr(kind, 'fields', ())  # a named tuple: `str` gives only its class
     inside = getattr(kind, 'types', ()) if isinstance(kind, types.BaseTuple) else ()
     return str(kind), tuple(map(str, fields)), tuple(map(_described, inside))
 
@@ -249,20 +249,20 @@ def _described(kind: Any) -> Any:
 class _Cache:
     """The cache of one function, in place of numba's; each set of argument types has a file.
 
-    It asks for the compiler only where it finds nothing.
+    It loads the compiler only if it finds no file.
     """
 
     def __init__(self, function: Callable[..., Any], options: str):
         store.check()
         self._function, self._options = function, options
-        store.content(function.__code__.co_filename)  # an update may come before the first call
+        store.content(function.__code__.co_filename)  # before an update replaces the file
 
     @property
     def cache_path(self) -> str:
         return str(store.folders()[0])
 
     def flush(self) -> None:
-        """Leave the files: what they were made from has not changed."""
+        """Keep the files: their sources have not changed."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         rtsys.initialize(target_context)
@@ -273,9 +273,9 @@ class _Cache:
         found = self._load(name, sig, target_context)
         if found is None:
             store.take(name)  # until it is stored
-            found = self._load(name, sig, target_context)  # by whom this process has waited for
+            found = self._load(name, sig, target_context)  # stored by the lock holder
             if found is None:
-                target_context.refresh()  # numba's compiler, with all that it knows
+                target_context.refresh()  # loads numba's compiler
             else:
                 store.give_back(name)
         return found
@@ -289,7 +289,7 @@ class _Cache:
             store.give_back(name)
 
     def _named(self, sig: Any, codegen: Any) -> tuple[str, dict[str, str]]:
-        """Return the name of the file for `sig`, and the sources that it is made from."""
+        """Return the file name for `sig` and the sources of its code."""
         function = self._function
         files, constants = made_from(function)
         args, returned = sigutils.normalize_signature(sig)
@@ -311,14 +311,14 @@ class _Cache:
         try:
             with _without_imports():
                 made_for, reduced = pickle.loads(data)
-                # otherwise: a default of nan, or a class of the script that was started
+                # else: a default of nan, or a class of the main script
                 return self._rebuild(name, target_context, reduced) if made_for == sig else None
-        except Exception as error:  # of whatever pickle and LLVM raise
+        except Exception as error:  # pickle and LLVM raise many types
             store.say(f'{name} cannot be loaded ({error}); compiling it again')
             return None
 
     def _rebuild(self, name: str, target_context: Any, reduced: Any) -> Any:
-        """Rebuild without the bitcode; for a caller that is compiled later it is read again."""
+        """Rebuild without the bitcode, which is read again if a caller is compiled later."""
         found = CompileResult._rebuild(target_context, *reduced)
         library = found.library
         library._shared_module.close()

@@ -2,14 +2,15 @@
 """Elementary functions with the same bits on every machine.
 
 NumPy and the C library choose their code for exp, log, sin and others by the processor, and differ
-in the last bit. These use additions, multiplications and divisions of float64 alone, each rounded
-as IEEE 754 says, in a fixed order. Whatever is recomputed from a recording, or has a digest, takes
-them. Each is within 2 ulp (`test/core/test_elementary.py`), but where a docstring says otherwise.
+in the last bit. These functions use only float64 additions, multiplications and divisions, each
+rounded by IEEE 754, in a fixed order. Code whose results are recomputed from a recording, or have a
+digest, uses them. The error is at most 2 ulp (`test/core/test_elementary.py`), unless a docstring
+says otherwise.
 
 Reductions and polynomials: FDLIBM 5.3 (Sun Microsystems, 1993), e_exp.c, e_log.c, k_sin.c, k_cos.c,
-s_atan.c. Arguments: float64 scalars or arrays, in the shape of which the result comes. exp and
-log of a Python float take a tenth of the time of an array. The functions `..._of` a single float
-have the same bits; `elementary_kernels` has them compiled, for loops.
+s_atan.c. Arguments are float64 scalars or arrays; the result has their shape. exp and log of a
+Python float take a tenth of the time of an array. The functions `..._of` a single float have the
+same bits. `elementary_kernels` has compiled versions for loops.
 """
 
 import functools
@@ -25,11 +26,11 @@ LOG10_2_HIGH, LOG10_2_LOW = 3.01029995663611771306e-01, 3.69423907715893078616e-
 LOG2_E = 1.44269504088896338700
 LOG2_10 = 3.32192809488736234787
 HALF_ROOT = 0.70710678118654752440
-# pi / 2 in three parts of 33 bits, and what is left of it
+# pi / 2 in three parts of 33 bits, and the remainder
 HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624871116645580e-21)
 HALF_PI_LEFT = 8.47842766036889956997e-32
 TWO_OVER_PI = 6.36619772367581382433e-01
-BLOCK = 4096  # values worked on at a time: some 32 KB an array
+BLOCK = 4096  # values computed at a time: some 32 KB an array
 MOST_ANGLE = 1e5  # rad; beyond it the reduction would lose digits
 TAN_PI_8 = 0.41421356237309504880
 PI_4_HIGH, PI_4_LOW = 7.85398163397448278999e-01, 3.06161699786838301793e-17
@@ -59,7 +60,7 @@ _ATAN = (
 
 
 def _in_blocks(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Let `function` work through long arrays in parts that stay in the processor's cache."""
+    """Make `function` process long arrays in blocks that fit the processor's cache."""
 
     @functools.wraps(function)
     def blocked(x: Any) -> Any:
@@ -149,8 +150,10 @@ def log10(x: Any) -> Any:
 
 
 def power(x: Any, exponent: Any) -> Any:
-    """Return `x` > 0 to the power `exponent`, and 0 for 0; its relative error grows by some 1e-16
-    with each e-fold of the result."""
+    """Return `x` > 0 to the power `exponent`, and 0 for 0.
+
+    The relative error grows by some 1e-16 with each e-fold of the result.
+    """
     if isinstance(x, float) and x > 0.0:
         return exp(exponent * log(x))
     positive = np.asarray(x) > 0.0
@@ -163,7 +166,7 @@ def hann(n: int) -> np.ndarray:
 
 
 def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the product of complex arrays; NumPy's own rounds once where it finds a fused one."""
+    """Return the product of complex arrays; NumPy fuses multiply and add on some processors."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape), np.complex128)
     out.real = a.real * b.real - a.imag * b.imag
     out.imag = a.real * b.imag + a.imag * b.real

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The functions of `elementary` for compiled loops: of one float64 at a time, with the same bits.
+"""The functions of `elementary` for compiled loops: one float64 at a time, with the same bits.
 
-LLVM takes exp, sin and others from the C library, whose bits differ between its versions. Nothing
-here is reassociated or fused, in a loop with `fastmath` neither.
+LLVM takes exp, sin and others from the C library, whose bits differ between versions. LLVM neither
+reassociates nor fuses operations of this module, even in a loop with `fastmath`.
 """
 
 import math

@@ -24,7 +24,7 @@ from eol_ros.errors import ConfigError
 
 NAMES = ('Monday', 'Tuesday', 'Wednesday', 'Thursday', 'Friday', 'Saturday', 'Sunday')
 HORIZON = datetime.timedelta(days=400)  # what does not change within that does not change
-YEARS = range(2000, 2200)  # of dates: days before and after each are looked at, too
+YEARS = range(2000, 2200)  # years of dates; the days before and after each date are checked, too
 CLOCK_SET_S = 1_767_225_600.0  # 2026: a clock that shows a time before has not been set
 SLEEP, WAKE = 'sleep', 'wake'
 _DAY = datetime.timedelta(days=1)

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a worker still works: from a count of the rounds that it has completed."""
+"""Detects a stalled worker by the count of the rounds that it has completed."""
 
 from dataclasses import dataclass
 
-STALLED_S = 3.0  # no round for so long: the status says so
-HUNG_S = 10.0  # no round for so long: no heartbeat any more
-PAUSE_S = 1.5  # of a longer pause between two looks, who looks was away for the rest
+STALLED_S = 3.0  # time without a round before the status is an error
+HUNG_S = 10.0  # time without a round before the heartbeat stops
+PAUSE_S = 1.5  # longest counted pause between two looks: the watcher did not run in the rest
 
 
 @dataclass
 class RoundWatch:
-    """For how long a worker has completed no round, in seconds.
+    """Measures the time since a worker last completed a round, in seconds.
 
-    Only time in which the watcher itself ran counts: a process that waits for a processor keeps
-    its workers waiting, too.
+    Only time in which the watcher itself ran counts: in a process that waits for a processor the
+    workers wait, too.
     """
 
     stalled_s: float = STALLED_S
@@ -23,17 +23,17 @@ class RoundWatch:
     _looked_s: float = float('-inf')
 
     def look(self, now_s: float, count: int | None) -> None:
-        """Take the count of rounds as it is now; None: nothing is due."""
+        """Record the present count of rounds; None: no work is due."""
         still = count is not None and count == self._count
         self.still_s = self.still_s + min(now_s - self._looked_s, PAUSE_S) if still else 0.0
         self._count, self._looked_s = count, now_s
 
     @property
     def stalled(self) -> bool:
-        """Whether no round was completed for `stalled_s`."""
+        """Whether the worker completed no round for `stalled_s`."""
         return self.still_s >= self.stalled_s
 
     @property
     def hung(self) -> bool:
-        """Whether no round was completed for `hung_s`."""
+        """Whether the worker completed no round for `hung_s`."""
         return self.still_s >= self.hung_s

@@ -7,8 +7,8 @@ Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Trans. Networking 7 (1999) 
 CRC-16 with polynomial 0x1021 and start value 0xFFFF (its value for b'123456789' is 0x29B1) over
 kind, sequence and body. All integers are little-endian. docs/serial.md says the same for people.
 
-This is version 2: blocks flash by themselves, and the bridge between them and the host keeps the
-limit of flashes. Version 1, whose white LEDs the host drove level by level, is no longer spoken.
+This is version 2: blocks flash by themselves, and the bridge between them and the host limits the
+flashes. Version 1, in which the host sent the level of each white LED, is no longer supported.
 """
 
 import binascii
@@ -23,7 +23,7 @@ MAX_BODY = 48
 MAX_PACKET = MAX_BODY + 4  # kind, sequence, body, crc
 MAX_ENCODED = MAX_PACKET + 1  # COBS adds one byte to fewer than 255
 ALL_BLOCKS = (1 << N_BLOCKS) - 1
-STRENGTH_UNIT = 0.01  # m/s^2 a count of the strength of a Knock on the wire
+STRENGTH_UNIT = 0.01  # m/s^2 for each count of the strength in a Knock
 BRIDGE = 255  # as the block of a BlockStatus
 BY_ITSELF, LIMITED = 1, 2  # flags of Lighting
 WOKE = 1  # flag of Knock
@@ -51,7 +51,7 @@ class Hello:
 
 @dataclass(frozen=True)
 class Levels:
-    """Emulated blocks to the twin: the level of each white LED. No board is sent it."""
+    """Level of each white LED, from emulated blocks to the twin. No board receives it."""
 
     KIND: ClassVar[int] = 0x02
     BODY: ClassVar[struct.Struct] = struct.Struct(f'<I{N_BLOCKS}s')

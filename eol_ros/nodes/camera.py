@@ -9,7 +9,7 @@ from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 
-DEVICE_S, DEVICE_HUNG_S = 15.0, 60.0  # a camera may take so long to open, or to give an image
+DEVICE_S, DEVICE_HUNG_S = 15.0, 60.0  # time limits to open a camera and to get an image
 LATE_IMAGES = 5  # periods
 
 

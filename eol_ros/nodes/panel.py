@@ -103,7 +103,7 @@ class PanelNode(EolNode):
         here = said(
             'panel', '{address}, viewers: {viewers}', address=self.server.address, viewers=viewers
         )
-        self.health.ok(clauses([here, trouble]))  # it does all its work; a restart forgets some
+        self.health.ok(clauses([here, trouble]))  # the panel works; a restart loses some
 
     def close(self) -> None:
         self.server.stop()

@@ -12,7 +12,7 @@ from eol_ros.ros.run import runner
 from eol_ros.streams.requests import Asked
 
 LOOK_S = 1.0
-NETWORK_S, NETWORK_HUNG_S = 30.0, 120.0  # a round of questions may take so long
+NETWORK_S, NETWORK_HUNG_S = 30.0, 120.0  # time limits for a round of queries
 HOURS_S = 10.0  # so long it is waited for what the node `hours` has to say
 
 

@@ -28,7 +28,7 @@ IMAGES, INFO, SAMPLES = 'camera/image_raw', 'camera/camera_info', 'sound_samples
 PREVIEW, MARKERS = 'camera/image_raw/compressed', 'markers'
 RHYTHM = (IMAGES, 'blocks', 'truth')  # topics with a message for every image
 READER_DEPTH = 600  # small messages of ten seconds: nobody waits for a recorder without a processor
-DISK_HUNG_S = 60.0  # a slow disk may keep a thread waiting for less
+DISK_HUNG_S = 60.0  # a thread may wait up to this for a slow disk
 EARLY = 1000  # messages kept until a replay tells its time
 DROPS_TOLD_S = 20.0  # after the last; the count stays in the values and in the bag
 

@@ -34,7 +34,7 @@ from eol_ros.streams.said import said
 READY_S = 1.0  # from the last reader found to the first message
 ACKNOWLEDGED_S = 2.0  # longest wait for readers to say that they have all
 LOOK_S = 0.02  # in pieces of this: rclpy keeps Python's lock while it waits
-DISK_S, DISK_HUNG_S = 5.0, 60.0  # a slow disk may take so long for a chunk of the bag
+DISK_S, DISK_HUNG_S = 5.0, 60.0  # time limits for a chunk of the bag on a slow disk
 FAST_DEPTH = 10  # messages given in one go where readers set the pace: well within their queues
 
 

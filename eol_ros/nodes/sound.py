@@ -33,7 +33,7 @@ COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
 FILTER = ('filter', 'filter_hz', 'filter_q', 'filter_by', 'filter_octaves')
 FADES = ('mute', 'unmute', 'sleep', 'wake')
 TEST_IN_S = 0.1
-DRIVER_S, DRIVER_HUNG_S = 10.0, 60.0  # a driver may take so long to open a card
+DRIVER_S, DRIVER_HUNG_S = 10.0, 60.0  # time limits for a driver to open a card
 
 
 class SoundNode(EolNode):
@@ -78,7 +78,7 @@ class SoundNode(EolNode):
             card_needed=s.card_needed,
             quiet=self.asleep or self.muted,
         )
-        # The last block that the callback of the card, or the thread of the file, has made.
+        # Latest block of the callback of the card or of the thread of the file.
         self.health.watches('sound output', lambda: int(self.mixer.state['frame'][0]))
         self.health.watches('sound watch', self.player.watching, DRIVER_S, DRIVER_HUNG_S)
         self.create_timer(1 / s.meter_hz, self.on_timer)

@@ -2,9 +2,9 @@
 """How a node says how it is: `/diagnostics` for every ROS tool, and a heartbeat for bringup.
 
 The same status goes both ways once a second: as a `DiagnosticStatus` (REP 107), and as one JSON
-line to the pipe inherited from bringup. It is written by the executor, so a node whose executor
-hangs falls silent, and that is how bringup notices. A worker thread that completes no round shows
-in the status within seconds; then the line says `hung`, and bringup takes it for silence.
+line to the pipe inherited from bringup. The executor writes it, so a node whose executor
+hangs falls silent, and bringup notices. The status reports a worker thread that completes no round
+within seconds. Later the line says `hung`, and bringup treats it as silence.
 """
 
 import json
@@ -63,9 +63,9 @@ class Health:
         self._last_tick_s = self._now_s()
 
     def expects(self, what: str, within_s: float = 2.0) -> None:
-        """Warn by itself whenever no tick has come for `within_s`: "no images for 3 s".
+        """Warn automatically when no tick has come for `within_s`: "no images for 3 s".
 
-        An empty `what` expects nothing any more.
+        An empty `what` ends the check.
         """
         self._expected = (what, within_s) if what else None
         self._last_tick_s = self._now_s()  # the silence counts from here
@@ -77,25 +77,25 @@ class Health:
         stalled_s: float = STALLED_S,
         hung_s: float = HUNG_S,
     ) -> None:
-        """Report by itself that `worker` stands still, where its count of `rounds` does.
+        """Report a stalled `worker` automatically, by its count of `rounds`.
 
-        `rounds` returns None while nothing is due. After `stalled_s` the status is an error, after
-        `hung_s` bringup is given no heartbeat: it starts the process again.
+        `rounds` returns None while no work is due. After `stalled_s` the status is an error. After
+        `hung_s` the heartbeat stops, and bringup restarts the process.
         """
         self._workers[worker] = rounds, RoundWatch(stalled_s, hung_s)
 
     def look_at_workers(self, now_s: float) -> None:
-        """Take the counts of all workers at `now_s` of the steady clock."""
+        """Record the counts of all workers at `now_s` of the steady clock."""
         for rounds, watch in self._workers.values():
             watch.look(now_s, rounds())
 
     @property
     def hung(self) -> bool:
-        """Whether a worker stands still for so long that the process must be started again."""
+        """Whether a worker has stalled so long that the process must be restarted."""
         return any(watch.hung for _, watch in self._workers.values())
 
     def _stalled(self) -> tuple[str, float]:
-        """Return the worker that has stood still for longest, and how long; ('', 0) if none."""
+        """Return the worker that has stalled longest, and how long; ('', 0) if none."""
         found = [
             (watch.still_s, name) for name, (_, watch) in self._workers.items() if watch.stalled
         ]

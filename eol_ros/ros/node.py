@@ -111,13 +111,13 @@ class EolNode(Node):
             self.subscribe(READY, lambda message: None)
 
     def pull_in_timers(self) -> None:
-        """Reset each timer whose next call is more than a period away; `run` does so all the time.
+        """Reset each timer whose next call is more than a period away; `run` calls this regularly.
 
-        rclpy's EventsExecutor looks at all timers with each one that is added or reset, and after
-        each call. Where the machine is busy several looks are queued, each queues a call of every
-        timer that is due, and each of these calls puts off that timer's next by a period. After six
-        heartbeats at once the next one would come six seconds later, when bringup has given the
-        node up: so it was with nodes of six timers whose start was held up.
+        rclpy's EventsExecutor checks all timers whenever one is added or reset, and after each
+        call. On a busy machine several checks are queued. Each queues a call of every due timer,
+        and each of these calls delays the timer's next call by a period. After six heartbeats
+        together the next would come six seconds later, when bringup has given the node up. This
+        happened to nodes with six timers whose start was delayed.
         """
         for timer in self.timers:
             if not timer.is_canceled() and timer.time_until_next_call() > timer.timer_period_ns:
@@ -137,10 +137,10 @@ class EolNode(Node):
 
     @staticmethod
     def resume(timer: Timer, wait_s: float | None = None) -> None:
-        """Start a cancelled timer again, with `wait_s` for its period where given.
+        """Restart a cancelled timer, with `wait_s` as its period if given.
 
-        One that runs is left alone: each reset calls every timer that is due once more, as
-        `pull_in_timers` says.
+        A running timer is left alone: each reset calls every due timer once more (see
+        `pull_in_timers`).
         """
         if timer.is_canceled():
             if wait_s is not None:
@@ -336,7 +336,7 @@ class EolNode(Node):
                 dynamic_typing=True,
                 **_ranges(field),
             )
-        # `declare_parameters` guesses the type of a value: of an empty list an array of bytes
+        # `declare_parameters` guesses the type of a value: an empty list becomes an array of bytes
         self._declare_parameter_common(
             parameters(dataclasses.asdict(masked(settings))), descriptors
         )
@@ -396,7 +396,7 @@ def _ranges(field: dataclasses.Field[Any]) -> dict[str, Any]:
     if low is None or high is None:
         return {}
     if field.type is float:
-        limits = FloatingPointRange(from_value=float(low), to_value=float(high))  # an int: garbage
+        limits = FloatingPointRange(from_value=float(low), to_value=float(high))  # int: garbage
         return {'floating_point_range': [limits]}
     if field.type is int:
         return {'integer_range': [IntegerRange(from_value=low, to_value=high)]}

@@ -61,8 +61,8 @@ def plain(value: Any) -> Any:
 
 
 def parameters(values: Mapping[str, Any]) -> list[Parameter]:
-    """Return values of settings, or of a request, as parameters; an empty list is one of texts."""
-    texts = Parameter.Type.STRING_ARRAY  # rclpy takes an empty list for an array of bytes
+    """Return settings, or values of a request, as parameters; an empty list is one of strings."""
+    texts = Parameter.Type.STRING_ARRAY  # rclpy makes an empty list an array of bytes
     return [
         Parameter(name, texts if value in ((), []) else None, plain(value))
         for name, value in values.items()

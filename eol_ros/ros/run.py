@@ -26,8 +26,8 @@ from eol_ros.ros.inherited import HEALTH_FD
 from eol_ros.ros.session import NO_LOG_FILES
 from eol_ros.streams.graph import IMAGE_SOURCES, NODES
 
-LOOK_S = 0.2  # how often to look for timers that were put off
-END_S = 5  # a process whose thread has failed closes its devices in this time, or is ended
+LOOK_S = 0.2  # period of the check for delayed timers
+END_S = 5  # time limit for a process with a failed thread to close its devices
 
 
 def runner(node_class: Any) -> Callable[..., int]:
@@ -91,7 +91,7 @@ def _explained(error: Exception) -> EolError:
 
 
 def _log() -> str:
-    """Return in words where the traceback of a fault is."""
+    """Return a text that says where the traceback of a fault is."""
     return f'in {state_path() / "eol.log"}' if HEALTH_FD in os.environ else 'above'
 
 

@@ -382,7 +382,7 @@ def encode(type_name: str, definition: str, values: Mapping[str, Any]) -> bytes:
 def stamp_ns(raw: bytes) -> int:
     """Return the stamp of a message that begins with a std_msgs/Header, in nanoseconds.
 
-    0, as of a message without a time, where it is too short to have one.
+    0, as for a message without a time, if it is too short for a stamp.
     """
     if len(raw) < HEADER + TIME.itemsize:
         return 0

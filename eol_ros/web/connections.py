@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shares of the connections: when all are taken, the address that holds most gives one up.
+"""Shares connections by address: when all are taken, the address that holds most loses one.
 
-An address that is alone may hold all of them. One connection that waits for a request is like
-another, whether it has sent half a header or is kept alive, so the oldest of these goes first.
+A single address may hold all of them. All connections that wait for a request count alike, with
+half a header or kept alive, so the oldest of these is dropped first.
 """
 
 import asyncio
@@ -13,11 +13,11 @@ from typing import Any
 
 from aiohttp import web
 
-WAITING, SERVING, VIEWING = range(3)  # for a whole request, a request, a WebSocket
+WAITING, SERVING, VIEWING = range(3)  # for a complete request, with a request, as a WebSocket
 
 
 def heaviest(addresses: Iterable[str], newcomer: str) -> str:
-    """Return the address that holds most once `newcomer` has one more; of equals the newcomer.
+    """Return the address that holds most when `newcomer` has one more; of equals the newcomer.
 
     >>> heaviest(['a', 'a', 'a', 'b'], 'b')
     'a'
@@ -33,7 +33,7 @@ def heaviest(addresses: Iterable[str], newcomer: str) -> str:
 
 
 class Connection(web.RequestHandler):
-    """One accepted connection, of an address, from before its TLS handshake to its end."""
+    """An accepted connection of an address, from before its TLS handshake to its end."""
 
     __slots__ = ('_held', 'accepting', 'address', 'since_s', 'state')
 
@@ -48,7 +48,7 @@ class Connection(web.RequestHandler):
         super().connection_lost(exc)
 
     def drop(self) -> None:
-        """Close it at once, whatever waits to be sent."""
+        """Close it immediately, without sending queued data."""
         if self.transport is not None:
             self.transport.abort()
         elif self.accepting is not None:
@@ -56,7 +56,7 @@ class Connection(web.RequestHandler):
 
     @contextmanager
     def serving(self) -> Iterator[None]:
-        """Count as one that is served."""
+        """Mark the connection as being served while the body runs."""
         self.state, self.since_s = SERVING, self._loop.time()
         try:
             yield
@@ -65,30 +65,30 @@ class Connection(web.RequestHandler):
 
 
 class Connections:
-    """The connections that are held, at most `most`."""
+    """The open connections, at most `most`."""
 
     def __init__(self, most: int):
         self.most = most
-        self._held: dict[Any, None] = {}  # as they came
+        self._held: dict[Any, None] = {}  # in order of arrival
 
     def __len__(self) -> int:
         return len(self._held)
 
     def add(self, one: Any) -> None:
-        """Hold one more, for which there is room."""
+        """Add a connection, for which there is room."""
         self._held[one] = None
 
     def discard(self, one: Any) -> None:
-        """Hold it no longer."""
+        """Remove a connection."""
         self._held.pop(one, None)
 
     def drop_all(self) -> None:
-        """Close all of them."""
+        """Close all connections."""
         for one in list(self._held):
             one.drop()
 
     def make_room(self, newcomer: str) -> bool:
-        """Return whether a connection of address `newcomer` can be held; drop another for it."""
+        """Return whether `newcomer` (an address) gets a connection; drop another one if needed."""
         if len(self) < self.most:
             return True
         address = heaviest((one.address for one in self._held), newcomer)
@@ -100,10 +100,10 @@ class Connections:
         return True
 
     def _victim(self, address: str, newcomer: str) -> Any:
-        """Return the connection to drop, None if the newcomer has to go."""
+        """Return the connection to drop, None to refuse the newcomer."""
         theirs = [one for one in self._held if one.address == address]
         waiting = [one for one in theirs if one.state == WAITING]
-        if not theirs:  # so many addresses that each holds one
+        if not theirs:  # every address holds one
             waiting = [one for one in self._held if one.state == WAITING]
         if waiting:
             return min(waiting, key=_since)

@@ -27,12 +27,12 @@ HEADERS = {
 }
 PRIVATE = ('image', 'sound')  # channels that show and let hear the people at the table
 FREE_TRIES = 3  # wrong PINs from an address before it has to wait
-LONGEST_WAIT_S = 86_400.0  # of an address that never gave the right PIN
+LONGEST_WAIT_S = 86_400.0  # for an address that never gave the right PIN
 LONGEST_KNOWN_WAIT_S = 900.0
-FORGOTTEN_S = 7 * 86_400.0  # wrong PINs of an address count this long
-MOST_GUESSERS = 256  # whose wrong PINs are counted one by one: all of a network of 24 bits
+FORGOTTEN_S = 7 * 86_400.0  # time for which wrong PINs of an address count
+MOST_GUESSERS = 256  # addresses counted one by one: all of a /24 network
 MOST_KNOWN = 256
-_OTHERS = ''  # under which all further addresses count
+_OTHERS = ''  # key of all further addresses
 
 
 def is_loopback(host: str) -> bool:
@@ -99,10 +99,10 @@ def same_origin(origin: str | None, host: str) -> bool:
 
 
 class PinGate:
-    """Asks for the PIN. An address waits longer after each wrong one: 2 s, 4 s ... a day.
+    """Checks the PIN. An address waits longer after each wrong one: 2 s, 4 s ... a day.
 
-    An address is an IPv4 address, or the network of 64 bits of an IPv6 address. Each waits for its
-    own wrong PINs alone. So many of them are counted one by one; further ones count as one address.
+    An address is an IPv4 address, or the 64-bit network of an IPv6 address. Each waits only for its
+    own wrong PINs. MOST_GUESSERS addresses are counted one by one; further addresses count as one.
     An address that has given the right PIN is known: it waits 15 min at most, and is always counted
     by itself.
     """
@@ -110,7 +110,7 @@ class PinGate:
     def __init__(self, pin: str):
         self._pin = pin
         self._wrong: dict[str, tuple[int, float]] = {}  # how many, and when the last
-        self._known: dict[str, None] = {}  # the last that gave the PIN is the last
+        self._known: dict[str, None] = {}  # in order of their last right PIN
 
     @property
     def needed(self) -> bool:
@@ -119,11 +119,11 @@ class PinGate:
 
     @property
     def known(self) -> list[str]:
-        """The addresses that have given the right PIN, to be kept over a restart."""
+        """Addresses that have given the right PIN, to be persisted over a restart."""
         return list(self._known)
 
     def remember(self, known: Any) -> None:
-        """Take up what was kept, as far as it makes sense."""
+        """Restore persisted addresses, as far as they are valid."""
         found = [a for a in known if isinstance(a, str)] if isinstance(known, list) else []
         self._known = dict.fromkeys(found[-MOST_KNOWN:])
 
@@ -157,7 +157,7 @@ class PinGate:
         return 'wrong'
 
     def _counted_as(self, address: str) -> str:
-        """Return under what the wrong PINs of an address are counted."""
+        """Return the key that counts the wrong PINs of an address."""
         key = network_of(address)
         alone = key in self._known or key in self._wrong or len(self._wrong) < MOST_GUESSERS
         return key if alone else _OTHERS

@@ -60,7 +60,7 @@ class Routes:
         self.skew_ms = 0.0
         self._flips: dict[str, tuple[int, float]] = {}
         self._sockets: set[web.WebSocketResponse] = set()
-        self._lines: dict[Viewer, Connection] = {}  # as they came
+        self._lines: dict[Viewer, Connection] = {}  # in order of arrival
         self._files = {
             path.relative_to(STATIC).as_posix(): _File(path)
             for path in sorted(STATIC.rglob('*'))
@@ -272,7 +272,7 @@ class Routes:
         return ws
 
     def _room_for_viewer(self, address: str) -> bool:
-        """Return whether one more may look on; if need be one of an address with more goes."""
+        """Return whether `address` gets a viewer; drop one of an address with more if needed."""
         if len(self.hub.viewers) < self.settings.viewers:
             return True
         self.say(f'too many viewers: {self.settings.viewers} are connected (panel.viewers)')
@@ -304,7 +304,7 @@ def _connection(request: web.Request) -> Connection:
 
 
 async def _body(request: web.Request) -> bytes:
-    """Return the body; raises ValueError where it is not compressed as its header says."""
+    """Return the body; raises ValueError if its compression is not that of its header."""
     try:
         return await request.read()
     except web.RequestPayloadError as error:

@@ -30,8 +30,8 @@ TICK_S = 1.0
 HANDSHAKE_S = 5.0  # of TLS: who takes longer is sent away
 CERTIFICATE_S = 60.0  # between looks at whether it has been renewed
 SPARE_CONNECTIONS = 128  # pages and images beside the viewers' sockets
-BACKLOG = 1024  # connections that the kernel keeps until they are accepted
-NO_FILES_S = 0.1  # pause where the system has no descriptor left
+BACKLOG = 1024  # connections that the kernel queues until they are accepted
+NO_FILES_S = 0.1  # pause if the system has no descriptors left
 # Versions are nobody's business; this counts also for what aiohttp refuses by itself.
 web_response.__dict__['SERVER_SOFTWARE'] = 'eol'
 
@@ -133,7 +133,7 @@ class WebServer:
             self._loop.run_until_complete(self._serve())
         except BaseException as error:
             self._failure = error
-            if self._ready.is_set():  # it has served: the process ends with it
+            if self._ready.is_set():  # it served before: the process must end
                 raise
             if not isinstance(error, EolError):
                 self.say(f'web server: {error!r}')
@@ -164,7 +164,7 @@ class WebServer:
         await asyncio.wait([stopping, *ticking], return_when=asyncio.FIRST_COMPLETED)
         for task in ticking:
             if task.done():
-                task.result()  # raises what has ended it
+                task.result()  # raises the exception that ended it
             task.cancel()
         await self.routes.close()
         await runner.cleanup()
@@ -172,7 +172,7 @@ class WebServer:
         await asyncio.sleep(0)
 
     async def _accept(self, server: Any, held: Connections) -> None:
-        """Accept connections, one in each round of the loop, so that others are served."""
+        """Accept connections, one in each round of the loop, so that others are served, too."""
         log = logger(self.say)
         while True:
             try:
@@ -197,7 +197,7 @@ class WebServer:
             await asyncio.sleep(0)
 
     async def _take(self, one: Connection, held: Connections, sock: socket.socket) -> None:
-        """Serve an accepted connection, after its TLS handshake where there is one."""
+        """Serve an accepted connection, after its TLS handshake if it has one."""
         try:
             await self._loop.connect_accepted_socket(
                 lambda: one, sock, ssl=self._tls,

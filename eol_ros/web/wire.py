@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 BLOCKS, TRUTH, IMAGE, METER, SOUND, LEDS = range(1, 7)
-LARGEST = 2**53  # whole numbers up to it are exact in a browser, too
+LARGEST = 2**53  # largest integer up to which all are exact in a browser
 _HEAD = struct.Struct('<B7sd')
 
 
@@ -85,10 +85,10 @@ def text(event: dict[str, Any]) -> str:
 
 
 def loads(data: bytes | str) -> Any:
-    """Return what JSON from outside says; whatever passes can be written as JSON again.
+    """Parse external JSON; the result can always be written as JSON again.
 
-    Raises ValueError, in one line, for what is not JSON in UTF-8, a number that is not finite, a
-    whole number beyond 2^53, half of a surrogate pair and nesting that is too deep.
+    Raises ValueError, in one line, for text that is not JSON in UTF-8, for numbers that are not
+    finite, integers beyond 2^53, lone surrogates and too deep nesting.
     """
     text = data.decode() if isinstance(data, bytes) else data
     try:

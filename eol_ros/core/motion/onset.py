@@ -99,13 +99,12 @@ def onsets(
 def _belief(
     t0: np.ndarray, times: np.ndarray, path: np.ndarray, noise2: np.ndarray, acceleration: float
 ) -> np.ndarray:
-    """Posterior (b, g) of the onset on the grid `t0` (b, g), the acceleration integrated out, not
-    normalised.
+    """Return the posterior (b, g) of the onset on the grid `t0` (b, g), not normalised.
 
-    Samples (n, b, 1) come first, so that sums over them are sums of rows.
-    With sums over the samples S.., the misfit at the best acceleration (Sps + prior A) / (Sss +
-    prior) is Spp - (Sps + prior A)^2 / (Sss + prior), but for a constant. Its normalisation, the
-    product of all variances and of the information, is divided by instead of taken as a logarithm.
+    The acceleration is integrated out. Samples (n, b, 1) come first, so that sums over them are
+    sums of rows. With sums over the samples S.., the misfit at the best acceleration (Sps +
+    prior A) / (Sss + prior) is Spp - (Sps + prior A)^2 / (Sss + prior), up to a constant. The
+    function divides by the product of all variances and the information, without a logarithm.
     """
     prior = 1.0 / (ACCELERATION_SPREAD * acceleration) ** 2
     since = np.maximum(times - t0, 0.0)

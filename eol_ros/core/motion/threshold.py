@@ -21,5 +21,5 @@ def exceedance(false_alarms_per_hour: float, tests_per_second: float) -> float:
 def threshold_sigmas(probability: float, freedom: np.ndarray) -> np.ndarray:
     """Return T / s, shape of `freedom`; `freedom` counts the degrees of freedom of s^2."""
     nu = np.maximum(freedom, 1.0)
-    # nu (p^(-2/nu) - 1); of 16 digits it keeps 11 where nu is a million.
+    # nu (p^(-2/nu) - 1), which keeps 11 of 16 digits if nu is a million.
     return np.sqrt(nu * (elementary.exp(-2.0 * elementary.log(probability) / nu) - 1.0))

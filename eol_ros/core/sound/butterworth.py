@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Butterworth filters as second-order sections, with the same bits on every machine.
 
-`scipy.signal.butter` has the same filters; its coefficients come from complex exponentials and
-tangents of NumPy, whose last bits follow the processor. Here: bilinear transform of the analogue
-prototype, frequencies prewarped (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.1).
+`scipy.signal.butter` designs the same filters, but with NumPy's complex exponentials and tangents,
+whose last bits depend on the processor. Here: bilinear transform of the analogue prototype with
+prewarped frequencies (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.1).
 """
 
 import math
@@ -14,14 +14,14 @@ from eol_ros.core import elementary
 
 
 def low_pass(corner_hz: float, rate: float) -> np.ndarray:
-    """Return a low-pass of first order, (1, 6): b0 b1 b2 a0 a1 a2."""
+    """Return a first-order low-pass, (1, 6): b0 b1 b2 a0 a1 a2."""
     k = _warped(corner_hz, rate)
     gain = k / (1.0 + k)
     return np.array([[gain, gain, 0.0, 1.0, (k - 1.0) / (k + 1.0), 0.0]])
 
 
 def high_pass(corner_hz: float, rate: float) -> np.ndarray:
-    """Return a high-pass of second order, (1, 6)."""
+    """Return a second-order high-pass, (1, 6)."""
     k = _warped(corner_hz, rate)
     a0 = 1.0 + math.sqrt(2.0) * k + k * k
     a1, a2 = 2.0 * (k * k - 1.0), 1.0 - math.sqrt(2.0) * k + k * k
@@ -29,7 +29,7 @@ def high_pass(corner_hz: float, rate: float) -> np.ndarray:
 
 
 def band_pass(low_hz: float, high_hz: float, rate: float) -> np.ndarray:
-    """Return a band-pass whose sides are of second order, (2, 6)."""
+    """Return a band-pass with second-order slopes, (2, 6)."""
     low, high = _warped(low_hz, rate), _warped(high_hz, rate)
     width, square = high - low, low * high
     # A pole p of the low-pass becomes the roots of s^2 - p width s + square.

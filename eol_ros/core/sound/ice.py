@@ -196,7 +196,7 @@ def _calving(random: np.random.Generator, rate: int, size: float) -> np.ndarray:
     out = np.zeros(round((before_s + fall_s + after_s) * rate))
     for at in before_s * (
         1 - elementary.power(0.03, np.arange(14) / 13)
-    ):  # as foreshocks do, Omori backwards
+    ):  # like foreshocks: Omori's law reversed in time
         few = np.minimum(random.exponential(0.04, 20), 0.3)
         hit = random.uniform(0.04, 0.15) * _shattered(random, rate, few, 0.3)
         _place(out, hit, at * rate)

@@ -7,8 +7,8 @@ import numpy as np
 
 from eol_ros.core import elementary
 
-SWEEPS = 30  # of Jacobi's rotations; ten descriptors take some seven
-TINY = 1e-15  # covariance that needs no rotation, as a share of the greatest variance
+SWEEPS = 30  # limit of Jacobi sweeps; ten descriptors take some seven
+TINY = 1e-15  # covariance without rotation, relative to the largest variance
 
 
 def ranked(values: np.ndarray) -> np.ndarray:
@@ -75,10 +75,10 @@ def pca(matrix: np.ndarray) -> np.ndarray:
 
 
 def _principal(centred: np.ndarray) -> np.ndarray:
-    """Return the eigenvectors of the covariance of (n, m), (m, m), that of most variance first.
+    """Return the eigenvectors (m, m) of the covariance of (n, m), by decreasing variance.
 
-    Jacobi's rotations (Golub and Van Loan, Matrix Computations, 8.5): LAPACK's last bits follow the
-    processor.
+    Jacobi rotations (Golub and Van Loan, Matrix Computations, 8.5): LAPACK's last bits depend on
+    the processor.
     """
     m = centred.shape[1]
     matrix = np.array([[(a * b).sum() for b in centred.T] for a in centred.T]).reshape(m, m)

@@ -107,7 +107,7 @@ def mel_bands(rate: int) -> np.ndarray:
 
 
 def _per_band(power: np.ndarray, bands: np.ndarray) -> np.ndarray:
-    """Return the power (frames, bins) of each of `bands` (MELS, bins), (frames, MELS)."""
+    """Return the power (frames, MELS) in each of `bands` (MELS, bins) of `power` (frames, bins)."""
     return np.stack([(power * weight).sum(axis=1) for weight in bands], axis=1)
 
 

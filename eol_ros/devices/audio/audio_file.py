@@ -13,7 +13,7 @@ from eol_ros.errors import ConfigError, DeviceMissing
 
 BLOCK = 1 << 20  # samples read at a time: a long file never needs all its channels in memory
 LAST = 1 << 12  # where a file breaks off, this many samples at most are lost before the break
-KAISER, BESSEL_TERMS = 5.0, 26  # scipy's own shape of the window; its series up to 1e-20
+KAISER, BESSEL_TERMS = 5.0, 26  # SciPy's default shape; terms of the series up to 1e-20
 SET_ADD_PEAK_CHUNK = 0x1050  # command of libsndfile
 SHORTEST_S = 0.01  # shorter than this is no sound to make grains of
 
@@ -67,15 +67,15 @@ def resample(samples: np.ndarray, rate_from: int, rate_to: int) -> np.ndarray:
 
 
 def _low_pass(period: int) -> np.ndarray:
-    """Return scipy's own filter of `resample_poly`, with the same bits on every machine.
+    """Return SciPy's default filter of `resample_poly`, with the same bits on every machine.
 
-    (20 period + 1,), of unit sum: sin(t) / t with a zero every `period`, under Kaiser's window.
+    (20 period + 1,), of unit sum: sin(t) / t with a zero every `period`, in a Kaiser window.
     """
     t = np.arange(-10 * period, 10 * period + 1) / period
     angle = np.pi * np.where(t == 0.0, 1.0, t)
     taps = np.where(t == 0.0, 1.0, elementary.sin(angle) / angle)
     quarter = 0.25 * KAISER * KAISER * np.maximum(1.0 - (t / 10.0) * (t / 10.0), 0.0)
-    bessel = term = np.ones(len(t))  # I0, by its power series
+    bessel = term = np.ones(len(t))  # power series of I0
     for k in range(1, BESSEL_TERMS):
         term = term * quarter / (k * k)
         bessel = bessel + term
@@ -84,7 +84,7 @@ def _low_pass(period: int) -> np.ndarray:
 
 
 def without_time(file: soundfile.SoundFile) -> soundfile.SoundFile:
-    """Return a file, just opened to write, that tells no time: libsndfile's PEAK chunk has one."""
+    """Turn off libsndfile's PEAK chunk, which has a time stamp, in a new file; return the file."""
     soundfile._snd.sf_command(file._file, SET_ADD_PEAK_CHUNK, soundfile._ffi.NULL, 0)
     return file
 

@@ -25,8 +25,8 @@ from eol_ros.errors import ConfigError
 BEHIND_S = 0.5  # further behind than this is not made up for: the samples in between are left out
 LOOKS = 10  # at both clocks at most, until there is no pause between them
 HEADER_S = 1.0  # how often the header is brought up to date
-RETRY_S = 10.0  # after a disk refused the file, until another is begun
-ROOM_BYTES = 64 << 20  # that the disk must have for that
+RETRY_S = 10.0  # time from a write error to the next file
+ROOM_BYTES = 64 << 20  # free space that the next file needs
 
 
 class WavSink:
@@ -44,7 +44,7 @@ class WavSink:
         if not turn(mixer.address, np.zeros((0, mixer.channels), np.float32), 0):
             raise ConfigError(STALE)
         self._file = _open(self.path, mixer) if self.path else None
-        self._again_s: float | None = None  # when to begin another, after a disk refused this one
+        self._again_s: float | None = None  # when to begin the next file after a write error
         self._stop = threading.Event()
         # One that is put aside while it has Python's lock holds up those who bring triggers.
         self._thread = carrier_thread('wav sink', self._run)
@@ -115,7 +115,7 @@ class WavSink:
             self._finish()
 
     def _reopen(self, now_s: float) -> None:
-        """Begin another file once the disk has room again; the limit is of all of them."""
+        """Begin another file once the disk has room again; the limit counts all files."""
         assert self._again_s is not None and self.path is not None
         if now_s < self._again_s:
             return

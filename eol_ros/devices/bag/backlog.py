@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What waits to be written. When it is full, images are dropped. Pure bookkeeping."""
+"""Queue of messages to be written, which drops images when it is full. Pure bookkeeping."""
 
 from collections import Counter, deque
 from typing import NamedTuple
@@ -18,12 +18,12 @@ class Waiting(NamedTuple):
 
 
 class Backlog:
-    """Messages, taken out in the order in which they came.
+    """Queue of messages in order of arrival.
 
-    An image (a message of topic `images`) is dropped where it would not fit into `limit` bytes.
-    Any other message drops the images that wait the longest, and is kept beyond `limit` when none
-    is left. Only a disk that does not answer fills `most` bytes with those; then they are dropped,
-    too. A dropped message leaves a `Dropped` in its place, and is counted in `dropped`.
+    An image (a message of topic `images`) is dropped if it does not fit into `limit` bytes. Any
+    other message drops the images that have waited longest, and is queued beyond `limit` when no
+    image is left. Only a disk that does not answer fills `most` bytes; then these messages are
+    dropped, too. A dropped message leaves a `Dropped` in its place, and `dropped` counts it.
     """
 
     def __init__(self, limit: int, images: str, most: int):
@@ -38,7 +38,7 @@ class Backlog:
         return len(self._pictures) + len(self._rest)
 
     def put(self, came_s: float, item: Item | Slipping) -> None:
-        """Add `item` if there is room for it."""
+        """Queue `item`, or a `Dropped` if there is no room."""
         self._order += 1
         entry = Waiting(self._order, came_s, item)
         if not isinstance(item, Item):

@@ -37,7 +37,7 @@ from eol_ros.devices.bag.disk import DISK, Disk
 from eol_ros.devices.bag.scan import CRC_KEY, MAGIC, pairs_crc
 
 LIBRARY = 'eol_ros 2'  # its metadata carry a checksum; its definitions are in the first chunk, too
-CHUNK_BYTES = 1 << 20  # what a killed writer, or a flipped bit, can lose at most
+CHUNK_BYTES = 1 << 20  # the most that a killed writer or a flipped bit can lose
 CHUNK_NS = 1_000_000_000  # the same in time
 BIG_BYTES = 1 << 16  # such messages, images, get a chunk each: who wants the rest skips them
 ZSTD_LEVEL = 1
@@ -207,7 +207,7 @@ class BagFile:
         self._disk.sync(self.file)
 
     def second_handle(self) -> BinaryIO:
-        """Flush, and return another handle of the file, which another thread can synchronise."""
+        """Flush, and return a second handle of the file, which another thread can sync."""
         self.flush()
         return open(os.dup(self.file.fileno()), 'ab')
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays a bag against a clock: rate, start, loop, pause. Bytes and stamps stay as recorded.
 
-Messages are played in the order in which they were received. Images and blocks, which carry the
-time of exposure, and taps, which carry that of the knock, are played when recorded time reaches
-that stamp; everything between them as long before or after an image as it was sent. So nothing of
-the delays of the recorded run is waited for once more, at a low rate several times as long.
+Messages are played in the order in which they were received. Images and blocks (stamped with the
+time of exposure) and taps (stamped with the time of the tap) are played when recorded time reaches
+their stamp. Messages between them keep their distance in time from an image. So a replay does not
+repeat the delays of the recorded run, which a low rate would make several times as long.
 """
 
 import threading
@@ -61,8 +61,8 @@ class BagPlayer:
 
     rate: recorded seconds per second of the clock; `fast` hands over as fast as `give` takes.
     `start_s` counts from the first message of the bag. `stamped` names the topics that are played
-    by their stamps and tell how late the run was, `taps` those that are played by their stamps
-    where the order allows it. `begin` is called before each round, once all have seen recorded time
+    by their stamps and give the delay of the run, `taps` those that are played by their stamps if
+    the order allows it. `begin` is called before each round, when all nodes have seen recorded time
     go back.
     Clock and sleep are arguments so that tests need not wait.
     """

@@ -746,7 +746,7 @@ def information(folder: Path) -> dict | None:
 
 
 def loads(text: str) -> dict:
-    """Return what the text of a `metadata.yaml` says; raises what YAML and a wrong text raise."""
+    """Parse the text of a `metadata.yaml`; raises the errors of YAML and of a wrong text."""
     found = yaml.safe_load(text)['rosbag2_bagfile_information']
     return {**found, 'relative_file_paths': [str(p) for p in found['relative_file_paths']]}
 

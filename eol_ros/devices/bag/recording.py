@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run on its way to the disk: bounded queue in, one writing thread, a bag folder out.
 
-The caller of `take` never waits, and writing does not wait for the disk to synchronise. When disk
-or processor is too slow the queue fills: images are stored uncompressed, then dropped and counted.
-All other messages are kept. When the disk is full or gone, recording pauses, says so, and begins a
-new bag when it can.
+The caller of `take` never waits, and the writing thread does not wait for a sync. When disk or
+processor are too slow the queue fills. Images are then stored uncompressed, and later dropped and
+counted; all other messages are kept. When the disk is full or gone, recording pauses, reports it,
+and begins a new bag when it can.
 What is deleted, if anything, `retention` says.
 """
 
@@ -47,7 +47,7 @@ RETRY_S = 3.0
 ROOM = 1.1  # of `min_free_gb`, before it goes on: else each image that goes makes a bag of its own
 BUDGET = '.pictures-of-today.json'  # beside the bags
 QUEUE_BYTES = 64 << 20  # above this, images are dropped
-MOST_BYTES = 256 << 20  # of other messages: half an hour of a rehearsal's, measured
+MOST_BYTES = 256 << 20  # above this, all are dropped: half an hour of a rehearsal, measured
 SLOW = 'disk or processor too slow'
 STUCK = 'the disk does not answer'
 CALM_BYTES = 4 << 20  # with more than this waiting, earlier bags are not cared for
@@ -99,12 +99,12 @@ class Recording:
         self._thinned = frozenset(thinned)
         self._gaps = Gaps()
         self._unwritten: Counter[str] = Counter()  # for which there was no disk
-        self._unstamped: Counter[str] = Counter()  # recorded as they came: too short for a stamp
+        self._unstamped: Counter[str] = Counter()  # too short for a stamp, recorded unchanged
         self._ring = AroundSlips(settings.before_s, settings.after_s)
         self._limiter = RateLimiter(settings.display_period_s)
         self._queue = Backlog(QUEUE_BYTES, images, MOST_BYTES)
         self._written = 0  # messages of bags already closed
-        self.rounds = Rounds()  # of the writing thread; one ends when its bytes are written
+        self.rounds = Rounds()  # of the writing thread; a round ends when its bytes are written
         self._ready = threading.Condition()
         self._closing = False
         self._stop, self._kept = threading.Event(), threading.Event()
@@ -199,7 +199,7 @@ class Recording:
         return self._budget_spent
 
     def housekeeping(self) -> int | None:
-        """Return the rounds that the care for earlier bags has completed; None: nothing is due."""
+        """Return the completed rounds of the care for earlier bags; None: no work is due."""
         return self._housekeeper.rounds() if self._threaded else None
 
     def gaps(self) -> dict[str, str]:
@@ -223,7 +223,7 @@ class Recording:
         try:
             self._write_all()
         finally:
-            with self._ready:  # empty but after a fault
+            with self._ready:  # empty except after a fault
                 while entry := self._queue.pop():
                     self._lose(entry)
             self._finish()
@@ -286,7 +286,7 @@ class Recording:
         return max(self._unsaved_s + every_s - self.sync_s, self._synced_s + every_s / 4)
 
     def _sync(self) -> None:
-        """Synchronise what was written, in a thread of its own: a disk may take seconds."""
+        """Sync the written data in a separate thread: a disk may take seconds."""
         if self._syncing is not None:
             self._end_sync()
             return
@@ -322,7 +322,7 @@ class Recording:
         self.sync_s = self._synced_s - begun_s
 
     def _end_sync(self) -> None:
-        """Wait for the end of a sync, if one runs; on a refusing disk go on without its bag."""
+        """Wait for a running sync to end; if the disk refuses, continue without its bag."""
         if self._syncing is None:
             return
         self._syncing.join()

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes whole again what a killed or unplugged recorder left: `*.mcap.part` becomes `*.mcap`.
+"""Repairs the files of a killed or unplugged recorder: `*.mcap.part` becomes `*.mcap`.
 
-The recorder does it in place: the data are proved from the start to where they end, and the index
-and the end that are missing are written behind them. So it needs next to no room on the disk and in
-memory, and may be stopped anywhere: how far it has come stands in a small file beside it. By hand
-it is done beside the file. A file of which nothing can be read is renamed, and never deleted.
+The recorder repairs in place: it verifies the data from start to end, and writes the missing index
+and end behind them. This needs almost no disk space and memory. It may be stopped anywhere, since a
+small file beside the bag file holds the progress. `eol bag recover` works on a copy. A file without
+readable messages is renamed, never deleted.
 """
 
 import contextlib
@@ -43,9 +43,9 @@ from eol_ros.devices.bag.writer import GAPS_METADATA, PART, RUN_METADATA, FileSu
 from eol_ros.errors import EolError
 
 STATE = '.repair'  # how far a repair has come
-BESIDE = '.recovering'  # a copy on its way to take the place of the file
-LOOK_RECORDS = 20  # the metadata of the run are among the first
-DAMAGED = '.damaged'  # what nothing could be saved of, or not all
+BESIDE = '.recovering'  # a copy that will replace the file
+LOOK_RECORDS = 20  # the metadata of the run are among the first records
+DAMAGED = '.damaged'  # an original of which something is lost
 SAVE_BYTES = 64 << 20  # so much is proved again, at most, after a repair was stopped
 BUSY_S = 0.25  # after this it is asked again whether the recording is busy
 SHARE = 0.25  # of the time a repair works at the side of a recording; then it rests
@@ -62,9 +62,9 @@ class Stopped(Exception):
 
 @dataclass(frozen=True)
 class Repaired:
-    """What became of one left-over file; `file` is None when nothing in it could be read.
+    """Result for one left-over file; `file` is None if nothing in it could be read.
 
-    `aside` is where the original is, if it was not replaced by what was made of it.
+    `aside` is the path of the original, if the repaired file did not replace it.
     """
 
     part: Path
@@ -131,11 +131,10 @@ def repair(
 ) -> Repaired:
     """Write the index and the end that a file lacks, and bring `metadata.yaml` up to date.
 
-    A file without a single readable message is renamed to NAME.damaged, unchanged. `beside` works
-    on a copy, which takes the place of the file when all of it has been read back; a file that was
-    damaged is then renamed, too. Beside a file that lies in no folder of a bag no `metadata.yaml`
-    is written. Raises OSError, NoRoom, BlockingIOError where somebody writes it, and what `breathe`
-    raises.
+    A file without a readable message is renamed to NAME.damaged, unchanged. `beside` works on a
+    copy, which replaces the file when all of it has been read back; a damaged original is then
+    renamed, too. A file outside a bag folder gets no `metadata.yaml`. Raises OSError, NoRoom,
+    BlockingIOError if another process writes the file, and the errors of `breathe`.
     """
     target = path.with_name(path.name.removesuffix(PART))
     state = target.with_name(target.name + STATE)
@@ -183,7 +182,7 @@ def _recovered(
     breathe: Callable[[], None],
     min_free_gb: float,
 ) -> int:
-    """Make a whole file `work` of what is in `path`; return its messages, all read back."""
+    """Write the messages of `path` to a complete file `work`; return how many, all read back."""
     size, free = path.stat().st_size, shutil.disk_usage(path.parent).free
     if free - size < min_free_gb * GB:
         raise NoRoom(
@@ -217,8 +216,8 @@ def _make_whole(
     path: Path,
     min_free_gb: float,
 ) -> int:
-    """Mark what is damaged in `work`, write its index and its end; return how many messages."""
-    # no buffer: it is read again when changed
+    """Mark damage in `work`, write its index and end; return the number of messages."""
+    # unbuffered: it is read again after changes
     with open(work, 'r+b') as out, open(work, 'rb', buffering=0) as file:
         if not _begins(file):
             _begin(file, out, progress)
@@ -249,7 +248,7 @@ def _readable(file: BinaryIO) -> bool:
 
 
 def _begin(file: BinaryIO, out: BinaryIO, progress: _Progress) -> None:
-    """Write the beginning that a file has lost, up to its first record that proves itself."""
+    """Write the lost beginning of a file, up to its first verified record."""
     size = scan.size_of(file)
     at = scan.anchor(file, 0, size)
     if at is None:
@@ -258,7 +257,7 @@ def _begin(file: BinaryIO, out: BinaryIO, progress: _Progress) -> None:
     ours = any(isinstance(body, Metadata) and scan.CRC_KEY in body.metadata for body in found)
     head = MAGIC + packed(Header('ros2', LIBRARY if ours else ''))
     rest = at - len(head) - scan.HEAD.size
-    if rest < 0:  # not even the definitions are lost that come before a first chunk
+    if rest < 0:  # the definitions before a first chunk are not lost
         return
     _overwrite(out, 0, head + scan.HEAD.pack(scan.BLANK, rest))
     progress.damage.append(f'bytes 0 to {at}: the beginning is lost')
@@ -286,7 +285,7 @@ def rewrite_metadata(folder: Path) -> None:
 
 
 def metadata_of(folder: Path) -> str:
-    """Return the text of `metadata.yaml` as it follows from the complete files of a bag folder."""
+    """Return the text of `metadata.yaml` for the complete files of a bag folder."""
     bags = [BagFileReader(p, with_places=False) for p in sorted(folder.glob('*.mcap'))]
     topics, custom, files = {}, {}, []
     for bag in sorted(bags, key=lambda b: b.start_ns):

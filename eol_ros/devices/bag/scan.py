@@ -287,7 +287,7 @@ def walk(file: BinaryIO, start: int, end: int, ours: bool = False) -> Iterator[F
 
 
 def definitions_behind(file: BinaryIO, at: int, end: int) -> Iterator[Schema | Channel]:
-    """Yield the schemas and channels in the summary, where the data section ends at `at`."""
+    """Yield the schemas and channels in the summary of a file whose data section ends at `at`."""
     found = record_at(file, at, end)
     while not found.why and (found.opcode == Opcode.DATA_END or found.body is not None):
         if isinstance(found.body, (Schema, Channel)):

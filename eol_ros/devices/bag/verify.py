@@ -40,9 +40,9 @@ def verify(
 
 
 def metadata_faults(bag: BagReader) -> list[str]:
-    """Return what `metadata.yaml` says otherwise than the files, one line each.
+    """Return the differences between `metadata.yaml` and the files, one line each.
 
-    Of bags by other programs only the number of messages is compared.
+    For bags of other programs only the number of messages is compared.
     """
     if not bag.path.is_dir():
         return []
@@ -60,7 +60,7 @@ def metadata_faults(bag: BagReader) -> list[str]:
 
 
 def _by_name(value: Any) -> Any:
-    """Return a value of `metadata.yaml` as it is compared: topics in any order."""
+    """Return a value of `metadata.yaml` for comparison: the order of topics does not matter."""
     if isinstance(value, list) and all(isinstance(row, dict) for row in value):
         return sorted(map(repr, value))
     return value

@@ -177,7 +177,7 @@ class BagWriter:
             self._file.sync()
 
     def second_handle(self) -> BinaryIO | None:
-        """Flush, and return another handle of the file in the making; None where there is none."""
+        """Flush, and return a second handle of the unfinished file; None if there is none."""
         return self._file.second_handle() if self._file else None
 
     def close(self) -> None:

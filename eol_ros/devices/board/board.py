@@ -108,7 +108,7 @@ class Board:
         self._thread.start()
 
     def close(self) -> None:
-        """Close the port; blocks light themselves on."""
+        """Close the port; blocks continue to light themselves."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(timeout=2.0)
@@ -119,7 +119,7 @@ class Board:
         return self.state.kind == 'ready'
 
     def light(self, mask: int, stamp_us: int) -> int | None:
-        """Let the blocks of `mask` flash for the image's stamp in us (low 32 bits).
+        """Make the blocks of `mask` flash, for an image with this stamp in us (low 32 bits).
 
         Returns the number of the packet, or None when it could not be sent now.
         """
@@ -133,12 +133,12 @@ class Board:
                 self._send(message)
 
     def self_test(self, block: int) -> int | None:
-        """Let a block test itself; `tests` then has it. Returns as `light` does."""
+        """Make a block test itself; `tests` then has the result. Returns like `light`."""
         self.tests.pop(block, None)
         return self._send(protocol.SelfTest(block)) if self.ready else None
 
     def infrared(self, on: bool | int) -> int | None:
-        """Switch the infrared LEDs: all, none, or a bit per block; returns as `light` does."""
+        """Switch the infrared LEDs: all, none, or a bit per block. Returns like `light`."""
         self._infrared = protocol.ALL_BLOCKS * int(on) if isinstance(on, bool) else on
         return self._send(protocol.Infrared(self._infrared)) if self.ready else None
 

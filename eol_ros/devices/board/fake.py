@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A board made of software: it speaks the protocol of docs/serial.md, over a pty as a rule.
 
-It is the bridge, with blocks that flash by themselves.
+It emulates the bridge, with blocks that flash by themselves.
 The twin's rehearsal runs on it, and the tests. It keeps its own clock, which neither agrees with
 the host's nor runs at quite its rate, and it can be told to misbehave.
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The light of the blocks: what they flash by themselves, and what the host adds to it.
 
-Blocks light themselves, the host names those whose slip only the camera saw, and the board keeps
-the limit of flashes, so that a restart of the host breaks none. The levels kept here are the same
-once more, for viewers and for bags.
+Blocks light themselves, the host names those whose slip only the camera saw, and the board limits
+the flashes, so that a restart of the host does not break the limit. The levels here are a copy of
+this light, for viewers and bags.
 
 Levels are a function of the slips' stamps (core/light/frames.py), so that a replay shows the same
 light again. But behind a replay a real board is in front of real eyes, while recorded time may run
@@ -27,7 +27,7 @@ from eol_ros.errors import ConfigError
 from eol_ros.settings import LedsSettings
 from eol_ros.streams.graph import NAMESPACE
 
-TOLD_NS = 80_000_000  # frames wait so long for the knocks and slips before them
+TOLD_NS = 80_000_000  # frames wait this long for earlier taps and slips
 PLAYED_NS = 400_000_000  # in a replay, which is as late as the recorder was
 MOST_TAPS = 256  # between two looks at them
 LOW_MV = 3000  # of a lithium cell, whose protection lets go soon after
@@ -38,8 +38,8 @@ FOREIGN_NS = 1_000_000_000  # a stamp so old, or of the future, is of another cl
 class Sent(NamedTuple):
     """Levels that went out: the number of the packet, infrared, cause and time of writing.
 
-    `stamp_ns` is that of the image with the slip, or of the knock, 0 for what fades. What blocks
-    and board do by themselves names the last packet, and the time at which it shone.
+    `stamp_ns` is the stamp of the image with the slip, or of the tap, 0 while light fades. Light
+    that blocks and board make themselves has the number of the last packet and its own time.
     """
 
     sequence: int
@@ -207,7 +207,7 @@ class Lights:
 
     @property
     def by_themselves(self) -> bool:
-        """Whether the knocks that come are those of the blocks, which light themselves."""
+        """Whether incoming taps are those of blocks that light themselves."""
         return self._played is None
 
     def slip(self, block: int, stamp_ns: int, onset_ns: int) -> list[Sent]:

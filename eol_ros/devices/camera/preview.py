@@ -44,7 +44,7 @@ class Preview:
 
     def close(self) -> None:
         """End the thread."""
-        with contextlib.suppress(queue.Full):  # it stands still, or is gone
+        with contextlib.suppress(queue.Full):  # the thread has stalled or ended
             self._waiting.put(None, timeout=1.0)
         self._thread.join(timeout=2.0)
 

@@ -22,7 +22,7 @@ from eol_ros.settings import MAP_AXES, MORE_DESCRIPTORS, PROJECTIONS, GrainsSett
 
 VERSION = 1  # of the JSON
 ICE_RECIPE = 2  # counts up whenever the same seed gives another ice recording
-ANALYSIS = 3  # counts up whenever the same sound gives other grains or descriptors
+ANALYSIS = 3  # increased whenever the same sound gives other grains or descriptors
 SOUNDS = {'.wav', '.flac', '.ogg', '.oga', '.opus', '.aif', '.aiff', '.mp3', '.caf', '.au', '.w64'}
 _MADE = 'the .json that `eol corpus SOUND --output` writes'
 DIGITS = 9  # significant, in JSON and CSV

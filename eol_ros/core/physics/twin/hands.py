@@ -193,7 +193,7 @@ class Visitors:
 
     def _circle(self, begin_s: float, pose: np.ndarray) -> list[Reach]:
         target = _gently(pose * (0.6, 0.6, 0.5))
-        heading = elementary.arctan2(pose[1], pose[0])  # it leads back over the middle
+        heading = elementary.arctan2(pose[1], pose[0])  # the way back crosses the middle
         radius = self._random.uniform(0.04, 0.08)
         return [self._reach(begin_s, target - pose, CIRCLE_MPS, radius, heading)]
 
