@@ -213,10 +213,17 @@ class _Reader:
             there = other.is_file()
         except (OSError, ValueError):  # no name of a file at all
             there = False
+        if not there and place.value in shipped():
+            other, there = shipped()[place.value], True
         if there and other.resolve() in seen:
             self.wrong(place, 'include', f'{place.value} includes itself')
         elif not there:
-            self.wrong(place, 'include', f'{place.value}: no such file beside {path.name}')
+            self.wrong(
+                place,
+                'include',
+                f'{place.value}: no such file beside {path.name}, and no'
+                f' shipped scene ({", ".join(shipped())})',
+            )
         else:
             _merge(top, self.read(other, seen))
 

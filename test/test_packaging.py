@@ -141,7 +141,7 @@ def pip(folder, environment, cwd, *words):
 @pytest.fixture(scope='module')
 def science(clone, outside, tmp_path_factory):
     """A new environment, filled by the line of the README's section on analysis."""
-    section = (clone / 'README.md').read_text().partition('## Reading a bag without ROS')[2]
+    section = (clone / 'README.md').read_text().partition('## Read a bag without ROS')[2]
     what = re.search(r"pip install '(\.\[science\])'", section.partition('\n## ')[0]).group(1)
     folder = tmp_path_factory.mktemp('science')
     run(sys.executable, '-m', 'venv', '--without-pip', folder, environment=outside)
@@ -173,7 +173,7 @@ def bag(tmp_path_factory):
 
 
 def test_the_snippet_of_the_readme_runs_without_ros(science, outside, bag, tmp_path):
-    section = (ROOT / 'README.md').read_text().partition('## Reading a bag without ROS')[2]
+    section = (ROOT / 'README.md').read_text().partition('## Read a bag without ROS')[2]
     script = re.search(r'```python\n(.*?)```', section, re.S).group(1)
     script = re.sub(r"open_bag\('[^']*'\)", f'open_bag({str(bag)!r})', script)
     script += 'import importlib.util\nassert not importlib.util.find_spec("rclpy")\n'

@@ -213,6 +213,14 @@ def test_include_is_merged_below(tmp_path):
     assert 'base.yaml' in scene.text and 'seed: 7' in scene.text  # a bag gets the whole of it
 
 
+def test_a_shipped_scene_is_included_by_its_name(tmp_path):
+    scene = scenes.load(write(tmp_path, 'include: rehearsal\nnodes: {twin: {fps: 90}}'))
+
+    assert scene.nodes['twin'].fps == 90
+    assert scene.nodes.keys() == scenes.load('rehearsal').nodes.keys()
+    assert 'rehearsal' in mistakes(write(tmp_path, 'include: reharsal'))[0][3]
+
+
 def test_mistake_in_an_include_is_named_there(tmp_path):
     base = write(tmp_path, 'nodes:\n  twin: {fps: -3}', 'base.yaml')
     path = write(tmp_path, 'include: base.yaml')
