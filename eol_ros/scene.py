@@ -118,10 +118,10 @@ def mistake(scene: Scene, where: str, error: EolError) -> Mistake:
 
 
 class SceneError(ConfigError):
-    """All mistakes of a scene, and the secrets in its files."""
+    """All mistakes of a scene; the scene without the wrong values, if its files could be read."""
 
-    def __init__(self, mistakes: list[Mistake], hidden: tuple[str, ...] = ()):
-        self.mistakes, self.hidden = sorted(mistakes), hidden
+    def __init__(self, mistakes: list[Mistake], scene: Scene | None = None):
+        self.mistakes, self.scene = sorted(mistakes), scene
         count = len(mistakes)
         lines = [str(m) for m in self.mistakes]
         lines.append(f'{count} error{"s" if count > 1 else ""}. Nothing was started.')
@@ -508,9 +508,7 @@ def load(name: str | Path) -> Scene:
     place = values.get('notify')
     notify = reader.settings('notify', NotifySettings, place) if place else None
     hidden = tuple({s for _, text in reader.texts for s in text.secrets() if s})
-    if reader.mistakes:
-        raise SceneError(reader.mistakes, hidden)
-    return Scene(
+    scene = Scene(
         str(title.value) if title else path.stem,
         nodes,
         network,
@@ -526,6 +524,9 @@ def load(name: str | Path) -> Scene:
         reader.places,
         hidden,
     )
+    if reader.mistakes:
+        raise SceneError(reader.mistakes, scene)
+    return scene
 
 
 def check_namespace(text: str) -> str:

@@ -49,7 +49,7 @@ def run(args):
     try:
         hide = functools.partial(scenes.without_secrets, scenes.load(path))
     except scenes.SceneError as error:
-        hide = functools.partial(without, secrets=error.hidden)
+        hide = functools.partial(without, secrets=error.scene.hidden if error.scene else ())
         print(f'eol bundle: {path} has mistakes; check.txt will list them', file=sys.stderr)
     folders.check_writable(args.output, '--output')
     parts: dict[str, Callable[[], str]] = {

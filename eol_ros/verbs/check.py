@@ -6,9 +6,9 @@ import dataclasses
 import datetime
 import functools
 import json
-import os
 import shutil
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -47,10 +47,7 @@ def add_arguments(parser):
 def run(args):
     """Print what would run, or raise with all mistakes."""
     try:
-        scene = scenes.load(args.scene)
-        mistakes = _refused(scene, _settings(scene))
-        if mistakes:
-            raise scenes.SceneError(mistakes)
+        scene = _checked(args.scene)
     except ConfigError as error:
         if not args.json:
             raise
@@ -86,6 +83,25 @@ def run(args):
     also = f', {count} warning{"s" if count > 1 else ""}' if count else ''
     print(f'no mistakes{also}', file=sys.stderr)
     return 0
+
+
+def _checked(name: str) -> Scene:
+    """Return the scene; raise SceneError with the mistakes of its files and of its settings."""
+    wrong: list[Mistake] = []
+    try:
+        scene = scenes.load(name)
+    except scenes.SceneError as error:
+        if error.scene is None:
+            raise
+        scene, wrong = error.scene, error.mistakes
+    # a default replaces each wrong value: what depends on one of these is not checked
+    values = [m.where.partition('.')[2] or m.where for m in wrong]
+    for found in _refused(scene, _settings(scene)):
+        if not any(v and v in f'{found.where} {found.what}' for v in values):
+            wrong.append(found)
+    if wrong:
+        raise scenes.SceneError(wrong)
+    return scene
 
 
 def _mistakes(error: ConfigError, name: str) -> list[Mistake]:
@@ -283,8 +299,13 @@ _NODES: dict[str, Callable[[Any], Iterator[Check]]] = {
 def _writable(folder: Path) -> None:
     """Raise EolError unless `folder` can be written, or made."""
     there = folders.nearest(folder)
-    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
-        raise EolError(f'nothing can be written in {there}; name another folder')
+    try:  # the rights alone do not tell: root has all of them, also where nothing can be made
+        with tempfile.TemporaryDirectory(dir=there):
+            pass
+    except OSError as error:
+        raise EolError(
+            f'nothing can be written in {there} ({error.strerror}); name another folder'
+        ) from None
 
 
 def _same_size(path: str, name: str, settings: Any) -> None:

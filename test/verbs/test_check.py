@@ -125,6 +125,28 @@ def test_all_that_nodes_would_refuse_is_told_at_once(check, tmp_path):
     assert lines[-1] == '10 errors. Nothing was started.'
 
 
+def test_a_wrong_value_hides_no_other_mistake(check):
+    """What depends on the wrong value is not told: nobody knows what it was to be."""
+    code, _, words = check(
+        "  grains: {match: ['flatness 2 q'], sound: ice.wav}\n"
+        '  twin: {mu_static: high, mu_kinetic: 1.2}\n'
+        '  panel: {host: 0.0.0.0}\n'
+        '  recorder: {folder: /proc/bags}\n'
+    )
+
+    assert code == 78
+    for what in (
+        'publishes: add',
+        'grains.match: ',
+        'grains.sound: ',
+        'twin.mu_static: ',
+        'panel.pin',
+        '/proc',
+    ):
+        assert what in words
+    assert words.splitlines()[-1] == '6 errors. Nothing was started.'
+
+
 def test_programs_get_the_mistakes_as_json(check):
     code, out, _ = check('  panel: {host: 0.0.0.0}\n', '--json')
 
