@@ -51,212 +51,350 @@ def setting(
 
 @dataclass(frozen=True)
 class TwinSettings:
-    fps: float = setting(60.0, 'images a second', 'Hz', 1, 240)
+    fps: float = setting(60.0, 'image rate of the virtual camera', 'Hz', 1, 240)
     width: int = setting(1280, 'image width', 'px', 320, 4096)
     height: int = setting(800, 'image height', 'px', 200, 4096)
-    exposure_us: int = setting(3000, 'of the virtual camera; motion blurs over it', 'us', 50, 16000)
+    exposure_us: int = setting(
+        3000, 'exposure time of the virtual camera, over which motion is blurred', 'us', 50, 16000
+    )
     noise: str = setting(
-        'L2', 'noise of the virtual camera', choices=('none', 'L0', 'L1', 'L2', 'L3', 'L4')
+        'L2', 'noise level of the virtual camera', choices=('none', 'L0', 'L1', 'L2', 'L3', 'L4')
     )
     clutter: str = setting(
         'clean',
-        'arms, reflections and dirt in view',
+        'amount of arms, reflections and dirt in the image',
         choices=('clean', 'ordinary', 'hard', 'brutal'),
     )
     hands: str = setting(
-        'visitors', 'who moves the rim while no person does: simulated visitors, who let go for'
-        ' 20 s when a person touches it, or nobody', choices=('visitors', 'nobody'), live=True,
-    )  # fmt: skip
-    stiffness: float = setting(70.0, 'of a spring; a choice, docs/science.md', 'N/m', 5, 2000)
+        'visitors',
+        'source of the motion of the rim: simulated visitors, who let go for 20 s when a '
+        'person moves it, or nobody',
+        choices=('visitors', 'nobody'),
+        live=True,
+    )
+    stiffness: float = setting(
+        70.0, 'spring stiffness (docs/science.md says how the default was chosen)', 'N/m', 5, 2000
+    )
     stiffness_error: float = setting(
-        0.0, 'standard error of stiffness, by `eol measure springs`; 0: not measured', 'N/m', 0,
+        0.0,
+        'standard error of stiffness, as printed by `eol measure springs`; 0: not measured',
+        'N/m',
+        0,
         2000,
-    )  # fmt: skip
+    )
     spring_natural_m: float = setting(
-        0.06, 'length of a spring that nothing pulls; built in it is 0.09 m', 'm', 0.01, 0.088
+        0.06, 'unloaded length of a spring, which is 0.09 m long when mounted', 'm', 0.01, 0.088
     )
     block_kg: float = setting(0.25, 'mass of a block with its cover', 'kg', 0.05, 2)
     mu_static: float = setting(
-        0.9, 'static friction of a block on the grit, mean of the 25; they differ by up to 15 %',
-        '', 0, 2,
-    )  # fmt: skip
-    mu_kinetic: float = setting(0.6, 'the same while it slides; not above mu_static', '', 0, 2)
+        0.9,
+        'mean static friction coefficient of the blocks, which differ by up to 15 %',
+        '',
+        0,
+        2,
+    )
+    mu_kinetic: float = setting(
+        0.6, 'mean kinetic friction coefficient of the blocks; at most mu_static', '', 0, 2
+    )
     mu_static_error: float = setting(
-        0.0, 'standard error of mu_static, by `eol measure friction`; 0: not measured', '', 0, 2
-    )  # fmt: skip
-    mu_kinetic_error: float = setting(0.0, 'the same of mu_kinetic', '', 0, 2)
-    rotate: bool = setting(True, 'springs rotate the blocks, at whose edges they pull')
+        0.0,
+        'standard error of mu_static, as printed by `eol measure friction`; 0: not measured',
+        '',
+        0,
+        2,
+    )
+    mu_kinetic_error: float = setting(
+        0.0,
+        'standard error of mu_kinetic, as printed by `eol measure friction`; 0: not measured',
+        '',
+        0,
+        2,
+    )
+    rotate: bool = setting(
+        True, 'simulate the rotation of the blocks by springs that pull at their edges'
+    )
     calibration: str = setting(
-        '', 'calibration file of the camera to simulate: place, lens, heights of the covers;'
-        ' empty: an ideal camera above flat covers', path=True,
-    )  # fmt: skip
-    mirror: bool = setting(False, 'the virtual camera sees the table in a mirror')
+        '',
+        'calibration file of the camera to simulate: pose, lens and cover heights; empty: an '
+        'ideal camera above flat covers',
+        path=True,
+    )
+    mirror: bool = setting(False, 'simulate a camera that sees the table in a mirror')
     seed: int = setting(
-        1, 'of the hands, the friction of each block, the image noise and the accelerometers', '', 0
+        1, 'random seed of hands, friction of the blocks, image noise and accelerometers', '', 0
     )
     accelerometer: bool = setting(
-        True, 'each block has an accelerometer and reports knocks; the part is an LIS3DH in normal'
-        ' mode, figures from its data sheet, ST DocID17530 rev 2'
-    )  # fmt: skip
+        True,
+        'simulate the accelerometers in the blocks (LIS3DH in normal mode, data sheet ST '
+        'DocID17530 rev 2), which report taps',
+    )
     accelerometer_hz: float = setting(
-        1344.0, 'samples a second of an accelerometer; LIS3DH, table 31', 'Hz', 1000, 5400
+        1344.0, 'sample rate of an accelerometer (LIS3DH, table 31)', 'Hz', 1000, 5400
     )
     accelerometer_noise_ug: float = setting(
-        220.0, 'its noise density; LIS3DH, table 4', 'ug/sqrt(Hz)', 0, 10_000
+        220.0, 'noise density of an accelerometer (LIS3DH, table 4)', 'ug/sqrt(Hz)', 0, 10_000
     )
     accelerometer_offset_mg: float = setting(
-        40.0, 'standard deviation of its zero-g level; LIS3DH, table 4', 'mg', 0, 500
+        40.0,
+        'standard deviation of the zero-g level of the accelerometers (LIS3DH, table 4)',
+        'mg',
+        0,
+        500,
     )
     accelerometer_clock: float = setting(
         0.02,
-        'standard deviation of the rate of its clock; no data sheet says it, a guess',
+        'relative standard deviation of the clock rates of the accelerometers (a guess: no '
+        'data sheet states it)',
         '',
         0,
         0.2,
     )
     accelerometer_wake_hz: float = setting(
-        100.0, 'samples a second while a block sleeps; LIS3DH, table 31', 'Hz', 10, 400
+        100.0,
+        'sample rate of an accelerometer while its block sleeps (LIS3DH, table 31)',
+        'Hz',
+        10,
+        400,
     )
     accelerometer_wake_mg: float = setting(
-        32.0, 'what wakes a block, in steps of 16 mg; LIS3DH, INT1_THS at 2 g', 'mg', 16, 500
+        32.0,
+        'acceleration that wakes a block, in steps of 16 mg (LIS3DH, INT1_THS at 2 g)',
+        'mg',
+        16,
+        500,
     )
     platform_kg: float = setting(
-        40.0, 'mass of the platform, through which blocks feel each other; 140 x 140 x 3 cm of'
-        ' plywood', 'kg', 5, 1000,
-    )  # fmt: skip
-    platform_hz: float = setting(60.0, 'how it rings; a guess', 'Hz', 10, 400)
+        40.0,
+        'mass of the platform, which transmits vibrations between blocks (140 x 140 x 3 cm of '
+        'plywood)',
+        'kg',
+        5,
+        1000,
+    )
+    platform_hz: float = setting(
+        60.0, 'resonance frequency of the platform (a guess)', 'Hz', 10, 400
+    )
     grit_hz: float = setting(
-        250.0, 'how a block rings on its grit when it has stopped; a guess', 'Hz', 50, 600
+        250.0,
+        'frequency at which a block rings on the grit when it has stopped (a guess)',
+        'Hz',
+        50,
+        600,
     )
     rub_mg: float = setting(
-        20.0, 'noise of grit under a block that slides at 0.1 m/s, RMS; a guess', 'mg', 0, 500
+        20.0,
+        'RMS vibration of a block that slides over the grit at 0.1 m/s (a guess)',
+        'mg',
+        0,
+        500,
     )
     rim_hits_per_min: float = setting(
-        2.0, 'knocks of hands on the rim while they move it; a guess', '1/min', 0, 600
+        2.0, 'rate at which hands hit the rim while they move it (a guess)', '1/min', 0, 600
     )
     rim_hit_mg: float = setting(
-        10.0, 'peak that the platform gets from half of them; 0.1 N s, a tenth of it through the'
-        ' casters, on 40 kg at 60 Hz', 'mg', 0, 2000,
-    )  # fmt: skip
+        10.0,
+        'median peak acceleration of the platform from a hit on the rim: 0.1 N s, a tenth of '
+        'it through the casters, on 40 kg at 60 Hz',
+        'mg',
+        0,
+        2000,
+    )
     footstep_mg: float = setting(
-        2.0, 'peak that the platform gets from half of the footsteps, one a second; a guess', 'mg',
-        0, 1000,
-    )  # fmt: skip
+        2.0,
+        'median peak acceleration of the platform from a footstep, one each second (a guess)',
+        'mg',
+        0,
+        1000,
+    )
 
 
 @dataclass(frozen=True)
 class CameraSettings:
     device: str = setting(
         'auto',
-        'stable camera name, /dev path, genicam:NAME (or genicam:auto) for an industrial camera,'
-        ' or a file that OpenCV opens',
+        'stable camera name, /dev path, genicam:NAME (or genicam:auto) for an industrial '
+        'camera, or a file that OpenCV opens',
         path='maybe',
     )
-    fps: float = setting(60.0, 'images a second; 0 takes a file as it says', 'Hz', 0, 240)
+    fps: float = setting(60.0, 'image rate; 0: the rate stated in a video file', 'Hz', 0, 240)
     width: int = setting(1280, 'image width', 'px', 160, 4096)
     height: int = setting(800, 'image height', 'px', 100, 4096)
-    exposure_us: int = setting(3000, 'manual exposure', 'us', 50, 16000)
-    gain: float = setting(-1.0, "sensor gain in the driver's own unit; -1 leaves it", '', -1, 1000)
-    format: str = setting('auto', 'of a live camera', choices=('auto', 'GREY', 'MJPG'))
+    exposure_us: int = setting(3000, 'exposure time, set manually', 'us', 50, 16000)
+    gain: float = setting(
+        -1.0, "sensor gain in the driver's own unit; -1 leaves it unchanged", '', -1, 1000
+    )
+    format: str = setting('auto', 'pixel format of a live camera', choices=('auto', 'GREY', 'MJPG'))
     trigger: str = setting(
-        '', 'input of a GenICam camera that starts each exposure, such as Line0; empty: none does'
+        '',
+        'input of a GenICam camera that starts each exposure, such as Line0; empty: free running',
     )
     stamped_at: str = setting(
-        'start', 'which end of the exposure a GenICam camera stamps', choices=('start', 'end')
+        'start',
+        'end of the exposure at which a GenICam camera stamps its images',
+        choices=('start', 'end'),
     )
     light_seen_s: float = setting(
-        0.0, 'how long after its command a light is seen, by the stamp of its image, as `eol'
-        ' measure camera` has found; nothing is corrected by it; 0: not measured', 's', -0.1, 1,
-    )  # fmt: skip
-    light_seen_error_s: float = setting(0.0, 'standard error of that', 's', 0, 1)
-    loop: bool = setting(True, 'start a file again at its end')
-    calibration: str = setting('', 'calibration file for camera_info; empty: none', path=True)
+        0.0,
+        'delay between the command of a light and the stamp of the image that shows it, as '
+        'printed by `eol measure camera`; recorded only, not corrected; 0: not measured',
+        's',
+        -0.1,
+        1,
+    )
+    light_seen_error_s: float = setting(0.0, 'standard error of light_seen_s', 's', 0, 1)
+    loop: bool = setting(True, 'start a video file again at its end')
+    calibration: str = setting(
+        '', 'calibration file published in camera_info; empty: none', path=True
+    )
 
 
 @dataclass(frozen=True)
 class TrackerSettings:
     calibration: str = setting('', "calibration file; empty: the twin's ideal camera", path=True)
     mirror: bool = setting(
-        False, 'the camera sees the table in a mirror; a calibration file says it by itself'
+        False,
+        'the camera sees the table in a mirror; not needed with a calibration file, which '
+        'states it',
     )
-    preview_hz: float = setting(10.0, 'JPEG images for people', 'Hz', 0.1, 30, live=True)
+    preview_hz: float = setting(
+        10.0, 'rate of the JPEG images published for viewers', 'Hz', 0.1, 30, live=True
+    )
     trust_start: bool = setting(
-        True, 'when the tracker starts, the rim is turned by less than 45 degrees'
+        True, 'assume that the rim is turned by less than 45 degrees when the tracker starts'
     )
     blink_block: int = setting(
-        -1, 'block whose infrared light blinks to show which way round all lie', '', -1, 24
+        -1,
+        'id of the block whose infrared light blinks to show the orientation of the table; '
+        '-1: none',
+        '',
+        -1,
+        24,
     )
-    blink_period_s: float = setting(2.0, 'from blink to blink', 's', 0.5, 60)
-    blink_off_s: float = setting(0.1, 'how long it is dark', 's', 0.05, 0.2)
+    blink_period_s: float = setting(2.0, 'period of the blinking of blink_block', 's', 0.5, 60)
+    blink_off_s: float = setting(0.1, 'dark time in each period of blink_block', 's', 0.05, 0.2)
     know_covers: bool = setting(
-        True, 'know each block by how its cover spreads its light, as well as by its place'
+        True,
+        'identify blocks by the brightness pattern of their covers, in addition to their positions',
     )
     threshold: float = setting(
-        0.0, 'brightness from which a spot may be a block, 0..255; 0 leaves it to contrast alone',
-        '', 0, 255, live=True,
-    )  # fmt: skip
+        0.0,
+        'least brightness, 0 to 255, of a spot that may be a block; 0: decided by contrast alone',
+        '',
+        0,
+        255,
+        live=True,
+    )
     background: str = setting(
-        '', 'background model (PNG): lamps and reflections to ignore; rewritten when learnt again',
-        path=True, was='clutter',
-    )  # fmt: skip
+        '',
+        'background model (PNG) of lamps and reflections to ignore; rewritten each time it is '
+        'learnt',
+        path=True,
+        was='clutter',
+    )
 
 
 @dataclass(frozen=True)
 class MotionSettings:
-    stop_mps: float = setting(0.001, 'a block slower than this is at rest', 'm/s', 0, 1, live=True)
-    stop_s: float = setting(0.1, 'time over which that speed is measured', 's', 0.05, 0.25)
-    baseline_s: float = setting(
-        0.2, 'average of a resting position over this time, to which a start is compared', 's',
-        0.05, 0.25, was='anchor_s',
-    )  # fmt: skip
-    false_alarms_per_hour: float = setting(
-        1.0, 'starts that noise may cause, all blocks together', '1/h', 1e-3, 1e5, live=True
+    stop_mps: float = setting(0.001, 'speed below which a block is at rest', 'm/s', 0, 1, live=True)
+    stop_s: float = setting(
+        0.1, 'time over which the speed for stop_mps is measured', 's', 0.05, 0.25
     )
-    cascade_gap_s: float = setting(0.05, 'pause that still joins two slips', 's', 0, 1, live=True)
+    baseline_s: float = setting(
+        0.2,
+        'averaging time of the rest position to which the start of a slip is compared',
+        's',
+        0.05,
+        0.25,
+        was='anchor_s',
+    )
+    false_alarms_per_hour: float = setting(
+        1.0,
+        'rate of false slip starts caused by noise, of all blocks together',
+        '1/h',
+        1e-3,
+        1e5,
+        live=True,
+    )
+    cascade_gap_s: float = setting(
+        0.05, 'longest pause between two slips of one cascade', 's', 0, 1, live=True
+    )
     felt_probability: float = setting(
-        0.99, 'a knock is told as a slip, before an image shows it, where the images have confirmed'
-        ' at least this share of such knocks; 1: none is', '', 0, 1,
-    )  # fmt: skip
+        0.99,
+        'share of earlier taps confirmed by images from which a tap is reported as a slip '
+        'before an image shows it; 1: never reported',
+        '',
+        0,
+        1,
+    )
 
 
 @dataclass(frozen=True)
 class LedsSettings:
     port: str = setting(
-        'auto', 'serial port by stable name, auto, twin for the simulated board, or firmware for'
-        " the twin's blocks and their bridge running their own programs (in a checkout, after"
-        ' `make firmware`)',
-    )  # fmt: skip
-    radio_loss: float = setting(
-        0.0, 'share of the frames between blocks and bridge that are lost, of port: firmware', '',
-        0, 1,
-    )  # fmt: skip
-    trigger: str = setting(
-        'both', 'what lights a block: its own knock, a slip that the camera saw, or whichever of'
-        ' them is first', choices=('blocks', 'slips', 'both'), live=True,
-    )  # fmt: skip
-    knock_threshold_mg: float = setting(
-        16.0, 'mean acceleration over 12 ms that a block takes for a slip (protocol version 2)',
-        'mg', 4, 500, live=True,
-    )  # fmt: skip
-    frame_hz: float = setting(100.0, 'light levels sent while anything glows', 'Hz', 10, 500)
-    baud: int = setting(1_000_000, 'speed of the serial line', '', 9600, 4_000_000)
-    decay_s: float = setting(
-        0.35, 'time constant of a flash; 0.182 s at least where blocks flash by themselves', 's',
-        0.02, 10, live=True,
-    )  # fmt: skip
-    peak: float = setting(1.0, 'light of a flash', '', 0, 1, live=True)
-    flash_limit: bool = setting(True, 'at most three flashes of the whole field a second')
-    flash_limit_off_because: str = setting('', 'written reason, needed to switch the limit off')
-    board_log: str = setting('', 'with port: twin, a CSV of each arrival on the wire')
-    blink_block: int = setting(
-        -1, 'block whose infrared light blinks; say the same to the tracker', '', -1, 24
+        'auto',
+        "serial port by stable name; auto; twin: the simulated board; firmware: the twin's "
+        'blocks and their bridge running their own firmware (in a checkout, after `make '
+        'firmware`)',
     )
-    blink_period_s: float = setting(2.0, 'from blink to blink', 's', 0.5, 60)
-    blink_off_s: float = setting(0.1, 'how long it is dark', 's', 0.05, 0.2)
+    radio_loss: float = setting(
+        0.0,
+        'share of radio frames lost between blocks and bridge, with port: firmware',
+        '',
+        0,
+        1,
+    )
+    trigger: str = setting(
+        'both',
+        'event that lights a block: a tap of its own accelerometer, a slip seen by the '
+        'camera, or the first of both',
+        choices=('blocks', 'slips', 'both'),
+        live=True,
+    )
+    knock_threshold_mg: float = setting(
+        16.0,
+        'mean acceleration over 12 ms from which a block reports a tap',
+        'mg',
+        4,
+        500,
+        live=True,
+    )
+    frame_hz: float = setting(
+        100.0, 'rate at which light levels are sent while any block is lit', 'Hz', 10, 500
+    )
+    baud: int = setting(1_000_000, 'baud rate of the serial port', '', 9600, 4_000_000)
+    decay_s: float = setting(
+        0.35,
+        'time constant of a flash; at least 0.182 s if blocks flash by themselves',
+        's',
+        0.02,
+        10,
+        live=True,
+    )
+    peak: float = setting(1.0, 'peak light level of a flash', '', 0, 1, live=True)
+    flash_limit: bool = setting(True, 'limit the whole field to three flashes a second')
+    flash_limit_off_because: str = setting(
+        '', 'written reason for flash_limit: false, which is refused without one'
+    )
+    board_log: str = setting(
+        '', 'CSV file that logs each frame on the wire, with port: twin; empty: none'
+    )
+    blink_block: int = setting(
+        -1,
+        'id of the block whose infrared light blinks; the same as blink_block of the tracker; '
+        '-1: none',
+        '',
+        -1,
+        24,
+    )
+    blink_period_s: float = setting(2.0, 'period of the blinking of blink_block', 's', 0.5, 60)
+    blink_off_s: float = setting(0.1, 'dark time in each period of blink_block', 's', 0.05, 0.2)
     relearn_background_on_sleep: bool = setting(
-        True, 'when falling asleep, switch the infrared light off for 1.5 s, so that the tracker'
-        ' learns the background again', live=True, was='clutter_at_sleep',
-    )  # fmt: skip
+        True,
+        'switch the infrared lights off for 1.5 s when the work falls asleep, so that the '
+        'tracker learns the background again',
+        live=True,
+        was='clutter_at_sleep',
+    )
 
 
 # What a grain can be placed by; core/sound/descriptors.py defines them.
@@ -298,377 +436,629 @@ FORMS = {
 class GrainsSettings:
     sound: str = setting(
         '',
-        'audio file, folder of audio files, or corpus JSON; empty: the procedural ice recording',
+        'audio file, folder of audio files, or corpus JSON; empty: the procedural recording of ice',
         path=True,
         live=True,
     )
     more_sounds: tuple[str, ...] = setting(
-        (), 'further audio files or folders, in the same corpus', path=True, live=True
+        (), 'further audio files or folders for the same corpus', path=True, live=True
     )
     weights: tuple[str, ...] = setting(
-        (), 'lines: the share, 0 to 1, of the grains of that sound that a block can'
-        ' play; 0: none. NAME is that of the file without its ending, of its folder, or ice',
+        (),
+        'lines, one a sound: the share, 0 to 1, of the grains of that sound that blocks can '
+        'play; NAME is the file name without its ending, the name of its folder, or ice',
         live=True,
         form='NAME WEIGHT',
-    )  # fmt: skip
+    )
     regions: tuple[str, ...] = setting(
-        (), 'lines: the part of the space in which the grains of that sound lie: left, right, near,'
-        ' far, or X MIN,Y MIN,X MAX,Y MAX in 0..1', live=True, form='NAME REGION',
-    )  # fmt: skip
+        (),
+        'lines, one a sound: the part of the space for its grains: left, right, near, far, or '
+        'X MIN,Y MIN,X MAX,Y MAX in 0..1',
+        live=True,
+        form='NAME REGION',
+    )
     segment: str = setting(
-        'chop', 'how it is cut', choices=('chop', 'onset', 'gate', 'none', 'labels'), live=True
+        'chop',
+        'method that cuts the sound into grains',
+        choices=('chop', 'onset', 'gate', 'none', 'labels'),
+        live=True,
     )
     grain_s: float = setting(
-        0.25, 'length of a grain, with onset its greatest', 's', 0.02, 60, live=True
+        0.25,
+        'length of a grain; with segment: onset, the greatest length',
+        's',
+        0.02,
+        60,
+        live=True,
     )
     overlap: float = setting(
-        0.0, 'share of a grain that the next one repeats', '', 0, 0.9, live=True
+        0.0, 'share of a grain that the next grain repeats', '', 0, 0.9, live=True
     )
     more_descriptors: bool = setting(
-        False, 'describe MFCC, spectral flux, attack time, loudness range and harmonic ratio, too;'
-        ' an axis that is one of them does so by itself', live=True,
-    )  # fmt: skip
-    x_axis: str = setting(
-        'centroid_mean_hz', 'descriptor from left to right; pca and umap are made of all'
-        ' descriptors', choices=MAP_AXES, live=True,
-    )  # fmt: skip
-    y_axis: str = setting(
-        'periodicity_mean', 'descriptor from near to far', choices=MAP_AXES, live=True
+        False,
+        'compute MFCC, spectral flux, attack time, loudness range and harmonic ratio for '
+        'every corpus; without it, only those chosen as an axis are computed',
+        live=True,
     )
-    layout: str = setting('even', 'places in the space', choices=('raw', 'rank', 'even'), live=True)
-    blend: float = setting(1.0, '0: as measured, 1: as the layout says', '', 0, 1, live=True)
+    x_axis: str = setting(
+        'centroid_mean_hz',
+        'descriptor mapped from left to right; pca and umap combine all descriptors',
+        choices=MAP_AXES,
+        live=True,
+    )
+    y_axis: str = setting(
+        'periodicity_mean',
+        'descriptor mapped from near to far; pca and umap combine all descriptors',
+        choices=MAP_AXES,
+        live=True,
+    )
+    layout: str = setting(
+        'even',
+        'method that places the grains in the space: by value, by rank, or evenly spread',
+        choices=('raw', 'rank', 'even'),
+        live=True,
+    )
+    blend: float = setting(
+        1.0, 'interpolation between descriptor values (0) and layout (1)', '', 0, 1, live=True
+    )
     space_m: float = setting(
         1.2, 'side of the square of the table that the space covers', 'm', 0.1, 10, live=True
     )
     mode: str = setting(
-        'fence', 'when: a touched grain sounds once; or a moving block sounds one of those in its'
-        ' reach every so often (bow), at the beats of all (beat), when the one before has ended'
-        ' (chain), or then the one that follows it in the recording (continue)',
-        choices=('fence', 'bow', 'beat', 'chain', 'continue'), live=True,
-    )  # fmt: skip
+        'fence',
+        'trigger mode: each grain that a block touches sounds once (fence); a moving block '
+        'sounds one of the grains within its trigger radius at an interval (bow), at a common '
+        'beat (beat), or at the end of its last grain (chain); or it sounds the grain that '
+        'follows its last grain in the recording (continue)',
+        choices=('fence', 'bow', 'beat', 'chain', 'continue'),
+        live=True,
+    )
     choose: str = setting(
-        'all', 'which grains within reach', choices=('all', 'nearest', 'k'), live=True
+        'all',
+        'selection of grains within the trigger radius',
+        choices=('all', 'nearest', 'k'),
+        live=True,
     )
-    k: int = setting(3, 'with choose: k, the nearest so many', '', 1, 100, live=True)
+    k: int = setting(3, 'number of nearest grains with choose: k', '', 1, 100, live=True)
     match: tuple[str, ...] = setting(
-        (), 'lines: nearest are not those in place, but those whose descriptors are most like the'
-        " block's x, y, speed, or the grain that it sounded last; distance is that of ranks, 0 to"
-        ' 1, by weight', live=True, form='DESCRIPTOR WEIGHT SOURCE',
-    )  # fmt: skip
-    radius: float = setting(0.07, 'reach of a block', 'm', 0.001, 1, live=True)
-    rearm_ratio: float = setting(
-        1.2, 'hysteresis: a grain is armed again beyond the reach times this', '', 1, 10, live=True,
-        was='leave_ratio',
-    )  # fmt: skip
-    rearm_at_rest: bool = setting(True, 'and also when the block comes to rest', live=True)
-    refractory_s: float = setting(0.2, 'no grain sounds again sooner', 's', 0, 60, live=True)
-    block_cap: int = setting(
-        20, 'grains that one block may sound in a second', '1/s', 0, 1000, live=True
+        (),
+        "lines: choose the grains whose descriptors are closest to the block's x, y or speed, "
+        'or to the grain that it sounded last, instead of those nearest in space; the '
+        'distance is a weighted distance of ranks, 0 to 1',
+        live=True,
+        form='DESCRIPTOR WEIGHT SOURCE',
     )
+    radius: float = setting(0.045, 'trigger radius of a block', 'm', 0.001, 1, live=True)
+    rearm_ratio: float = setting(
+        1.2,
+        'hysteresis of the trigger radius: a grain can sound again after the block was '
+        'farther away than radius times this ratio',
+        '',
+        1,
+        10,
+        live=True,
+        was='leave_ratio',
+    )
+    rearm_at_rest: bool = setting(
+        True, 'let grains sound again once the block is at rest', live=True
+    )
+    refractory_s: float = setting(
+        0.2, 'least time between two triggers of the same grain', 's', 0, 60, live=True
+    )
+    block_cap: int = setting(20, 'greatest trigger rate of one block', '1/s', 0, 1000, live=True)
     total_cap: int = setting(
-        200, 'grains that all may sound in a second', '1/s', 0, 10000, live=True
+        200, 'greatest trigger rate of all blocks together', '1/s', 0, 10000, live=True
     )
     bow_period_s: float = setting(
-        0.08, 'with mode: bow, from grain to grain', 's', 0.01, 10, live=True
+        0.08, 'interval between grains with mode: bow', 's', 0.01, 10, live=True
     )
-    bow_jitter: float = setting(0.5, 'of that time, as a share', '', 0, 1, live=True)
+    bow_jitter: float = setting(
+        0.5, 'random variation of bow_period_s, as a share', '', 0, 1, live=True
+    )
     beat_period_s: float = setting(
-        0.5, 'with mode: beat, from beat to beat', 's', 0.02, 60, live=True
+        0.5, 'interval between beats with mode: beat', 's', 0.02, 60, live=True
     )
-    start_mps: float = setting(0.008, 'a block this fast moves', 'm/s', 0, 1, live=True)
-    stop_mps: float = setting(0.006, 'a block slower than this is at rest', 'm/s', 0, 1, live=True)
+    start_mps: float = setting(
+        0.008, 'speed from which a block counts as moving', 'm/s', 0, 1, live=True
+    )
+    stop_mps: float = setting(
+        0.006, 'speed below which a moving block may be at rest', 'm/s', 0, 1, live=True
+    )
     rest_s: float = setting(
-        0.03, 'a block is at rest once slower than `stop_mps` for this long', 's', 0, 1, live=True
+        0.03, 'time slower than stop_mps after which a block is at rest', 's', 0, 1, live=True
     )
-    gain: float = setting(1.0, 'of a grain at full speed', '', 0, 8, live=True)
-    gain_floor: float = setting(0.1, 'of a grain at no speed, as a share', '', 0, 1, live=True)
-    gain_curve: float = setting(0.8, 'power by which gain follows speed', '', 0, 4, live=True)
-    full_mps: float = setting(0.25, 'speed of full gain', 'm/s', 0.001, 10, live=True)
-    pan_width: float = setting(0.8, 'how far the edge of the space is panned', '', -1, 1, live=True)
+    gain: float = setting(1.0, 'gain of a grain at full speed of the block', '', 0, 8, live=True)
+    gain_floor: float = setting(
+        0.1, 'gain of a grain at zero speed, as a share of gain', '', 0, 1, live=True
+    )
+    gain_curve: float = setting(0.8, 'exponent of gain against speed', '', 0, 4, live=True)
+    full_mps: float = setting(
+        0.25, 'speed of the block from which a grain has its full gain', 'm/s', 0.001, 10, live=True
+    )
+    pan_width: float = setting(
+        0.8,
+        'panning of a grain at the edge of the space; 1: hard left or right, negative: sides '
+        'swapped',
+        '',
+        -1,
+        1,
+        live=True,
+    )
     playback_rate: float = setting(
-        1.0, 'speed of a grain; 2 is an octave up', '', 0.0625, 16, live=True, was='rate'
+        1.0, 'playback rate of grains; 2: one octave up', '', 0.0625, 16, live=True, was='rate'
     )
     rate_jitter_st: float = setting(
-        0.5, 'of that speed, in semitones either way', 'st', 0, 24, live=True
+        0.5,
+        'random variation of playback_rate in either direction, in semitones',
+        'st',
+        0,
+        24,
+        live=True,
     )
     reverse: float = setting(
-        0.0, 'share of the grains, by chance, that are played backwards', '', 0, 1, live=True
+        0.0, 'share of the grains, chosen at random, that are played backwards', '', 0, 1, live=True
     )
     envelope: str = setting(
-        'edges', 'of a grain: it rises and falls in attack_s and release_s (edges), over its whole'
-        ' length (hann), falls all the while after attack_s (percussive), or rises until release_s'
-        ' before its end (swell)', choices=('edges', 'hann', 'percussive', 'swell'), live=True,
-    )  # fmt: skip
-    attack_s: float = setting(0.005, 'rise of a grain', 's', 0.002, 10, live=True)
-    release_s: float = setting(0.2, 'fall of a grain', 's', 0.002, 10, live=True)
-    edge_jitter: float = setting(0.3, 'of rise and fall, as a share', '', 0, 1, live=True)
+        'edges',
+        'envelope of a grain: fades of attack_s and release_s (edges), a window over the '
+        'whole length (hann), a decay after attack_s (percussive), or a rise until release_s '
+        'before the end (swell)',
+        choices=('edges', 'hann', 'percussive', 'swell'),
+        live=True,
+    )
+    attack_s: float = setting(0.005, 'attack time of a grain', 's', 0.002, 10, live=True)
+    release_s: float = setting(0.2, 'release time of a grain', 's', 0.002, 10, live=True)
+    edge_jitter: float = setting(
+        0.3, 'random variation of attack_s and release_s, as a share', '', 0, 1, live=True
+    )
     bed_rate: float = setting(
-        0.0, 'creaks a second of a block at rest whose springs pull as hard as its friction holds;'
-        ' less goes by the square; 0: off', '1/s', 0, 100, live=True,
-    )  # fmt: skip
-    bed_gain: float = setting(0.05, 'of a creak at that stress', '', 0, 8, live=True)
+        2.0,
+        'ambience layer: rate of creaks of a block at rest whose springs pull as hard as its '
+        'friction holds; proportional to the square of the stress; 0: off',
+        '1/s',
+        0,
+        100,
+        live=True,
+    )
+    bed_gain: float = setting(
+        0.05, 'gain of a creak of the ambience layer at full stress', '', 0, 8, live=True
+    )
     bed_speed: float = setting(
-        0.25, 'speed of a creak, an octave either way by chance', '', 0.0625, 16, live=True
+        0.25,
+        'playback rate of creaks of the ambience layer, varied at random by an octave in '
+        'either direction',
+        '',
+        0.0625,
+        16,
+        live=True,
     )
     bed_break_m: float = setting(
-        0.03, 'by how much one spring must stretch to break a block loose, mu_static m g / k'
-        ' (docs/science.md)', 'm', 0.001, 1, live=True,
-    )  # fmt: skip
+        0.03,
+        'elongation of one spring that moves a block at rest, mu_static m g / k (docs/science.md)',
+        'm',
+        0.001,
+        1,
+        live=True,
+    )
     crossfade_s: float = setting(
-        0.0, 'time in which a new corpus fades in; 0: grain by grain as the old ones end', 's', 0,
-        60, live=True, was='swap_s',
-    )  # fmt: skip
-    seed: int = setting(1, 'of the ice recording and of all jitter', '', 0, live=True)
+        0.0,
+        'fade-in time of a new corpus; 0: each grain of the old corpus ends by itself',
+        's',
+        0,
+        60,
+        live=True,
+        was='swap_s',
+    )
+    seed: int = setting(
+        1, 'random seed of the recording of ice and of all random variation', '', 0, live=True
+    )
 
 
 @dataclass(frozen=True)
 class SoundSettings:
-    device: str = setting('auto', 'sound card by name or part of it, auto, or wav for a file')
-    card_needed: bool = setting(True, 'warn while there is none; false: a WAV file is as good')
-    sample_rate: int = setting(48000, 'of the output', 'Hz', 8000, 192000)
-    channels: int = setting(2, 'loudspeakers in a row, left to right', '', 1, 64)
+    device: str = setting(
+        'auto', 'sound card by name or part of the name; auto; wav: a file instead of a card'
+    )
+    card_needed: bool = setting(True, 'warn while there is no sound card')
+    sample_rate: int = setting(48000, 'sample rate of the output', 'Hz', 8000, 192000)
+    channels: int = setting(2, 'number of loudspeakers in a row, from left to right', '', 1, 64)
     speakers: tuple[str, ...] = setting(
         (),
-        'loudspeakers about the table, in order of the outputs: NAME AZIMUTH [DISTANCE [GAIN]] in'
-        ' degrees (0 ahead, 90 left), m and dB; none: `channels` in a row, left to right',
+        'loudspeakers around the table in the order of the outputs, as NAME AZIMUTH [DISTANCE '
+        '[GAIN]] in degrees (0 ahead, 90 left), m and dB; empty: `channels` loudspeakers in a '
+        'row',
     )
-    block_size: int = setting(256, 'samples a callback', '', 32, 4096)
-    latency_s: float = setting(0.025, 'from the stamp of an image to sound', 's', 0, 1, live=True)
+    block_size: int = setting(256, 'number of samples in each audio callback', '', 32, 4096)
+    latency_s: float = setting(
+        0.025, 'delay between the stamp of an image and its sound', 's', 0, 1, live=True
+    )
     felt_latency_s: float = setting(
-        0.0195, 'from the knock of a slip that was felt to sound', 's', 0, 1, live=True
+        0.0195,
+        'delay between the tap of a slip that an accelerometer reported and its sound',
+        's',
+        0,
+        1,
+        live=True,
     )
-    gain_db: float = setting(-4.0, 'master gain', 'dB', -90, 24, live=True)
+    gain_db: float = setting(-6.0, 'master gain', 'dB', -90, 24, live=True)
     interpolation: str = setting(
         'cubic', 'resampling interpolation', choices=('cubic', 'linear'), live=True, was='reading'
     )
     polyphony: int = setting(
-        512, 'maximum of simultaneous voices; beyond it the quietest is stolen', '', 1, 4096,
+        512,
+        'maximum number of simultaneous voices; beyond it the quietest voice is stolen',
+        '',
+        1,
+        4096,
         was='voices',
-    )  # fmt: skip
+    )
     rate_scaling: float = setting(
-        0.0, 'share of source scaling that slows grains down: at 1 a rupture of area A plays at'
-        ' A^-1/2 of the speed; 0: off', '', 0, 1, live=True,
-    )  # fmt: skip
+        0.5,
+        'share of source scaling that slows down grains: at 1 a cascade of area A plays at '
+        'A^-1/2 of the playback rate; 0: off',
+        '',
+        0,
+        1,
+        live=True,
+    )
     corner_hz: float = setting(
-        0.0, 'corner frequency of a single slip; that of a rupture of area A is A^-1/2 of it,'
-        ' above it the sound falls as f^-2 (Brune 1970); 0: off', 'Hz', 0, 24000,
-    )  # fmt: skip
+        5000.0,
+        'corner frequency of a single slip, above which the sound falls as f^-2 (Brune 1970); '
+        'A^-1/2 of it for a cascade of area A; 0: off',
+        'Hz',
+        0,
+        24000,
+    )
     low_corner_hz: float = setting(
-        0.0, 'below it a single slip has less and less, 6 dB an octave; below A^-1/2 of it a'
-        ' rupture of area A; 0: off', 'Hz', 0, 1000,
-    )  # fmt: skip
+        150.0,
+        'high-pass corner of a single slip, 6 dB an octave; A^-1/2 of it for a cascade of '
+        'area A; 0: off',
+        'Hz',
+        0,
+        1000,
+    )
     dynamics_db: float = setting(
-        0.0, 'by so much a grain of a single slip is quieter than one of a rupture of all blocks;'
-        ' 0: off', 'dB', 0, 60, live=True,
-    )  # fmt: skip
+        3.0,
+        'level difference between a grain of a single slip and one of a cascade of all '
+        'blocks; 0: off',
+        'dB',
+        0,
+        60,
+        live=True,
+    )
     onset_duck_db: float = setting(
-        0.0, 'by so much the first grains of a rupture are quieter, less and less over'
-        ' onset_duck_s; 0: off', 'dB', 0, 40, live=True,
-    )  # fmt: skip
+        3.0,
+        'attenuation of the first grains of a cascade, which ends over onset_duck_s; 0: off',
+        'dB',
+        0,
+        40,
+        live=True,
+    )
     onset_duck_s: float = setting(
-        0.05, 'time over which that ends', 's', 0.001, 1,
+        0.05,
+        'time over which the attenuation onset_duck_db ends',
+        's',
+        0.001,
+        1,
         live=True,
-    )  # fmt: skip
+    )
     sub_db: float = setting(
-        -90.0, 'level of the sub voice of a rupture of all blocks; it goes as the moment, A^3/2;'
-        ' -90: off', 'dB', -90, 24, live=True,
-    )  # fmt: skip
-    sub_high_hz: float = setting(
-        60.0, 'of the sub voice of a single slip; that of area A is A^-1/2 of it', 'Hz', 10, 200,
+        -4.0,
+        'level of the sub voice of a cascade of all blocks; proportional to the moment A^3/2; '
+        '-90: off',
+        'dB',
+        -90,
+        24,
         live=True,
-    )  # fmt: skip
-    sub_low_hz: float = setting(18.0, 'the sub voice goes no lower', 'Hz', 10, 100, live=True)
+    )
+    sub_high_hz: float = setting(
+        60.0,
+        'frequency of the sub voice of a single slip; A^-1/2 of it for a cascade of area A',
+        'Hz',
+        10,
+        200,
+        live=True,
+    )
+    sub_low_hz: float = setting(18.0, 'lowest frequency of the sub voice', 'Hz', 10, 100, live=True)
     sub_output: bool = setting(
-        False, 'the last of `channels` is for the sub voice alone: a subwoofer, a shaker'
+        False, 'play the sub voice alone on the last of `channels`, for a subwoofer or a shaker'
     )
     room_s: float = setting(
-        0.0, 'time in which the room decays by 60 dB at low frequencies; 0: no room', 's', 0, 20
+        5.0, 'reverberation time (60 dB) of the room at low frequencies; 0: no room', 's', 0, 20
     )
-    room_high_s: float = setting(1.5, 'the same at 4 kHz', 's', 0.1, 20)
+    room_high_s: float = setting(
+        1.5, 'reverberation time (60 dB) of the room at 4 kHz', 's', 0.1, 20
+    )
     room_db: float = setting(
-        -6.0, 'level of the room beside the sound itself, for a rupture of all blocks', 'dB', -90,
-        12, live=True,
-    )  # fmt: skip
+        -15.0,
+        'reverberation level, relative to the direct sound, of a cascade of all blocks',
+        'dB',
+        -90,
+        12,
+        live=True,
+    )
     room_range_db: float = setting(
-        12.0, 'by so much less of a single slip goes into the room', 'dB', 0, 60, live=True
+        12.0,
+        'difference of the reverberation level between a cascade of all blocks and a single slip',
+        'dB',
+        0,
+        60,
+        live=True,
     )
     rupture_gap_s: float = setting(
-        0.15, 'a block joins a rupture when it or a neighbour has sounded this short ago', 's',
-        0.01, 2, live=True,
-    )  # fmt: skip
+        0.15,
+        'longest pause after which a block joins the cascade in which it or a neighbour sounded',
+        's',
+        0.01,
+        2,
+        live=True,
+    )
     filter: str = setting(
-        'off', 'of each grain by itself, 12 dB an octave at either side of what passes',
-        choices=('off', 'low-pass', 'band-pass'), live=True,
-    )  # fmt: skip
+        'off',
+        'filter of each grain, 12 dB an octave on either side of the pass band',
+        choices=('off', 'low-pass', 'band-pass'),
+        live=True,
+    )
     filter_hz: float = setting(
-        2000.0, 'its cutoff, or the middle of its band', 'Hz', 20, 20000, live=True
+        2000.0,
+        'cutoff frequency of the low-pass filter, or centre frequency of the band-pass filter',
+        'Hz',
+        20,
+        20000,
+        live=True,
     )
     filter_q: float = setting(
-        0.7071, 'its resonance: the gain at the cutoff of a low-pass, middle over width of a band',
-        '', 0.5, 20, live=True,
-    )  # fmt: skip
-    filter_by: str = setting(
-        'nothing', 'what moves the cutoff: how large the rupture has grown (area), or the rank of'
-        ' the grain among all by a descriptor, where the corpus has it',
-        choices=('nothing', 'area', *DESCRIPTORS, *MORE_DESCRIPTORS), live=True,
-    )  # fmt: skip
-    filter_octaves: float = setting(
-        0.0, 'by so much: from a single slip to a rupture of all blocks, from the least to the'
-        ' greatest of a descriptor; below 0: down', 'oct', -8, 8, live=True,
-    )  # fmt: skip
-    ceiling_db: float = setting(-1.0, 'no sample exceeds it', 'dBFS', -40, 0)
-    loudness_lufs: float = setting(
-        -18.0, 'mean of 30 s that the governor holds', 'LUFS', -60, 0, live=True
+        0.7071,
+        'resonance of the filter: gain at the cutoff (low-pass), or centre frequency over '
+        'bandwidth (band-pass)',
+        '',
+        0.5,
+        20,
+        live=True,
     )
-    governor_db: float = setting(6.0, 'what the governor may take away', 'dB', 0, 40, live=True)
-    fade_in_s: float = setting(2.0, 'at the start and after a mute', 's', 0, 60)
-    fade_out_s: float = setting(0.5, 'at the end and to a mute', 's', 0, 10)
+    filter_by: str = setting(
+        'nothing',
+        'quantity that moves filter_hz: none, the area of the cascade, or the rank of the '
+        'grain by a descriptor of the corpus',
+        choices=('nothing', 'area', *DESCRIPTORS, *MORE_DESCRIPTORS),
+        live=True,
+    )
+    filter_octaves: float = setting(
+        0.0,
+        'shift of filter_hz between the least and the greatest value of filter_by; negative: '
+        'downwards',
+        'oct',
+        -8,
+        8,
+        live=True,
+    )
+    ceiling_db: float = setting(
+        -1.0, 'ceiling of the limiter, which no sample exceeds', 'dBFS', -40, 0
+    )
+    loudness_lufs: float = setting(
+        -18.0,
+        'loudness, averaged over 30 s, above which the governor reduces the gain',
+        'LUFS',
+        -60,
+        0,
+        live=True,
+    )
+    governor_db: float = setting(
+        6.0, 'greatest gain reduction of the governor', 'dB', 0, 40, live=True
+    )
+    fade_in_s: float = setting(2.0, 'fade-in time at the start and after a mute', 's', 0, 60)
+    fade_out_s: float = setting(0.5, 'fade-out time at the end and before a mute', 's', 0, 10)
     wav: str = setting(
-        '', 'file where there is no card; empty: none, or with `device: wav` sound-DATE.wav beside '
-        'the bags'
-    )  # fmt: skip
-    wav_limit_s: float = setting(3600.0, 'longest such file', 's', 1)
-    trigger_log: str = setting('', 'a CSV of each trigger: when it came, how long before its time')
-    meter_hz: float = setting(20.0, 'sound_meter messages', 'Hz', 1, 60)
-    osc_out: str = setting('', 'host:port that hears of triggers and slips by OSC')
-    osc_in: int = setting(0, 'UDP port that takes settings by OSC; 0 for none', '', 0, 65535)
+        '',
+        'WAV file to write while there is no sound card; empty: none, or with `device: wav` '
+        'sound-DATE.wav beside the bags',
+    )
+    wav_limit_s: float = setting(3600.0, 'greatest length of the WAV file', 's', 1)
+    trigger_log: str = setting(
+        '',
+        'CSV file that logs each trigger: its time of arrival and the time left until it was '
+        'due; empty: none',
+    )
+    meter_hz: float = setting(20.0, 'rate of sound_meter messages', 'Hz', 1, 60)
+    osc_out: str = setting('', 'HOST:PORT to which triggers and slips are sent by OSC; empty: none')
+    osc_in: int = setting(
+        0, 'UDP port on which settings are received by OSC; 0: none', '', 0, 65535
+    )
     midi: str = setting(
-        '', 'MIDI input by name or part of it, auto for the first, virtual for a port that others'
-        ' connect to, all of them with jack: before it; empty: none',
-    )  # fmt: skip
+        '',
+        'MIDI input by name or part of the name; auto: the first; virtual: a port to which '
+        'others connect; jack:NAME and so on: by JACK; empty: none',
+    )
     midi_map: tuple[str, ...] = setting(
-        (), 'lines: what a controller, key or program does: cc|note|program [CHANNEL:]NUMBER and'
-        ' NODE.SETTING [LEAST MOST], NODE.SETTING VALUE, recall PRESET or morph PRESET PRESET',
-        live=True, form='MIDI ACTION',
-    )  # fmt: skip
+        (),
+        'lines that map MIDI to actions: cc|note|program [CHANNEL:]NUMBER and NODE.SETTING '
+        '[LEAST MOST], NODE.SETTING VALUE, recall PRESET or morph PRESET PRESET',
+        live=True,
+        form='MIDI ACTION',
+    )
 
 
 @dataclass(frozen=True)
 class MontageSettings:
-    pairs: str = setting('', 'folder with pairs.csv; empty: the drawn default set', path=True)
-    period_s: float = setting(0.5, 'time between changes while anything moves', 's', 0.34, 60)
-    fade_s: float = setting(0.0, 'cross-fade from pair to pair; 0 cuts', 's', 0, 60)
-    heal_s: float = setting(
-        120.0, 'time in which calm heals pictures that come in degrees of damage', 's', 1, 86400
+    pairs: str = setting(
+        '', 'folder with image pairs and pairs.csv; empty: the drawn pairs that ship', path=True
     )
-    lead_s: float = setting(0.06, 'told to the walls this long before the change', 's', 0, 1)
-    seed: int = setting(1, 'of the order of the pairs', '', 0)
+    period_s: float = setting(
+        0.5, 'time between changes of the pair while anything moves', 's', 0.34, 60
+    )
+    fade_s: float = setting(0.0, 'cross-fade time between pairs; 0: cut', 's', 0, 60)
+    heal_s: float = setting(
+        120.0,
+        'time at rest after which images with degrees of damage return to the least damage',
+        's',
+        1,
+        86400,
+    )
+    lead_s: float = setting(
+        0.06, 'time by which a change is announced to the walls in advance', 's', 0, 1
+    )
+    seed: int = setting(1, 'random seed of the order of the pairs', '', 0)
 
 
 @dataclass(frozen=True)
 class HoursSettings:
-    time_zone: str = setting('', 'whose clock the hours mean, such as Europe/Vienna')
+    time_zone: str = setting('', 'time zone of the opening hours, such as Europe/Vienna')
     open: tuple[str, ...] = setting(
         (),
-        'lines of days and their times, such as Tue-Sun 10:00-18:00 or 2026-12-24 closed; a later '
-        'line counts before an earlier one, past midnight is 20:00-26:00',
+        'opening hours as lines of days and times, such as Tue-Sun 10:00-18:00 or 2026-12-24 '
+        'closed; a later line takes precedence; 20:00-26:00 ends after midnight',
     )
 
 
 @dataclass(frozen=True)
 class ProjectorsSettings:
-    addresses: tuple[str, ...] = setting((), 'projectors that speak PJLink, HOST or HOST:PORT')
-    password: str = setting('', 'PJLink password of all; empty: they have none', secret=True)
+    addresses: tuple[str, ...] = setting((), 'PJLink projectors, HOST or HOST:PORT')
+    password: str = setting('', 'PJLink password of all projectors; empty: none', secret=True)
     off_after_s: float = setting(
-        300.0, 'so long after the work fell asleep they go off: a short sleep wears no lamp', 's',
-        0, 86400,
-    )  # fmt: skip
-    poll_s: float = setting(10.0, 'time between two questions how they are', 's', 1, 600)
+        300.0,
+        'time asleep after which the projectors are switched off; it spares the lamps during '
+        'short sleeps',
+        's',
+        0,
+        86400,
+    )
+    poll_s: float = setting(
+        10.0, 'time between two queries of the state of the projectors', 's', 1, 600
+    )
 
 
 @dataclass(frozen=True)
 class PanelSettings:
-    host: str = setting('127.0.0.1', 'address to serve on; 0.0.0.0 opens it to the network')
-    port: int = setting(8080, 'port to serve on; 0 takes any free one', '', 0, 65535)
+    host: str = setting(
+        '127.0.0.1', 'address on which the panel listens; 0.0.0.0 opens it to the network'
+    )
+    port: int = setting(8080, 'TCP port of the panel; 0: any free port', '', 0, 65535)
     pin: str = setting(
-        '', 'asked for every control; needed when the panel is open to the network', secret=True
+        '',
+        'PIN required for every control; must be set if the panel is open to the network',
+        secret=True,
     )
     visitors: bool = setting(
         False, 'let everybody push the virtual table and hear it without the PIN'
     )
     public: tuple[str, ...] = setting(
-        (), 'what everybody may see and hear without the PIN', choices=('image', 'sound')
+        (), 'streams available to everybody without the PIN', choices=('image', 'sound')
     )
     certificate: str = setting(
-        '', 'PEM file with certificate and key; the panel is then served over HTTPS', path=True
+        '',
+        'PEM file with certificate and key, with which the panel is served over HTTPS; empty: '
+        'plain HTTP',
+        path=True,
     )
-    names: tuple[str, ...] = setting((), 'further host names under which browsers may reach it')
-    viewers: int = setting(100, 'browsers at the same time', '', 1, 1000)
-    terrain_seed: int = setting(1, 'of the landscape on the covers of the virtual table', '', 0)
+    names: tuple[str, ...] = setting(
+        (), 'further host names under which browsers may reach the panel'
+    )
+    viewers: int = setting(100, 'maximum number of connected browsers', '', 1, 1000)
+    terrain_seed: int = setting(
+        1, 'random seed of the landscape on the covers of the virtual table', '', 0
+    )
 
 
 @dataclass(frozen=True)
 class RecorderSettings:
     folder: str = setting(
-        'bags', 'where bags are made, one folder a run; here if the scene has none', path='maybe'
+        'bags',
+        'folder for bags, one folder a run; relative to the current folder if the scene does '
+        'not set it',
+        path='maybe',
     )
     images: str = setting(
         'none',
-        'what is kept of the images; preview: one JPEG a display_period_s',
+        'images to record; preview: one JPEG each display_period_s',
         choices=('all', 'around_slips', 'preview', 'none'),
     )
-    before_s: float = setting(0.25, 'images kept before a slip, 60 MB a second', 's', 0, 5)
-    after_s: float = setting(0.25, 'images kept after a slip', 's', 0, 60)
-    images_max_gb: float = setting(20.0, 'raw images a day; no more after that', 'GB', 0)
-    display_period_s: float = setting(
-        1.0, 'one preview and one sound meter per so long; 0 keeps all', 's', 0, 60
+    before_s: float = setting(
+        0.25, 'duration of the images recorded before a slip, 60 MB a second', 's', 0, 5
     )
-    split_minutes: float = setting(60.0, 'a new file after so long', 'min', 0.05, 1440)
-    split_gb: float = setting(4.0, 'a new file after so much', 'GB', 0.001, 1000)
+    after_s: float = setting(0.25, 'duration of the images recorded after a slip', 's', 0, 60)
+    images_max_gb: float = setting(20.0, 'greatest amount of raw images recorded in a day', 'GB', 0)
+    display_period_s: float = setting(
+        1.0,
+        'interval at which a preview and a sound meter message are recorded; 0: all',
+        's',
+        0,
+        60,
+    )
+    split_minutes: float = setting(
+        60.0, 'duration after which a new file is started', 'min', 0.05, 1440
+    )
+    split_gb: float = setting(4.0, 'file size after which a new file is started', 'GB', 0.001, 1000)
     sync_s: float = setting(
-        1.0, 'seconds that a power cut can cost (fdatasync); 0: what the system has not written',
-        's', 0, 60,
-    )  # fmt: skip
+        1.0,
+        'interval of fdatasync, which bounds what a power cut can lose; 0: never, the '
+        'operating system decides',
+        's',
+        0,
+        60,
+    )
     keep_days: float = setting(
-        0.0, 'bags older than this are removed, but for marked ones; 0: never', 'days', 0
+        0.0, 'age after which bags are removed, except marked ones; 0: never', 'days', 0
     )
     keep_gb: float = setting(
         0.0,
-        'with more than this of bags, sound files and logs, raw images are removed, then the '
-        'oldest; 0: never',
+        'total size of bags, sound files and logs above which raw images are removed first, '
+        'then the oldest bags; 0: no limit',
         'GB',
         0,
     )
-    min_free_gb: float = setting(2.0, 'recording stops when the disk has less free', 'GB', 0)
+    min_free_gb: float = setting(2.0, 'free disk space below which recording stops', 'GB', 0)
 
 
 @dataclass(frozen=True)
 class ReplaySettings:
     bag: str = setting('', 'bag folder or .mcap file', path=True)
     topics: tuple[str, ...] = setting(
-        (), 'topics to play; empty: what the nodes of the scene need and none of them makes'
+        (),
+        'topics to play; empty: those that the nodes of the scene subscribe to and none of '
+        'them publishes',
     )
-    rate: float = setting(1.0, 'speed of the replay', '', 0.01, 100, live=True)
-    fast: bool = setting(False, 'as fast as the readers take it, whatever rate says')
-    loop: bool = setting(False, 'begin again at the end')
-    start_s: float = setting(0.0, 'where to begin, from the first message', 's', 0)
+    rate: float = setting(1.0, 'playback speed', '', 0.01, 100, live=True)
+    fast: bool = setting(False, 'play as fast as the subscribers can follow, whatever rate says')
+    loop: bool = setting(False, 'start again at the end of the bag')
+    start_s: float = setting(0.0, 'start offset from the first message', 's', 0)
     wait_s: float = setting(
-        60.0, 'longest wait for a first reader, where no scene says who they are', 's', 0
+        60.0, 'longest wait for a first subscriber, if no scene names the nodes', 's', 0
     )
     clock_hz: float = setting(
-        100.0, 'recorded time on /clock, also while nothing is due; 0: not at all', 'Hz', 0, 1000
+        100.0,
+        'rate of /clock with the recorded time, also while no message is due; 0: off',
+        'Hz',
+        0,
+        1000,
     )
 
 
 @dataclass(frozen=True)
 class NotifySettings:
     webhook: str = setting(
-        '', 'address that gets messages as JSON; `text` is all of it in words', secret=True
+        '',
+        'URL to which messages are posted as JSON; the field `text` has the whole message',
+        secret=True,
     )
-    mail_to: tuple[str, ...] = setting((), 'mail addresses that get messages')
-    mail_from: str = setting('', 'mail address that they come from')
+    mail_to: tuple[str, ...] = setting((), 'mail addresses to which messages are sent')
+    mail_from: str = setting('', 'sender address of the mails')
     smtp: str = setting('', 'mail server, HOST:PORT')
     smtp_security: str = setting(
-        'starttls', 'how the line to it is kept secret', choices=('starttls', 'tls', 'none')
+        'starttls',
+        'encryption of the connection to the mail server',
+        choices=('starttls', 'tls', 'none'),
     )
-    smtp_user: str = setting('', 'who logs in there; empty: nobody')
-    smtp_password: str = setting('', 'of this user', secret=True)
-    after_s: float = setting(60.0, 'what is not OK for so long is told', 's', 5, 86400)
+    smtp_user: str = setting('', 'user name at the mail server; empty: no login')
+    smtp_password: str = setting('', 'password of smtp_user', secret=True)
+    after_s: float = setting(60.0, 'duration of a fault after which it is reported', 's', 5, 86400)
     pause_s: float = setting(
-        300.0, 'least time between two messages; what changes in it is told at its end', 's', 10,
+        300.0,
+        'least time between two messages; what changes in between is reported at its end',
+        's',
+        10,
         86400,
-    )  # fmt: skip
-    daily: str = setting('20:00', 'when the sum of the day is told; empty: never')
+    )
+    daily: str = setting('20:00', 'time of day of the daily summary; empty: none')
 
 
 MASK = '***'  # stands where a secret is not shown

@@ -2,6 +2,7 @@
 """The generated docs are up to date, and the docs point at what is there."""
 
 import argparse
+import dataclasses
 import importlib
 import re
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 from support.checkout import tracked
 
 from eol_ros import cli
+from eol_ros.settings import NotifySettings
 from eol_ros.streams.graph import NODES
 
 ROOT = Path(__file__).parents[1]
@@ -109,3 +111,14 @@ def test_the_snippet_of_the_readme_runs():
     assert done.returncode == 0, done.stderr
     found = re.fullmatch(r'(\d+) slips; the longest moved (\d\.\d+) m\n', done.stdout)
     assert found and int(found[1]) > 100 and 0.01 < float(found[2]) < 1
+
+
+@pytest.mark.parametrize('kind', [*(n.settings for n in NODES.values()), NotifySettings])
+def test_the_text_of_a_setting_stands_alone(kind):
+    """As `ros2 param describe` shows it: without the settings above and below."""
+    for field in dataclasses.fields(kind):
+        text = field.metadata['doc']
+        assert not re.match(
+            r"(of|by|and|with|while|what|how|when|who|whose|which|its?|that|this|so|the same|a"
+            r' guess)\b', text), f'{field.name}: {text}'  # fmt: skip
+        assert len(text.split()) > 1 and not text.endswith('.'), f'{field.name}: {text}'

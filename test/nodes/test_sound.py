@@ -2,11 +2,13 @@
 import dataclasses
 import wave
 from array import array
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import soundfile
 from eol_msgs.msg import Corpus, GrainTrigger
+from support.quiet_settings import SOUND
 from support.spinning import Nodes, matched
 from support.waiting import wait_until
 
@@ -47,8 +49,8 @@ class Probe(EolNode):
 @pytest.fixture
 def graph(ros, tmp_path):
     """A sound node that writes a file, a probe, how to wait for what they do, how to end it."""
-    settings = SoundSettings(
-        device='wav', wav=str(tmp_path / 'out.wav'), fade_in_s=0.0, latency_s=0.3
+    settings = replace(
+        SOUND, device='wav', wav=str(tmp_path / 'out.wav'), fade_in_s=0.0, latency_s=0.3
     )
     node, probe = SoundNode(settings), Probe()
     with Nodes(node, probe) as nodes:
@@ -91,7 +93,7 @@ def test_a_trigger_sounds_and_shows(graph, tmp_path):
     assert (len(meter.wave_min), len(meter.wave_max), len(meter.spectrum_db)) == (1024, 1024, 128)
     assert abs(to_ns(meter.header.stamp) - now_ns()) < 1e9
     assert max(m.peak_dbfs for m in probe.meters) == pytest.approx(
-        20 * np.log10(0.5 * 0.5 * 0.5**0.5) + SoundSettings().gain_db, abs=0.2
+        20 * np.log10(0.5 * 0.5 * 0.5**0.5) + SOUND.gain_db, abs=0.2
     )
     loud = max(probe.meters, key=lambda m: m.peak_dbfs)
     bands = np.geomspace(20, 20000, 129)

@@ -421,8 +421,17 @@ class Mixer:
         self._lent.settle(int(s['ring_tail']), int(s['frame']))
 
     def push(self, rows: np.ndarray) -> int:
-        """Put voices (n,) VOICE into the ring; return how many fitted. The rest is dropped."""
+        """Put voices (n,) VOICE into the ring; return how many fitted. The rest is dropped.
+
+        Raises ValueError if a voice names a channel or bus that this mixer does not have.
+        """
         s = self.state
+        for channel in (rows['channel_a'], rows['channel_b']):
+            if len(rows) and not 0 <= channel.min() <= channel.max() < len(self.memory.mix):
+                raise ValueError(
+                    f'voice on row {channel.max()} of {len(self.memory.mix)} (channels x buses):'
+                    ' make the mixer with new_mixer(settings) of the same settings'
+                )
         head = int(s['ring_head'][0])
         n = min(len(rows), RING - (head - int(s['ring_tail'][0])))
         self.memory.ring[(head + np.arange(n)) % RING] = rows[:n]

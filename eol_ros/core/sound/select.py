@@ -70,7 +70,8 @@ class Selector:
     >>> from eol_ros.core.sound.corpus import GRAIN, Source
     >>> grains = np.zeros(1, GRAIN)
     >>> grains['x'], grains['y'], grains['duration_s'] = 0.5, 0.5, 0.25
-    >>> selector = Selector(GrainsSettings(), Corpus((Source('ice.wav', 48000, 1.0, ''),), grains))
+    >>> settings = GrainsSettings(bed_rate=0.0)
+    >>> selector = Selector(settings, Corpus((Source('ice.wav', 48000, 1.0, ''),), grains))
     >>> x, y = rest_lattice().T.copy()
     >>> found = []
     >>> for k in range(20):

@@ -6,15 +6,14 @@ import math
 
 import numpy as np
 import pytest
+from support.quiet_settings import GRAINS as SETTINGS
 
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.select import SLIP_S, Selector
 from eol_ros.core.sound.senses import MOST, SAME_S, FirstSense
-from eol_ros.settings import GrainsSettings
 
 FPS = 60
-SETTINGS = GrainsSettings()
 # One every 6 cm, all at different distances from any block.
 PLACES = np.stack(np.meshgrid(np.arange(20), np.arange(20)), 2).reshape(-1, 2) / 19
 PLACES = PLACES * 0.95 + np.random.default_rng(5).random(PLACES.shape) * 0.02

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The filter of single grains: against SciPy in double precision, and in the mixer."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.quiet_settings import SOUND
 
 from benchmarks.sound_art import FILTERS, filter_error_db, through_filter
 from benchmarks.sound_reference import filtered, score, snr_db
@@ -14,11 +15,10 @@ from eol_ros.core.sound.grain_filter import LEAST_HZ, MOST
 from eol_ros.core.sound.offline import play
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.sound.voicing import Voicing, new_mixer
-from eol_ros.settings import SoundSettings
 
 FS = 48000
-OFF = SoundSettings(gain_db=0.0, governor_db=0.0)
-LOW = dataclasses.replace(OFF, filter='low-pass', filter_hz=900.0, filter_q=4.0)
+OFF = replace(SOUND, gain_db=0.0, governor_db=0.0)
+LOW = replace(OFF, filter='low-pass', filter_hz=900.0, filter_q=4.0)
 
 
 @pytest.mark.parametrize('case', FILTERS, ids=str)
@@ -64,7 +64,7 @@ def test_a_grain_sounds_as_if_its_sound_had_been_filtered_before(band):
     there[first + 1 : first + size] = filtered(x[first + 1 : first + size], 900.0, 4.0, band, FS)
     t = np.zeros(1, TRIGGER)
     t['gain'], t['rate'], t['time_s'] = 0.5, 1.0, 0.01
-    made = dataclasses.replace(LOW, filter='band-pass' if band else 'low-pass')
+    made = replace(LOW, filter='band-pass' if band else 'low-pass')
     cut = ([0], [first / FS], [size / FS], FS)
     found = heard(made, t, Bank([x], *cut))
     assert snr_db(found, heard(OFF, t, Bank([there.astype('f4')], *cut)).astype(float)) > 115
@@ -72,14 +72,14 @@ def test_a_grain_sounds_as_if_its_sound_had_been_filtered_before(band):
 
 @pytest.mark.slow
 def test_how_output_is_cut_changes_no_bit():
-    few = dataclasses.replace(LOW, polyphony=12, filter_by='area', filter_octaves=3.0)
+    few = replace(LOW, polyphony=12, filter_by='area', filter_octaves=3.0)
     outs = [heard(few, triggers_of(200), noise_bank(), block=n) for n in (1, 37, 256, 512, 4096)]
     assert outs[0].any()
     assert all(np.array_equal(out, outs[0]) for out in outs[1:])
 
 
 def test_off_is_as_if_there_were_none():
-    off = dataclasses.replace(LOW, filter='off', filter_by='area', filter_octaves=4.0)
+    off = replace(LOW, filter='off', filter_by='area', filter_octaves=4.0)
     plain = heard(OFF, triggers_of(60), noise_bank())
     assert np.array_equal(heard(off, triggers_of(60), noise_bank()), plain)
     assert not Voicing(off).rows(triggers_of(60), noise_bank())[0]['tuning'].any()
@@ -95,7 +95,7 @@ def test_a_larger_rupture_moves_the_cutoff():
     t = np.zeros(N_BLOCKS, TRIGGER)
     t['block'], t['gain'], t['rate'] = np.arange(N_BLOCKS), 1.0, 1.0
     t['time_s'] = 0.01 * np.arange(N_BLOCKS)
-    by = dataclasses.replace(LOW, filter_by='area', filter_octaves=-2.0)
+    by = replace(LOW, filter_by='area', filter_octaves=-2.0)
     found = cutoffs(by, t, noise_bank())
     assert found[0] == pytest.approx(900.0) and found[-1] == pytest.approx(225.0)
     assert (np.diff(found) < 0).all()
@@ -106,14 +106,14 @@ def test_a_descriptor_moves_the_cutoff_by_its_rank():
     bank = noise_bank(descriptors={'loudness_lufs': loud})
     t = np.zeros(30, TRIGGER)
     t['grain'], t['gain'], t['rate'] = np.arange(30), 1.0, 1.0
-    by = dataclasses.replace(LOW, filter_by='loudness_lufs', filter_octaves=3.0)
+    by = replace(LOW, filter_by='loudness_lufs', filter_octaves=3.0)
     assert cutoffs(by, t, bank) == pytest.approx(900.0 * 2 ** (3 * loud / 29))
     assert cutoffs(by, t, bank.placed(np.zeros((30, 2)))) == pytest.approx(900.0)  # it has none
 
 
 def test_no_cutoff_leaves_what_can_be():
     for hz, octaves, least in ((20.0, -8.0, LEAST_HZ), (20000.0, 8.0, MOST * FS)):
-        far = dataclasses.replace(LOW, filter_hz=hz, filter_by='area', filter_octaves=octaves)
+        far = replace(LOW, filter_hz=hz, filter_by='area', filter_octaves=octaves)
         found = cutoffs(far, triggers_of(80), noise_bank())
         assert found.min() >= LEAST_HZ - 1e-6 and found.max() <= MOST * FS + 1e-6
         assert np.isclose(found, least).any()

@@ -2,12 +2,13 @@
 import dataclasses
 
 import pytest
+from support.quiet_settings import GRAINS
 
 from eol_ros.core.sound.presets import Glide, between
 from eol_ros.scene import check_value
 from eol_ros.settings import GrainsSettings, SoundSettings, live_fields
 
-START = GrainsSettings()
+START = GRAINS
 END = GrainsSettings(
     radius=0.2, k=9, mode='chain', gain=0.25, bow_period_s=1.28, playback_rate=0.25, blend=0.0,
     rearm_at_rest=False, weights=('ice 0.5',), bed_rate=4.0,

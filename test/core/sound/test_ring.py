@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Loudspeakers about the table: VBAP against its linear equations, and their alignment."""
 
-import dataclasses
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.quiet_settings import SOUND
 
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import Mixer
@@ -14,7 +15,6 @@ from eol_ros.core.sound.ring import Ring, Speaker, alignment, parse
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.sound.voicing import Voicing, new_mixer
 from eol_ros.errors import ConfigError
-from eol_ros.settings import SoundSettings
 
 FS = 48000
 FIVE = ('centre 0 2', 'left 30 2.4', 'right -30 2.4', 'back-left 110 1.5 -2', 'back-right -110 3')
@@ -96,7 +96,7 @@ def test_the_mixer_aligns_whatever_the_block(size):
 
 
 def test_a_grain_sounds_where_it_lies_on_the_table():
-    settings = SoundSettings(channels=5, speakers=FIVE)
+    settings = replace(SOUND, channels=5, speakers=FIVE)
     places = np.array([[0.0, 0.5], [-0.3, -0.3], [np.nan, np.nan]])
     sound = np.ones(FS, 'f4')
     bank = Bank([sound], [0, 0, 0], [0.0] * 3, [0.5] * 3, FS, places)
@@ -106,7 +106,7 @@ def test_a_grain_sounds_where_it_lies_on_the_table():
     loudest = np.where(rows['gain_a'] > rows['gain_b'], rows['channel_a'], rows['channel_b'])
     assert loudest.tolist() == [0, 3, 3]  # ahead; back left; none, so by pan to the left
     assert new_mixer(settings).memory.alignment.late.shape == (5, 256)
-    assert new_mixer(dataclasses.replace(settings, speakers=())).memory.alignment.late.size == 0
+    assert new_mixer(replace(settings, speakers=())).memory.alignment.late.size == 0
 
 
 @pytest.mark.parametrize(

@@ -1,21 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """The selector against a second reading of the same rule, block by block and grain by grain."""
 
-import dataclasses
 import functools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.quiet_settings import GRAINS
 
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.select import FORGET_S, NOISE_SIGMAS, Selector, chance
-from eol_ros.settings import GrainsSettings
 
 FPS = 60.0
-STILL = GrainsSettings(
-    rate_jitter_st=0, edge_jitter=0, crossfade_s=0, block_cap=1000, total_cap=10000, refractory_s=0
+STILL = replace(
+    GRAINS,
+    rate_jitter_st=0,
+    edge_jitter=0,
+    crossfade_s=0,
+    block_cap=1000,
+    total_cap=10000,
+    refractory_s=0,
 )
 EVERYONE = np.ones(25, bool)
 
@@ -218,7 +224,8 @@ def catart(random):
 def compare(seed, images, n_grains, further=False):
     """Run both over one random scene of 25 trajectories; return how many triggers there were."""
     random = np.random.default_rng(seed)
-    settings = GrainsSettings(
+    settings = replace(
+        GRAINS,
         mode=str(random.choice(['fence', 'fence', 'bow'])),
         choose=str(random.choice(['all', 'nearest', 'k'])),
         k=int(random.integers(1, 5)),
@@ -235,7 +242,7 @@ def compare(seed, images, n_grains, further=False):
     places = random.random((n_grains, 2))
     corpus = space(places)
     if further:
-        settings = dataclasses.replace(settings, **catart(random))
+        settings = replace(settings, **catart(random))
         corpus = two_sounds(places, random)
     selector, oracle = Selector(settings, corpus), Oracle(settings, corpus)
     xy = walk(random, images)
@@ -323,7 +330,7 @@ def test_a_block_that_rests_in_reach_is_silent_until_it_slips():
     assert len(run(STILL, CENTRE, slip)) == 1
     again = np.concatenate([slip, slip[::-1]])
     assert len(run(STILL, CENTRE, again)) == 2
-    fenced = dataclasses.replace(STILL, rearm_at_rest=False)
+    fenced = replace(STILL, rearm_at_rest=False)
     assert len(run(fenced, CENTRE, again)) == 1
 
 
@@ -347,12 +354,12 @@ def test_nearest_and_k():
     places = [(0.5, 0.5), (0.51, 0.5), (0.55, 0.5)]
     path = line((0.0, 0.002), (0.0, 0.0), 3)
     for choose, k, expected in [('all', 1, [0, 1, 2]), ('nearest', 1, [0]), ('k', 2, [0, 1])]:
-        settings = dataclasses.replace(STILL, choose=choose, k=k, radius=0.1)
+        settings = replace(STILL, choose=choose, k=k, radius=0.1)
         assert run(settings, places, path)['grain'].tolist() == expected
 
 
 def test_bow_rumbles_while_moving_and_only_then():
-    settings = dataclasses.replace(STILL, mode='bow', bow_period_s=0.1, bow_jitter=0, radius=0.5)
+    settings = replace(STILL, mode='bow', bow_period_s=0.1, bow_jitter=0, radius=0.5)
     random = np.random.default_rng(1)
     path = np.concatenate([line((-0.1, 0), (0.1, 0), 120), REST, REST, REST])
     found = run(settings, random.random((50, 2)), path)
@@ -365,7 +372,7 @@ def test_bow_rumbles_while_moving_and_only_then():
 
 def test_caps_hold_in_any_second():
     places = np.random.default_rng(2).random((400, 2))
-    settings = dataclasses.replace(STILL, block_cap=5, total_cap=12, radius=0.1)
+    settings = replace(STILL, block_cap=5, total_cap=12, radius=0.1)
     selector = Selector(settings, space(places))
     found = []
     for i in range(240):
@@ -380,7 +387,7 @@ def test_caps_hold_in_any_second():
 
 
 def test_no_grain_repeats_within_the_refractory_time():
-    settings = dataclasses.replace(STILL, refractory_s=0.4, radius=0.2)
+    settings = replace(STILL, refractory_s=0.4, radius=0.2)
     places = np.random.default_rng(3).random((30, 2))
     selector = Selector(settings, space(places))
     found = []
@@ -407,7 +414,7 @@ def right_x(found):
 
 
 def test_jitter_stays_in_its_range_and_comes_from_the_seed():
-    settings = dataclasses.replace(
+    settings = replace(
         STILL, rate_jitter_st=2, edge_jitter=0.5, playback_rate=1.5, radius=0.3, release_s=0.06
     )
     places = np.random.default_rng(4).random((300, 2))
@@ -420,7 +427,7 @@ def test_jitter_stays_in_its_range_and_comes_from_the_seed():
     attack = found['attack_s'] / settings.attack_s
     assert 0.5 - 1e-5 <= attack.min() < 0.7 and 1.3 < attack.max() <= 1.5 + 1e-5
     np.testing.assert_array_equal(found, run(settings, places, path))
-    other = run(dataclasses.replace(settings, seed=2), places, path)
+    other = run(replace(settings, seed=2), places, path)
     assert (other['rate'] != found['rate']).any()
     np.testing.assert_array_equal(other['grain'], found['grain'])
 
@@ -441,7 +448,8 @@ def test_every_setting_can_change_between_two_images():
     random, places = np.random.default_rng(6), np.random.default_rng(5).random((100, 2))
     count, told = 0, []
     for i in range(200):
-        selector.settings = s = GrainsSettings(
+        selector.settings = s = replace(
+            GRAINS,
             mode=str(random.choice(['fence', 'bow'])),
             choose=str(random.choice(['all', 'nearest', 'k'])),
             k=int(random.integers(1, 100)),
@@ -468,7 +476,7 @@ def test_every_setting_can_change_between_two_images():
 
 def test_a_new_corpus_rises_from_silence():
     places = np.random.default_rng(7).random((400, 2))
-    settings = dataclasses.replace(STILL, crossfade_s=1.0)
+    settings = replace(STILL, crossfade_s=1.0)
     selector = Selector(settings, space(places))
     gains = []
     for i in range(240):
@@ -502,7 +510,7 @@ def through(selector, start_s):
 
 def test_a_bag_that_begins_again_gives_the_same_again():
     places = np.random.default_rng(8).random((50, 2))
-    selector = Selector(dataclasses.replace(GrainsSettings(), radius=0.1), space(places))
+    selector = Selector(replace(GRAINS, radius=0.1), space(places))
     rounds = []
     for _ in range(2):
         found = []
@@ -556,7 +564,7 @@ def test_chance_is_uniform_and_depends_on_each_argument():
     ],
 )
 def test_envelopes_fill_the_grain_as_they_say(envelope, attack_s, release_s):
-    settings = dataclasses.replace(STILL, envelope=envelope)
+    settings = replace(STILL, envelope=envelope)
     found = run(settings, CENTRE, THROUGH)
     assert found['attack_s'] == pytest.approx(attack_s)
     assert found['release_s'] == pytest.approx(release_s)
@@ -564,8 +572,8 @@ def test_envelopes_fill_the_grain_as_they_say(envelope, attack_s, release_s):
 
 def test_a_share_of_the_grains_goes_backwards_and_nothing_else_changes():
     places = np.random.default_rng(3).random((300, 2))
-    wide = dataclasses.replace(STILL, radius=0.3)
-    runs = [run(dataclasses.replace(wide, reverse=r), places, THROUGH) for r in (0.0, 0.5, 1.0)]
+    wide = replace(STILL, radius=0.3)
+    runs = [run(replace(wide, reverse=r), places, THROUGH) for r in (0.0, 0.5, 1.0)]
     assert (runs[0]['rate'] == 1).all() and (runs[2]['rate'] == -1).all()
     assert 0.3 < np.mean(runs[1]['rate'] < 0) < 0.7
     for some in runs[1:]:

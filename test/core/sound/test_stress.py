@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stress bed: forces against a plain sum over springs, and what it sounds."""
 
-import dataclasses
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.quiet_settings import GRAINS
 
 from eol_ros.core.geometry import N_BLOCKS, PITCH_M, neighbours, rest_lattice
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.select import Selector
 from eol_ros.core.sound.stress import stress
-from eol_ros.settings import GrainsSettings
 
 SEEN = np.ones(N_BLOCKS, bool)
-BED = GrainsSettings(bed_rate=4.0, bed_break_m=0.02)
+BED = replace(GRAINS, bed_rate=4.0, bed_break_m=0.02)
 
 
 def corpus(side=8):
@@ -51,7 +51,7 @@ def sounded(at, settings, seconds=60.0):
 def test_rest_is_silent_and_off_is_off():
     assert not len(sounded(rest_lattice(), BED, 10))
     at = rest_lattice() + np.random.default_rng(1).normal(0, 0.01, (N_BLOCKS, 2))
-    assert not len(sounded(at, dataclasses.replace(BED, bed_rate=0.0), 10))
+    assert not len(sounded(at, replace(BED, bed_rate=0.0), 10))
 
 
 @pytest.mark.slow
@@ -79,7 +79,7 @@ def test_what_slips_sound_does_not_hang_on_the_bed():
     pace = 0.004 * (random.random((600, N_BLOCKS, 1)) < 0.1)  # mostly at rest
     steps = np.cumsum(pace * random.standard_normal((600, N_BLOCKS, 2)), axis=0) + rest_lattice()
     outs = []
-    for settings in (dataclasses.replace(BED, bed_rate=0.0), BED):
+    for settings in (replace(BED, bed_rate=0.0), BED):
         selector = Selector(settings, corpus())
         found = [selector.update(k / 60, *at.T, SEEN, np.zeros(25)) for k, at in enumerate(steps)]
         outs.append(np.concatenate(found))

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sub voice: its pulse against the formula, and what a growing rupture makes of it."""
 
-import dataclasses
 import gc
 import weakref
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.quiet_settings import SOUND
 
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.mixer import Mixer
@@ -14,10 +15,9 @@ from eol_ros.core.sound.offline import play
 from eol_ros.core.sound.sub import PULSE_HZ, RISE, pulse, pulse_bank
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.sound.voicing import Voicing
-from eol_ros.settings import SoundSettings
 
 FS = 48000
-SUB = SoundSettings(sub_db=0.0)
+SUB = replace(SOUND, sub_db=0.0)
 
 
 def spreading(count):
@@ -61,11 +61,11 @@ def test_only_a_rupture_that_grows_gives_a_pulse():
     t['block'] = 7, 7, 8
     rows, refused = Voicing(SUB).rows(t, bank())
     assert len(rows) == 3 + 2 and not refused.any()
-    assert len(Voicing(dataclasses.replace(SUB, sub_db=-90.0)).rows(t, bank())[0]) == 3
+    assert len(Voicing(replace(SUB, sub_db=-90.0)).rows(t, bank())[0]) == 3
 
 
 def test_an_output_of_its_own():
-    settings = dataclasses.replace(SUB, channels=3, sub_output=True)
+    settings = replace(SUB, channels=3, sub_output=True)
     rows, _ = Voicing(settings).rows(spreading(25), bank())
     out = heard(rows, channels=3)
     assert np.abs(out[:, 2]).max() > 0.5 and not out[:, :2].any()

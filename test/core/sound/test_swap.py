@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.quiet_settings import GRAINS
 
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound.bank import Bank, voice_rows
@@ -13,7 +14,6 @@ from eol_ros.core.sound.layout import lattice
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.offline import play
 from eol_ros.core.sound.select import Selector
-from eol_ros.settings import GrainsSettings
 
 FS, FPS = 48000, 60
 SWAP_S, END_S = 4.0, 8.0
@@ -53,7 +53,7 @@ def performance(settings, swap=True):
 
 @pytest.mark.slow
 def test_a_swap_neither_dips_nor_bumps_nor_clicks():
-    settings = replace(GrainsSettings(), total_cap=10_000, rate_jitter_st=0.0)
+    settings = replace(GRAINS, total_cap=10_000, rate_jitter_st=0.0)
     swapped, triggers, since_s = performance(settings)
     steady, _, _ = performance(settings, swap=False)
     assert SWAP_S - 0.1 < since_s < SWAP_S + 0.1

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """How large a rupture is, and what its grains become."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.quiet_settings import SOUND
 
 from eol_ros.core.geometry import N_BLOCKS, neighbours
 from eol_ros.core.sound.bank import Bank, voice_rows
@@ -19,10 +20,9 @@ from eol_ros.core.sound.voicing import (
     new_mixer,
     set_room,
 )
-from eol_ros.settings import SoundSettings
 
 FS = 48000
-OFF = SoundSettings()
+OFF = SOUND
 
 
 def bank():
@@ -103,9 +103,9 @@ def test_off_is_the_plain_voices():
 
 
 def test_speed_falls_as_the_root_of_the_area():
-    rows, _ = Voicing(dataclasses.replace(OFF, rate_scaling=1.0)).rows(spreading(25), bank())
+    rows, _ = Voicing(replace(OFF, rate_scaling=1.0)).rows(spreading(25), bank())
     assert np.allclose(rows['rate'], np.arange(1, 26) ** -0.5, rtol=1e-6)
-    rows, _ = Voicing(dataclasses.replace(OFF, rate_scaling=0.5)).rows(spreading(25), bank())
+    rows, _ = Voicing(replace(OFF, rate_scaling=0.5)).rows(spreading(25), bank())
     assert np.allclose(rows['rate'], np.arange(1, 26) ** -0.25, rtol=1e-6)
 
 
@@ -116,12 +116,12 @@ def test_corners_fall_as_the_root_of_the_area():
     wanted = 8000 / np.sqrt(area)
     off = np.log2(corners_hz(8000.0)[bus] / wanted)
     assert np.abs(off).max() <= 1 / 8 + 1e-9  # of an octave
-    rows, _ = Voicing(dataclasses.replace(OFF, corner_hz=8000.0)).rows(spreading(25), bank())
+    rows, _ = Voicing(replace(OFF, corner_hz=8000.0)).rows(spreading(25), bank())
     assert (rows['channel_a'] // 2 == bus).all() and (rows['channel_b'] // 2 == bus).all()
 
 
 def test_small_ruptures_lack_lows_and_creaks_and_sub_do_not():
-    settings = dataclasses.replace(OFF, low_corner_hz=200.0, corner_hz=8000.0, sub_db=-6.0)
+    settings = replace(OFF, low_corner_hz=200.0, corner_hz=8000.0, sub_db=-6.0)
     t, sound = spreading(25), bank()
     t['block'][0] = -1
     rows, _ = Voicing(settings).rows(t, sound)
@@ -139,8 +139,8 @@ def test_small_ruptures_lack_lows_and_creaks_and_sub_do_not():
 
 @pytest.mark.parametrize('low_corner_hz', [0.0, 200.0])
 def test_a_room_that_is_changed_live_is_that_of_a_new_mixer(low_corner_hz):
-    settings = dataclasses.replace(OFF, room_s=3.0, low_corner_hz=low_corner_hz)
-    changed = dataclasses.replace(settings, room_db=settings.room_db - 6)
+    settings = replace(OFF, room_s=3.0, low_corner_hz=low_corner_hz)
+    changed = replace(settings, room_db=settings.room_db - 6)
     mixer = new_mixer(settings)
     before = mixer.memory.room.wets.copy()
     set_room(mixer, changed)
@@ -149,7 +149,7 @@ def test_a_room_that_is_changed_live_is_that_of_a_new_mixer(low_corner_hz):
 
 
 def test_dynamics_go_from_a_single_slip_to_all_blocks():
-    settings = dataclasses.replace(OFF, dynamics_db=20.0)
+    settings = replace(OFF, dynamics_db=20.0)
     rows, _ = Voicing(settings).rows(spreading(25), bank())
     level_db = 20 * np.log10(np.hypot(rows['gain_a'], rows['gain_b']))
     assert level_db[0] == pytest.approx(-20, abs=1e-4) and level_db[-1] == pytest.approx(0)
@@ -157,7 +157,7 @@ def test_dynamics_go_from_a_single_slip_to_all_blocks():
 
 
 def test_the_beginning_leaves_room():
-    settings = dataclasses.replace(OFF, onset_duck_db=12.0, onset_duck_s=0.05)
+    settings = replace(OFF, onset_duck_db=12.0, onset_duck_s=0.05)
     rows, _ = Voicing(settings).rows(spreading(8, step_s=0.01), bank())
     level_db = 20 * np.log10(np.hypot(rows['gain_a'], rows['gain_b']))
     wanted = -12 * np.maximum(0, 1 - np.arange(8) / 5)
@@ -165,9 +165,7 @@ def test_the_beginning_leaves_room():
 
 
 def test_one_by_one_and_all_at_once_are_the_same():
-    settings = dataclasses.replace(
-        OFF, rate_scaling=1.0, corner_hz=6000.0, dynamics_db=15.0, sub_db=-6.0
-    )
+    settings = replace(OFF, rate_scaling=1.0, corner_hz=6000.0, dynamics_db=15.0, sub_db=-6.0)
     sound, t = bank(), spreading(25)
     t['block'][::6] = -1  # of nobody: part of no rupture
     whole, _ = Voicing(settings).rows(t, sound)
@@ -181,7 +179,7 @@ def test_one_by_one_and_all_at_once_are_the_same():
 def test_what_cannot_be_played_is_told_and_part_of_no_rupture():
     t = spreading(4)
     t['time_s'][1], t['gain'][2] = np.nan, -1
-    rows, refused = Voicing(dataclasses.replace(OFF, rate_scaling=1.0)).rows(t, bank())
+    rows, refused = Voicing(replace(OFF, rate_scaling=1.0)).rows(t, bank())
     assert refused.tolist() == [False, True, True, False]
     assert np.allclose(rows['rate'], [1, 1])  # block 3 does not touch block 0
 
@@ -192,5 +190,5 @@ def test_a_grain_too_short_to_sound_is_refused_with_the_rest(rate_scaling):
     grains = Bank([noise], [0, 0], [0.0, 0.5], [0.25, 3 / 48000], 48000)
     t = spreading(4)
     t['grain'], t['gain'][0] = (0, 1, 0, 1), -1
-    rows, refused = Voicing(dataclasses.replace(OFF, rate_scaling=rate_scaling)).rows(t, grains)
+    rows, refused = Voicing(replace(OFF, rate_scaling=rate_scaling)).rows(t, grains)
     assert refused.tolist() == [True, True, False, True] and len(rows) == 1
