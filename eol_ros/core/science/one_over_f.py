@@ -28,6 +28,8 @@ EXCLUDED = 10.0  # of AIC, by which the Lorentzian must be worse
 MISFIT = 0.01
 UNEVEN = 0.025  # one of 39 surrogates and the series itself
 FEWEST_EVENTS = 50
+DRIVE_PERIODS = 10  # of the longest gestures in a series that has a verdict
+GESTURE_S = 25.0  # longest period of visitors: spectra of the table bend near 0.04 Hz
 STRAIGHT = ('white', 'power law')
 
 
@@ -81,13 +83,16 @@ def ask(
     rng: np.random.Generator,
     *,
     window_s: float = 0.0,
+    drive_s: float = 0.0,
     times_s: np.ndarray | None = None,
     rest: float | None = None,
     others: Mapping[str, Callable[[], np.ndarray]] | None = None,
 ) -> Answer:
     """Return the verdict on `series`, (n,) at `rate_hz`, up to `high_hz` and three decades down.
 
-    window_s: each value is a mean over so long. times_s: the events that `series` counts, from its
+    window_s: each value is a mean over so long. drive_s: the longest period of what drives the
+    series; shorter than ten of these, it has no verdict, for the band ends where the drive bends
+    it. times_s: the events that `series` counts, from its
     beginning. rest: the level at and below which a series that is no count rests. others: further
     controls by name, each a series as long as this one and made only when it is needed.
     """
@@ -100,6 +105,11 @@ def ask(
         return Answer(name, 'undecided', doubts=[
             f'{duration_s:.0f} s are too short: two decades below {high_hz:g} Hz need '
             f'{needed_s:.0f} s'
+        ])  # fmt: skip
+    if duration_s < DRIVE_PERIODS * drive_s * (1 - 1e-9):
+        return Answer(name, 'undecided', doubts=[
+            f'{duration_s:.0f} s are too short: {DRIVE_PERIODS} of the longest gestures '
+            f'({drive_s:g} s) need {DRIVE_PERIODS * drive_s:.0f} s'
         ])  # fmt: skip
     if times_s is not None and len(times_s) < FEWEST_EVENTS:
         few = f'{len(times_s)} events are too few: {FEWEST_EVENTS} are needed'

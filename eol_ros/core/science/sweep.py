@@ -317,13 +317,16 @@ def _spectra(task: Table | Plate | Train, scene: Plain, run: Run) -> Plain:
 
     slips = _slips(run, begin_s)
     found: Plain = {}
-    for name, series, more in (
+    asked: tuple[tuple[str, Any, Plain], ...] = (
         ('slips', counts, {'times_s': slips[0]}), ('sound', power, {'rest': 0.0}),
-    ):  # fmt: skip
-        others = {HANDS_APART: functools.partial(alone, series)}
+    )  # fmt: skip
+    for name, series, more in asked:
+        if task.drive == 'hands':
+            more['others'] = {HANDS_APART: functools.partial(alone, series)}
+            more['drive_s'] = one_over_f.GESTURE_S * max(1.0, HANDS_MPS / task.speed_mps)
         answer = one_over_f.ask(
             name, series(slips), SPECTRA_HZ, SPECTRA_HIGH_HZ, np.random.default_rng(task.seed),
-            others=others if task.drive == 'hands' else None, **more,
+            **more,
         )  # fmt: skip
         found[f'{name}_one_over_f'] = answer.answer
         found[f'{name}_slope'] = answer.slope.beta if answer.slope is not None else None

@@ -107,3 +107,15 @@ def test_a_control_that_has_the_slope_too_refuses_it():
     assert refused.answer == 'no' and 'the control (hands) has a slope of' in refused.sentence
     asked.clear()
     assert ask_with(same, rng.normal(size=12_000)).answer == 'no' and not asked  # not needed
+
+
+def test_a_record_of_few_gestures_has_no_verdict():
+    """Up to ten of the longest gestures the band ends where these bend the spectrum."""
+    noise = spectra.coloured_noise(1.0, 20 * 260, np.random.default_rng(5))
+    rng = np.random.default_rng(1)
+    drive_s = one_over_f.GESTURE_S
+    short = one_over_f.ask('x', noise[: 20 * 240], 20.0, 5.0, rng, drive_s=drive_s)
+
+    assert short.answer == 'undecided' and '240 s are too short' in short.sentence
+    assert '(25 s) need 250 s' in short.sentence
+    assert one_over_f.ask('x', noise, 20.0, 5.0, rng, drive_s=drive_s).spectrum is not None
