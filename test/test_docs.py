@@ -122,3 +122,30 @@ def test_the_text_of_a_setting_stands_alone(kind):
             r"(of|by|and|with|while|what|how|when|who|whose|which|its?|that|this|so|the same|a"
             r' guess)\b', text), f'{field.name}: {text}'  # fmt: skip
         assert len(text.split()) > 1 and not text.endswith('.'), f'{field.name}: {text}'
+
+
+FOREIGN = {
+    'ROS_LOG_DIR',
+    'colcon_defaults',
+    'dask',
+    'dataframe',
+    'message_lost',
+    'robot_description',
+}
+
+
+@pytest.fixture(scope='module')
+def known():
+    """All words of the code and of the names of its files."""
+    files = [ROOT / path.lstrip('/') for path in tracked(ROOT)]
+    prose = ('.md', '.rst', '.svg', '.svgz')
+    texts = [str(files)]
+    texts += [f.read_text(errors='ignore') for f in files if f.suffix not in prose and f.is_file()]
+    return {word for text in texts for word in re.findall(r'[A-Za-z_]\w*', text)} | FOREIGN
+
+
+@each_page
+def test_names_in_back_quotes_are_in_the_code(page, known):
+    for name in re.findall(r'`([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)(?:\(\))?`', page.read_text()):
+        if '_' in name or '.' in name:  # one word alone may be any word
+            assert known.issuperset(name.split('.')), name
