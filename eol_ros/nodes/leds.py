@@ -65,13 +65,13 @@ class LedsNode(EolNode):
     def on_slip(self, slip: Slip) -> None:
         self.stamped(to_ns(slip.header.stamp))
         if slip.kind == slips.START:
-            self.tell(self.lights.slip(slip.block, to_ns(slip.header.stamp), to_ns(slip.onset)))
+            self.lights.slip(slip.block, to_ns(slip.header.stamp), to_ns(slip.onset))
             self.health.tick()
             self.fade()
 
     def on_own_tap(self, tap: BlockTap) -> None:
         """A tap that this node has published, or a replay."""
-        self.tell(self.lights.tap(tap.block, to_ns(tap.header.stamp), tap.board_time_us))
+        self.lights.tap(tap.block, to_ns(tap.header.stamp), tap.board_time_us)
         self.fade()
 
     def fade(self) -> None:
@@ -106,7 +106,7 @@ class LedsNode(EolNode):
                 self.get_logger().warning(f'background not learnt: {error}')
 
     def on_test(self, asked: Asked) -> None:
-        self.tell(self.lights.test(self.now_ns()))
+        self.lights.test(self.now_ns())
         self.fade()
 
     def on_second(self) -> None:

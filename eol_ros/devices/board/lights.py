@@ -210,28 +210,25 @@ class Lights:
         """Whether incoming taps are those of blocks that light themselves."""
         return self._played is None
 
-    def slip(self, block: int, stamp_ns: int, onset_ns: int) -> list[Sent]:
+    def slip(self, block: int, stamp_ns: int, onset_ns: int) -> None:
         """Light `block` for a slip seen in the image of `stamp_ns`, unless it has felt it; not
         while asleep.
         """
         trigger = self._settings.trigger
         felt = trigger == 'both' and onset_ns - FELT_NS < self._felt_ns[block] <= stamp_ns
-        if self._asleep or felt or trigger == 'blocks':
-            return []
-        began_ns = None if trigger == 'slips' else onset_ns + self._at_ns(stamp_ns) - stamp_ns
-        return self._light(stamp_ns, block, onset_ns=began_ns)
+        if not (self._asleep or felt or trigger == 'blocks'):
+            began_ns = None if trigger == 'slips' else onset_ns + self._at_ns(stamp_ns) - stamp_ns
+            self._light(stamp_ns, block, onset_ns=began_ns)
 
-    def tap(self, block: int, stamp_ns: int, board_us: int) -> list[Sent]:
+    def tap(self, block: int, stamp_ns: int, board_us: int) -> None:
         """Count the light of a block that felt a knock; give it where it does not do so itself."""
         if self._asleep or self._settings.trigger == 'slips':
-            return []
+            return
         self._felt_ns[block] = stamp_ns
         if not self.by_themselves:
-            return self._light(stamp_ns, block)
-        shone_ns = self._shone.pop((block, board_us), None)
-        if shone_ns is not None:
+            self._light(stamp_ns, block)
+        elif (shone_ns := self._shone.pop((block, board_us), None)) is not None:
             self.frames.lit(self._at_ns(stamp_ns), _Cause(stamp_ns, shone_ns), block)
-        return []
 
     def frame(self) -> list[Sent]:
         """Send the light as it is by now; such a packet carries no stamp."""
@@ -255,9 +252,9 @@ class Lights:
             sent.append(Sent(self._sequence, white, infrared, *cause))
         return sent
 
-    def test(self, stamp_ns: int) -> list[Sent]:
+    def test(self, stamp_ns: int) -> None:
         """Light all blocks once, for the people who set up and asked for it at `stamp_ns`."""
-        return self._light(0, *range(N_BLOCKS), at_ns=self._at_ns(stamp_ns))
+        self._light(0, *range(N_BLOCKS), at_ns=self._at_ns(stamp_ns))
 
     def infrared(self, mask: int) -> list[Sent]:
         """Switch the infrared LEDs: bit b is that of block b."""
@@ -307,7 +304,7 @@ class Lights:
 
     def _light(
         self, stamp_ns: int, *blocks: int, at_ns: int = 0, onset_ns: int | None = None
-    ) -> list[Sent]:
+    ) -> None:
         """Have `blocks` lit now, for the image or knock of `stamp_ns`, or of `at_ns` for none."""
         at_ns = at_ns or self._at_ns(stamp_ns)
         mask = sum(1 << block for block in blocks)
@@ -315,7 +312,6 @@ class Lights:
         if sequence is not None:
             self._sequence = sequence
             self.frames.lit(at_ns, _Cause(stamp_ns, time.time_ns()), *blocks, onset_ns=onset_ns)
-        return []  # it is told when it is due
 
     def _wall_us(self, stamp_ns: int) -> int:
         return (self._played.wall_ns(stamp_ns) if self._played and stamp_ns else stamp_ns) // 1000
