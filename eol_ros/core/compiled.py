@@ -83,8 +83,8 @@ def njit(
     """
     if function is None:
         return lambda function: njit(function, cache=cache, inner=inner, **options)
-    # Without an explicit fastmath a function would inherit that of its first caller.
-    options.setdefault('fastmath', False)
+    # What is not stated here a function would inherit from its first caller.
+    options = {'fastmath': False, 'error_model': 'python', 'forceinline': False, **options}
     options |= {'no_cpython_wrapper': inner, 'no_cfunc_wrapper': True}
     known = json.dumps(options, sort_keys=True, default=sorted)
     if inner:
@@ -246,6 +246,13 @@ def _described(kind: Any) -> Any:
     return str(kind), tuple(map(str, fields)), tuple(map(_described, inside))
 
 
+# What pickle, numba and LLVM raise on an object that is whole but made by other versions of them.
+_UNREADABLE = (
+    pickle.UnpicklingError, AssertionError, AttributeError, EOFError, ImportError, LookupError,
+    RuntimeError, TypeError, ValueError,
+)  # fmt: skip
+
+
 class _Cache:
     """The cache of one function, in place of numba's; each set of argument types has a file.
 
@@ -313,7 +320,7 @@ class _Cache:
                 made_for, reduced = pickle.loads(data)
                 # else: a default of nan, or a class of the main script
                 return self._rebuild(name, target_context, reduced) if made_for == sig else None
-        except Exception as error:  # pickle and LLVM raise many types
+        except _UNREADABLE as error:
             store.say(f'{name} cannot be loaded ({error}); compiling it again')
             return None
 

@@ -226,3 +226,16 @@ def test_machine_code_is_the_same_whatever_processor_the_environment_names():
     assert told[0] and set(told) == {told[0]}
     if settings.CPU_NAME == TARGET:
         assert 'ymm' in told[0] and 'zmm' not in told[0]
+
+
+def test_a_function_takes_no_option_from_its_first_caller():
+    @njit
+    def ratio(a, b):
+        return a / b
+
+    @njit(error_model='numpy')
+    def first(a, b):
+        return ratio(a, b)
+
+    with pytest.raises(ZeroDivisionError):
+        first(1.0, 0.0)
