@@ -13,7 +13,7 @@ from benchmarks.machine import tell
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound import descriptors, layout, segments
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
-from eol_ros.core.sound.ice_first import ice
+from eol_ros.core.sound.ice import ice
 from eol_ros.core.sound.select import Selector
 from eol_ros.devices.audio import audio_file
 from eol_ros.devices.corpus import corpus_file

@@ -288,7 +288,6 @@ SAME_BITS = (
 )  # fmt: skip
 FREE = {  # of these modules, with the reason
     'core/sound/binaural.py': 'headphones only: no digest',
-    'core/sound/ice_first.py': 'the recording of bags before 0.2, kept as files of 16 bits',
     'core/sound/meter.py': 'levels for people',
     'core/sound/presets.py': 'what a preset becomes is recorded as settings',
     'core/sound/takes.py': 'a level that decides where a take ends, which is a file from then on',

@@ -26,7 +26,6 @@ from eol_ros.errors import ConfigError, DeviceMissing, EolError, writing
 from eol_ros.settings import DESCRIPTORS, MORE_DESCRIPTORS, PROJECTIONS
 
 ICE_S, ICE_RATE = 120.0, 48000
-FIRST_ICE_S = 40.0  # of recipe 1
 CUT = (
     'segment',
     'grain_s',
@@ -38,30 +37,23 @@ CUT = (
 )
 
 
-def make_ice(seed: int, recipe: int = corpus_file.ICE_RECIPE) -> Path:
+def make_ice(seed: int) -> Path:
     """Return the procedural ice recording of this seed, made on first use."""
-    path = corpus_file.ice_file(seed, recipe)
+    path = corpus_file.ice_file(seed)
     if not path.is_file():
-        from eol_ros.core.sound import ice, ice_first
+        from eol_ros.core.sound.ice import ice
         from eol_ros.devices.audio import audio_file
 
-        sound = (
-            ice_first.ice(FIRST_ICE_S, ICE_RATE, seed)
-            if recipe == 1
-            else ice.ice(ICE_S, ICE_RATE, seed)
-        )
         part = path.with_name(f'.{os.getpid()}-{path.name}')
-        audio_file.write(part, sound, ICE_RATE, 'PCM_16')
+        audio_file.write(part, ice(ICE_S, ICE_RATE, seed), ICE_RATE, 'PCM_16')
         os.replace(part, path)
     return path
 
 
 def of_this_machine(sound: str) -> Path:
     """Return the file `sound` of a corpus made elsewhere: the ice recording is made here, too."""
-    ice = re.fullmatch(r'ice-(\d+)-(\d+)\.wav', os.path.basename(sound))
-    if ice is None or os.path.isfile(sound) or not 1 <= int(ice[1]) <= corpus_file.ICE_RECIPE:
-        return Path(sound)
-    return make_ice(int(ice[2]), int(ice[1]))
+    ice = re.fullmatch(rf'ice-{corpus_file.ICE_RECIPE}-(\d+)\.wav', os.path.basename(sound))
+    return Path(sound) if ice is None or os.path.isfile(sound) else make_ice(int(ice[1]))
 
 
 def build(

@@ -67,9 +67,9 @@ class Options:
 REMAKING = frozenset({'sound', 'seed', *(f.name for f in fields(Options))})
 
 
-def ice_file(seed: int, recipe: int = ICE_RECIPE) -> Path:
+def ice_file(seed: int) -> Path:
     """Return where the procedural ice recording of this seed is kept once made."""
-    return folders.cache('ice') / f'ice-{recipe}-{seed}.wav'
+    return folders.cache('ice') / f'ice-{ICE_RECIPE}-{seed}.wav'
 
 
 def all_sounds(sound: str, options: Options, seed: int) -> list[Path]:
