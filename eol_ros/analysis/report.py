@@ -276,8 +276,7 @@ def _table(bag: Bag, topic: str) -> Table | None:
 def _latencies(bag: Bag) -> dict[str, dict[str, float]]:
     """Return the latency from the stamp of an image to the recorder, or to the bytes of its light.
 
-    Only the first packet of light for a stamp counts: those that follow show how a flash decays,
-    and in bags of version 0.1.0 they repeat the stamp of the last slip.
+    Only the first packet of light for a stamp counts: those that follow show how a flash decays.
     """
     found = {}
     for topic in ('blocks', 'slips', 'led_commands', 'grain_triggers'):

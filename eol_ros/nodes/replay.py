@@ -15,7 +15,7 @@ from rosgraph_msgs.msg import Clock
 
 from eol_ros.devices.bag.player import BagPlayer, choose, complete
 from eol_ros.devices.bag.reader import BagMessage, BagReader
-from eol_ros.devices.bag.requests import CONTROL, heeded
+from eol_ros.devices.bag.requests import heeded
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import ConfigError
@@ -51,7 +51,7 @@ class ReplayNode(EolNode):
         usual = [recorded(topic) for topic in played(self.scene, complete(self.bag))]
         self.names = choose(self.bag, s.topics, usual)
         # Requests are asked again, by today's definition; topics asked for by name go as they are.
-        self._asked_on = () if s.topics else (recorded(REQUESTS), recorded(CONTROL))
+        self._asked_on = () if s.topics else (recorded(REQUESTS),)
         self.publishers_of = {n: self._publisher(n) for n in self.names if n not in self._asked_on}
         self._given: Counter[Publisher] = Counter()  # since its readers said that they have all
         self._unanswered: set[Publisher] = set()  # a reader of theirs did not say so in time
@@ -114,9 +114,6 @@ class ReplayNode(EolNode):
         self.publishers_of[self.bag.name(REQUESTS)] = self._asks
         self._ahead = ahead(found, self.bag.start_ns + round(self.settings.start_s * 1e9))
         self._then = {h.log_ns: h.asked for h in found if h.asked.kind in PEOPLE and not h.accepted}
-        control = self.bag.name(CONTROL)
-        if control in self.bag.topics and control not in self.names:
-            self.names.append(control)
 
     def ask(self, asked: Asked) -> None:
         asked = replace(asked, id=new_id(self.NAME), source=self.NAME)

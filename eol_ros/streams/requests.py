@@ -6,8 +6,6 @@ stamp from which it counts. Both are in the bag, so that what was asked while re
 again by a replay and by `eol report --retrack`, from the same image on.
 """
 
-import base64
-import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -282,38 +280,3 @@ def _asked(columns: Columns, i: int, accepted: bool = False) -> Heeded:
 
 def _bytes(data: Any) -> bytes:
     return np.asarray(data, np.uint8).tobytes()
-
-
-def recorded_as_control(columns: Columns) -> list[Heeded]:
-    """Return the requests of a bag of version 0.1, which had them as text on `control`."""
-    found = []
-    for i in range(len(columns['command'])):
-        source, command, target, key, text = (
-            str(columns[name][i]) for name in ('source', 'command', 'target', 'key', 'value')
-        )
-        stamp_ns, log_ns = (int(columns[name][i].astype('i8')) for name in ('stamp', 'log_time'))
-        if source == target == 'tracker' and command == SET:  # what the tracker said it heeds
-            kinds = {'threshold': SET, 'clutter': 'background', 'dark': 'darkness'}
-            kind, data, values = kinds.get(key, key), b'', {}
-            if key == 'threshold':
-                values = {'threshold': float(text)}
-            elif key == 'clutter':
-                data = base64.b64decode(text)
-            elif key == 'dark':
-                values = {'until_ns': int(text)}
-            asked = Asked(kind, 'tracker', values, data, stamp_ns, source='tracker')
-            found.append(Heeded(asked, log_ns, True))
-        elif command == SET:
-            if target not in ('tracker', 'twin') and key != 'place':
-                asked = Asked(SET, target, {key: _plain(text)}, source=source)
-                found.append(Heeded(asked, log_ns, False))  # from which image on is not known
-        elif command in KINDS and not KINDS[command].internal:
-            found.append(Heeded(Asked(command, target, source=source), log_ns, False))
-    return found
-
-
-def _plain(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text

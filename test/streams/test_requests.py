@@ -16,7 +16,6 @@ from eol_ros.streams.requests import (
     Number,
     ahead,
     recorded,
-    recorded_as_control,
     value_of,
 )
 
@@ -120,32 +119,6 @@ def test_a_recording_says_what_was_asked_and_what_was_accepted():
     ]
     assert [h.log_ns for h in found] == sorted(h.log_ns for h in found)
     assert [h.asked.source for h in found if not h.accepted] == ['panel', 'tracker', 'panel']
-
-
-def test_a_bag_of_the_first_version_says_the_same_of_its_tracker():
-    rows = [
-        ('tracker', 'set', 'tracker', 'threshold', '30.0', 5),
-        ('tracker', 'set', 'tracker', 'clutter', 'UE5H', 6),
-        ('tracker', 'set', 'tracker', 'dark', '99', 7),
-        ('tracker', 'set', 'tracker', 'calibrate', '', 8),
-        ('panel', 'sleep', '', '', '', 9),
-        ('panel', 'set', 'grains', 'radius', '0.125', 9),
-        ('panel', 'set', 'grains', 'place', '[3, 0.5, 0.5]', 9),
-        ('leds', 'set', 'twin', 'infrared', '0', 9),
-    ]
-    names = ('source', 'command', 'target', 'key', 'value')
-    table = {n: np.array([row[i] for row in rows]) for i, n in enumerate(names)}
-    table |= {'stamp': times(*(row[5] for row in rows)), 'log_time': times(*range(len(rows)))}
-    found = recorded_as_control(table)
-    accepted = [h.asked for h in found if h.accepted]
-    assert [(a.kind, a.values, a.data, a.from_ns) for a in accepted] == [
-        ('set', {'threshold': 30.0}, b'', 5),
-        ('background', {}, b'PNG', 6),
-        ('darkness', {'until_ns': 99}, b'', 7),
-        ('calibrate', {}, b'', 8),
-    ]
-    others = [(h.asked.kind, h.asked.node, h.asked.values) for h in found if not h.accepted]
-    assert others == [('sleep', '', {}), ('set', 'grains', {'radius': 0.125})]
 
 
 def test_before_a_later_start_only_what_still_holds_is_asked():

@@ -5,18 +5,17 @@ import numpy as np
 
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.streams.cdr import Decoder
-from eol_ros.streams.requests import Heeded, recorded, recorded_as_control
+from eol_ros.streams.requests import Heeded, recorded
 
 REQUESTS, RESULTS = 'requests', 'request_results'
-CONTROL = 'control'  # what there was before them
 
 
 def heeded(bag: BagReader) -> list[Heeded]:
-    """Return the requests of a bag of any version, in order of recording."""
-    requests, results, control = map(bag.name, (REQUESTS, RESULTS, CONTROL))
+    """Return the requests of a bag, in order of recording."""
+    requests, results = map(bag.name, (REQUESTS, RESULTS))
     if requests in bag.topics and results in bag.topics:
         return recorded(_columns(bag, requests), _columns(bag, results))
-    return recorded_as_control(_columns(bag, control)) if control in bag.topics else []
+    return []
 
 
 def _columns(bag: BagReader, name: str) -> dict[str, np.ndarray]:
