@@ -67,7 +67,6 @@ GROUPS = {
     },
 }
 VERBS = {verb: text for group in GROUPS.values() for verb, text in group.items()}
-ALIASES = {'walls': 'kiosk', 'warm': 'compile'}  # names before; they go with the next version
 
 
 def _overview() -> str:
@@ -119,9 +118,6 @@ def _main(words: list[str]) -> int:
         print(_versions())
         return 0
     verb = words[0]
-    if verb in ALIASES:
-        print(f'eol: {verb} is now called {ALIASES[verb]}', file=sys.stderr)
-        verb = ALIASES[verb]
     if verb not in VERBS:
         near = difflib.get_close_matches(verb, VERBS, 1, 0.5)
         hint = f'Did you mean {near[0]}?' if near else f'There are {", ".join(VERBS)}.'

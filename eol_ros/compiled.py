@@ -194,9 +194,6 @@ def forget(everything: bool = False) -> None:
         for other in folder.parent.glob(f'{tag}-*'):
             with contextlib.suppress(OSError):
                 other.rmdir()  # if nothing is left in it
-    for path in ROOT.rglob('*.nb[ci]'):  # from versions of this package that used numba's cache
-        with contextlib.suppress(OSError):
-            path.unlink()
 
 
 def _is_current(path: Path) -> bool:

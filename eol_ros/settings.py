@@ -289,7 +289,6 @@ class TrackerSettings:
         'background model (PNG) of lamps and reflections to ignore; rewritten each time it is '
         'learnt',
         path=True,
-        was='clutter',
     )
 
 
@@ -305,7 +304,6 @@ class MotionSettings:
         's',
         0.05,
         0.25,
-        was='anchor_s',
     )
     false_alarms_per_hour: float = setting(
         1.0,
@@ -393,7 +391,6 @@ class LedsSettings:
         'switch the infrared lights off for 1.5 s when the work falls asleep, so that the '
         'tracker learns the background again',
         live=True,
-        was='clutter_at_sleep',
     )
 
 
@@ -537,7 +534,6 @@ class GrainsSettings:
         1,
         10,
         live=True,
-        was='leave_ratio',
     )
     rearm_at_rest: bool = setting(
         True, 'let grains sound again once the block is at rest', live=True
@@ -585,7 +581,7 @@ class GrainsSettings:
         live=True,
     )
     playback_rate: float = setting(
-        1.0, 'playback rate of grains; 2: one octave up', '', 0.0625, 16, live=True, was='rate'
+        1.0, 'playback rate of grains; 2: one octave up', '', 0.0625, 16, live=True
     )
     rate_jitter_st: float = setting(
         0.5,
@@ -647,7 +643,6 @@ class GrainsSettings:
         0,
         60,
         live=True,
-        was='swap_s',
     )
     seed: int = setting(
         1, 'random seed of the recording of ice and of all random variation', '', 0, live=True
@@ -682,7 +677,7 @@ class SoundSettings:
     )
     gain_db: float = setting(-6.0, 'master gain', 'dB', -90, 24, live=True)
     interpolation: str = setting(
-        'cubic', 'resampling interpolation', choices=('cubic', 'linear'), live=True, was='reading'
+        'cubic', 'resampling interpolation', choices=('cubic', 'linear'), live=True
     )
     polyphony: int = setting(
         512,
@@ -690,7 +685,6 @@ class SoundSettings:
         '',
         1,
         4096,
-        was='voices',
     )
     rate_scaling: float = setting(
         0.5,

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from eol_ros import cli
 from eol_ros import scene as scenes
 from eol_ros.errors import ConfigError
+from eol_ros.settings import MotionSettings
 from eol_ros.streams.graph import NODES
 
 FUZZ = Path(tempfile.mkdtemp(prefix='eol-fuzz-'))
@@ -166,13 +167,16 @@ def test_a_number_for_text_by_ros_parameter_is_told_to_be_quoted():
         scenes.check_value(pin, 34)
 
 
-def test_a_setting_is_found_by_its_old_name_with_a_warning(tmp_path):
-    scene = scenes.load(write(tmp_path, 'nodes: {twin: {}, tracker: {}, motion: {anchor_s: 0.1}}'))
+def test_a_setting_is_found_by_its_old_name_with_a_warning(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        scenes, 'renamed', lambda kind: {'old_s': 'baseline_s'} if kind is MotionSettings else {}
+    )
+    scene = scenes.load(write(tmp_path, 'nodes: {twin: {}, tracker: {}, motion: {old_s: 0.1}}'))
     assert scene.nodes['motion'].baseline_s == 0.1
     (warning,) = scene.warnings
-    assert 's.yaml:1: motion.anchor_s is now called motion.baseline_s' in warning
-    both = 'nodes: {twin: {}, tracker: {}, motion: {anchor_s: 0.1, baseline_s: 0.1}}'
-    with pytest.raises(scenes.SceneError, match='anchor_s: no such key'):
+    assert 's.yaml:1: motion.old_s is now called motion.baseline_s' in warning
+    both = 'nodes: {twin: {}, tracker: {}, motion: {old_s: 0.1, baseline_s: 0.1}}'
+    with pytest.raises(scenes.SceneError, match='old_s: no such key'):
         scenes.load(write(tmp_path, both))
 
 

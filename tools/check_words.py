@@ -55,11 +55,8 @@ WORDS_THERE = {
 ALLOWED = {
     (r'CHANGELOG\.rst', r'.*'): 'tells what was renamed',
     (r'tools/check_words\.py', r'.*'): 'this table',
-    (r'eol_ros/settings\.py', r'anchor_s|leave_ratio|swap_s|clutter_at_sleep'): 'old keys, aliases',
     (r'bags/sample/metadata\.yaml', r'.*'): 'recorded before, and read as it is',
-    (r'eol_ros/verbs/compile\.py', 'anew'): 'old flag, an alias',
     (r'eol_ros/core/physics/.*', 'anew'): 'being rewritten',
-    (r'test/test_scene_file\.py', r'anchor_s'): 'tests that the old key is understood',
 }
 
 

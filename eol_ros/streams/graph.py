@@ -149,7 +149,7 @@ _TOPICS = (
               'lens of the camera, with the stamp of each image; only while somebody subscribes',
               barrier=True),
     TopicSpec('camera/image_raw/compressed', 'sensor_msgs/msg/CompressedImage', 'preview',
-              'JPEG for people, only while somebody subscribes', was='camera/image/compressed'),
+              'JPEG for people, only while somebody subscribes'),
     TopicSpec('calibration', 'std_msgs/msg/String', 'latched',
               'lens and table as the tracker has them: a calibration file, with its digest'),
     TopicSpec('truth', 'eol_msgs/msg/Truth', 'stream', 'what the twin really did'),

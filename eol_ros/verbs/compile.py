@@ -24,11 +24,7 @@ SAY_S = 5.0  # a line of progress at least so often where there is no terminal
 def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument(
-        '--force',
-        '--anew',
-        action='store_true',
-        dest='force',
-        help='discard the cache and compile everything again',
+        '--force', action='store_true', help='discard the cache and compile everything again'
     )
     parser.add_argument(
         '--parts',
