@@ -27,9 +27,6 @@ enum { /* first byte of a frame */
     EOL_FRAME_TESTED = 0x54   /* block: the body of EOL_SELF_TESTED */
 };
 
-/* Where the radio is at the end of a serial line, a frame is the body of a packet of this kind. */
-enum { EOL_AIR = 0x7E };
-
 enum { EOL_WORD_BY_ITSELF = 1, EOL_WORD_FALLS = 4 }; /* flags of a word */
 
 static inline uint16_t eol_link_get16(const uint8_t *from)

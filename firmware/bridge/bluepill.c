@@ -14,7 +14,6 @@
 #include "bridge.h"
 #include "pins.h"
 #include "radio.h"
-#include "start.h"
 
 typedef volatile struct {
     uint32_t cr, cfgr, cir, apb2rstr, apb1rstr, ahbenr, apb2enr, apb1enr;
@@ -254,6 +253,24 @@ int main(void)
         GPIOC->bsrr = 1u << (LIT + (bridge.mute ? 0 : 16));
         wait();
     }
+}
+
+typedef void (*handler)(void);
+
+extern uint32_t stack_end[], data_begin[], data_end[], data_source[], bss_begin[], bss_end[];
+
+/* Waits until the watchdog bites. */
+void on_fault(void)
+{
+    for (;;) {}
+}
+
+void on_reset(void)
+{
+    uint32_t *from = data_source;
+    for (uint32_t *to = data_begin; to < data_end; to++) *to = *from++;
+    for (uint32_t *to = bss_begin; to < bss_end; to++) *to = 0;
+    main();
 }
 
 __attribute__((used, section(".vectors"))) static const handler VECTORS[16] = {

@@ -9,7 +9,8 @@ import pytest
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.devices.board import block
 from eol_ros.devices.board.block import LEARN
-from eol_ros.devices.board.firmware import AIR_US, FRAME, KNOCK, NativeBlocks
+from eol_ros.devices.board.bluepill import FRAME, KNOCK
+from eol_ros.devices.board.firmware import AIR_US, NativeBlocks
 from eol_ros.devices.board.twin import LIVE, REST, Chunk
 
 pytestmark = pytest.mark.skipif(

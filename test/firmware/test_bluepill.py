@@ -13,22 +13,11 @@ import numpy as np
 import pytest
 from support import needs
 from support.emulated import HZ, MS, RATE_HZ, SENT, WORD, Block, built
-from support.emulated_bluepill import (
-    AIR_US,
-    ANSWER_US,
-    HIGH,
-    LOW,
-    NO_CE,
-    NO_IRQ,
-    POWER,
-    TO_BLOCKS,
-    BluePill,
-    packet,
-)
+from support.emulated_bluepill import HIGH, LOW, NO_CE, NO_IRQ, POWER, TO_BLOCKS, BluePill
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.serial_protocol import BRIDGE, LINKED, RADIO_DEAD
-from eol_ros.devices.board.firmware import KNOCK
+from eol_ros.devices.board.bluepill import AIR_US, ANSWER_US, KNOCK, packet
 from eol_ros.devices.board.lights import faults
 
 pytestmark = [

@@ -30,7 +30,8 @@ from eol_ros.core.physics.twin.accelerometer import Accelerometers
 from eol_ros.core.serial_protocol import FIRMWARE, NOT_LIT, SelfTested
 from eol_ros.devices.board import self_test
 from eol_ros.devices.board.block import FELT, LEARN, TOLD, Detector
-from eol_ros.devices.board.firmware import FRAME, HZ, KNOCK, RATE_HZ, SENT
+from eol_ros.devices.board.bluepill import FRAME, KNOCK
+from eol_ros.devices.board.firmware import HZ, RATE_HZ, SENT
 from eol_ros.settings import TwinSettings
 
 pytestmark = [

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The firmware of the bridge on an emulated Cortex-M3, its line a pty, against the host's code.
+"""The firmware of the bridge on an emulated STM32F103 with an nRF24L01+, against the host's code.
 
-Each runs twice: on QEMU's MPS2 board, whose radio is a serial line, and on an STM32F103 with an
-nRF24L01+, the program that docs/build has written into a "Blue Pill".
+Its line is a pty. The program is that which docs/build has written into a "Blue Pill".
 
 `make firmware` installs the compiler and the emulator, builds and runs this.
 """
@@ -16,22 +15,18 @@ import pytest
 from support import needs
 from support.emulated import STATUS, TESTED, WORD
 from support.emulated_bluepill import LiveBluePill
-from support.emulated_bridge import Bridge
 from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.serial_protocol import FIRMWARE
+from eol_ros.devices.board.bluepill import KNOCK
 from eol_ros.devices.board.board import Board
-from eol_ros.devices.board.firmware import KNOCK
 from eol_ros.settings import LedsSettings, MotionSettings
 
 pytestmark = [
     pytest.mark.firmware,
-    needs.marker(
-        'gcc-arm-none-eabi', 'libnewlib-arm-none-eabi', 'qemu-system-arm', 'gcc-avr',
-        'libunicorn-dev',
-    ),
-]  # fmt: skip
+    needs.marker('gcc-arm-none-eabi', 'libnewlib-arm-none-eabi', 'gcc-avr', 'libunicorn-dev'),
+]
 BY_ITSELF, FALLS = 1, 4
 AIR_US = 550  # EOL_AIR_US
 HELD_US = 1_001_000 // 3
@@ -91,9 +86,9 @@ class Host:
         os.close(self._fd)
 
 
-@pytest.fixture(params=['mps2', 'bluepill'])
-def bridge(request, tmp_path):
-    with Bridge(tmp_path) if request.param == 'mps2' else LiveBluePill() as one:
+@pytest.fixture
+def bridge():
+    with LiveBluePill() as one:
         yield one
 
 
@@ -334,5 +329,5 @@ def test_a_reset_in_the_middle_of_anything_is_survived(bridge, host):
     rng = random.Random(3)
     for _ in range(10):
         noise(bridge, host, rng, rng.randrange(1, 3000))
-        bridge.monitor('system_reset')
+        bridge.reset()
     assert_lives(bridge, host)

@@ -15,9 +15,9 @@ from benchmarks.taps import FPS, Twin
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.physics.twin.accelerometer import Accelerometers
 from eol_ros.devices.board.block import LEARN
+from eol_ros.devices.board.bluepill import KNOCK
 from eol_ros.devices.board.firmware import (
     EMULATED,
-    KNOCK,
     EmulatedBlock,
     FirmwareBoard,
     NativeBlocks,
@@ -30,7 +30,7 @@ pytestmark = [
     pytest.mark.firmware,
     needs.marker(
         'gcc-avr', 'libsimavr-dev', 'gcc-arm-none-eabi', 'libnewlib-arm-none-eabi',
-        'qemu-system-arm',
+        'libunicorn-dev',
     ),
 ]  # fmt: skip
 WORDS = struct.pack('<BBBHIIB', WORD, 1, 255, 350, 2**25 - 1, 0, 0).ljust(18, b'\0')

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eol_ros.devices.board.firmware import FRAME, HZ, RATE_HZ, SENT, EmulatorEvent
+from eol_ros.devices.board.bluepill import FRAME
+from eol_ros.devices.board.firmware import HZ, RATE_HZ, SENT, EmulatorEvent
 
 FIRMWARE = Path(__file__).parents[2] / 'firmware'
 MS = HZ // 1000

@@ -2,8 +2,8 @@
 """The twin's blocks and their bridge, each as its own firmware: one block and the bridge emulated.
 
 What the twin's accelerometers write goes to 25 blocks: 24 run their firmware compiled for this
-machine, one the program of an ATmega328P in simavr; their frames go through the bridge's program in
-QEMU, whose line is a pty. A checkout is needed in which `make firmware` has run.
+machine, one the program of an ATmega328P in simavr; their frames go through the bridge's program
+on an emulated STM32F103, whose line is a pty. It needs a checkout in which `make firmware` has run.
 
     python -m eol_ros.devices.board.firmware        # prints the pty of the bridge
 """
@@ -12,19 +12,13 @@ import argparse
 import contextlib
 import ctypes
 import random
-import re
 import select
-import shutil
 import signal
-import socket
-import struct
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections import deque
-from pathlib import Path
 
 import numpy as np
 
@@ -32,14 +26,14 @@ from eol_ros import parent_death
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.devices.board.block import library
+from eol_ros.devices.board.bluepill import BUILT, FRAME, Bridge, aged
 from eol_ros.devices.board.twin import REST, WOKEN, Chunk, board_address, unix_socket
 from eol_ros.errors import DeviceMissing, EolError
 from eol_ros.streams.graph import NAMESPACE
 
-BUILT = Path(__file__).parents[3] / 'firmware' / 'build'
 EMULATED = 12  # the block in the middle
 HZ, RATE_HZ = 8_000_000, 1344.0
-FRAME, AIR, AIR_US, KNOCK = 18, 0x7E, 550, 0x4B  # firmware/link.h
+AIR_US = 550  # firmware/link.h
 TURN_S = 1e-3
 TOLD_S = 0.01  # from one telling of the levels to the next
 BEHIND_S = 0.2  # a machine that stood still does not make up for more
@@ -65,92 +59,9 @@ class EmulatorEvent(ctypes.Structure):
 
 def needed() -> None:
     """Raise DeviceMissing where the firmware or an emulator is missing."""
-    for name in ('block.bin', 'bridge.elf', 'emulator.so'):
+    for name in ('block.bin', 'bluepill.bin', 'emulator.so', 'bluepill.so'):
         if not (BUILT / name).exists():
             raise DeviceMissing(f'{BUILT / name} is missing: run `make firmware` in a checkout')
-    if shutil.which('qemu-system-arm') is None:
-        raise DeviceMissing('qemu-system-arm is missing: sudo apt-get install qemu-system-arm')
-
-
-def frame_to_air(frame: bytes, sequence: int) -> bytes:
-    """Return the bytes of `frame` on the line of the radio; `sequence` is below 256."""
-    packet = bytes([AIR, sequence]) + frame.ljust(FRAME, b'\0')
-    packet += struct.pack('<H', protocol.crc16(packet))
-    return b'\0' + protocol.cobs_encode(packet) + b'\0'
-
-
-def frame_from_air(data: bytes) -> bytes:
-    """Return the frame of what stood between two zeros on the line of the radio.
-
-    Raises ProtocolError where it is none, as when the bridge was reset while it sent.
-    """
-    packet = protocol.cobs_decode(data)
-    if len(packet) != FRAME + 4 or packet[0] != AIR:
-        raise protocol.ProtocolError(f'{len(packet)} bytes that are no frame of the radio')
-    if protocol.crc16(packet[:-2]) != struct.unpack('<H', packet[-2:])[0]:
-        raise protocol.ProtocolError('a frame of the radio with a wrong check sum')
-    return packet[2:-2]
-
-
-class Bridge:
-    """The bridge in QEMU. `port` is the pty of its host line; `frames` what it has sent.
-
-    `words`: more of QEMU's command line.
-    """
-
-    def __init__(self, *words: str) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix='eol-bridge-')
-        air = Path(self._folder.name) / 'air'
-        server = socket.socket(socket.AF_UNIX)
-        server.bind(str(air))
-        server.listen(1)
-        self._qemu = subprocess.Popen(
-            [
-                'qemu-system-arm', '-M', 'mps2-an385', '-display', 'none',
-                '-kernel', str(BUILT / 'bridge.elf'), '-serial', 'pty', '-serial', f'unix:{air}',
-                *(words or ('-monitor', 'none')),
-            ],
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, text=True,
-            preexec_fn=parent_death.following(),
-        )  # fmt: skip
-        assert self._qemu.stdout is not None
-        self.port, said = '', ''
-        while not self.port:
-            line = self._qemu.stdout.readline()
-            if not line:
-                raise EolError(f'qemu-system-arm has ended: {said.strip()}')
-            said, found = line, re.search(r'/dev/pts/\d+', line)
-            self.port = found.group() if found else ''
-        self._air = server.accept()[0]
-        server.close()
-        self.frames: deque[bytes] = deque(maxlen=1000)
-        self._sequence = 0
-        threading.Thread(target=self._listen, name='air', daemon=True).start()
-
-    def say(self, frame: bytes) -> None:
-        """A block sends; raises OSError where the bridge is gone."""
-        self.noise(frame_to_air(frame, self._sequence))
-        self._sequence = (self._sequence + 1) & 0xFF
-
-    def noise(self, data: bytes) -> None:
-        """Bytes on the line of the radio, whatever they are."""
-        self._air.sendall(data)
-
-    def _listen(self) -> None:
-        pending = b''
-        with contextlib.suppress(OSError):
-            while data := self._air.recv(4096):
-                *whole, pending = (pending + data).split(b'\0')
-                for part in filter(None, whole):
-                    with contextlib.suppress(protocol.ProtocolError):
-                        self.frames.append(frame_from_air(part))
-
-    def close(self) -> None:
-        """Cut its power."""
-        self._qemu.kill()
-        self._qemu.communicate()
-        self._air.close()
-        self._folder.cleanup()
 
 
 class EmulatedBlock:
@@ -197,7 +108,7 @@ class EmulatedBlock:
         self._lib.emulator_run(self._memory, until)
         count = self._lib.emulator_events(self._memory, self._events, len(self._events))
         return [
-            _late(bytes(e.frame), now_s - self._base_s - e.cycle / HZ)
+            aged(bytes(e.frame), now_s - self._base_s - e.cycle / HZ)
             for e in self._events[:count]
             if e.what == SENT and e.value
         ]
@@ -231,14 +142,6 @@ class EmulatedBlock:
         """Of its white LED, 0..255."""
         self._lib.emulator_counts(self._memory, self._counts)
         return int(self._counts[8])
-
-
-def _late(frame: bytes, by_s: float) -> bytes:
-    """Return a frame that is handed on so much later than it was sent: a knock has aged."""
-    if frame[0] != KNOCK:
-        return frame
-    age_us = struct.unpack_from('<H', frame, 3)[0] + round(max(by_s, 0.0) * 1e6)
-    return frame[:3] + struct.pack('<H', min(age_us, 0xFFFF)) + frame[5:]
 
 
 class NativeBlocks:
@@ -418,9 +321,6 @@ def main(argv: list[str] | None = None) -> int:
     print(table.port, flush=True)
     try:
         table.run(stop)
-    except OSError as error:
-        print(f'firmware: the emulated bridge is gone: {error}', file=sys.stderr)
-        return 1
     finally:
         table.close()
     return 0
