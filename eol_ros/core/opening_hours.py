@@ -13,10 +13,11 @@ Times are those of the clocks on the wall. A time that a clock shows twice, in a
 first time and closes the second; one that it leaves out, in spring, is when it has gone past it.
 """
 
+import bisect
 import datetime
 import itertools
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -169,48 +170,32 @@ class OpeningHours:
         """Return how it is, with the changes within `reach`, as far as they are sure."""
         day = at.astimezone(self.zone).date()
         sure = reach - 3 * _DAY  # what is open at the ends may go on beyond
-        since = until = None
-        is_open = False
-        for begin, end in self._joined(day - reach, day + reach):
-            if at < begin:
-                until = begin
-                break
-            if at < end:
-                is_open, since, until = True, begin, end
-                break
-            since = end
+        times = self._times(day - reach, day + reach)
+        edges = [edge for span in times for edge in span]
+        after = bisect.bisect_right(edges, at)
+        since, until = edges[:after][-1:], edges[after : after + 1]
         return State(
-            is_open,
-            since if since and at - since < sure else None,
-            until if until and until - at < sure else None,
+            after % 2 == 1,
+            since[0] if since and at - since[0] < sure else None,
+            until[0] if until and until[0] - at < sure else None,
         )
-
-    def _joined(
-        self, first: datetime.date, last: datetime.date
-    ) -> Iterator[tuple[datetime.datetime, datetime.datetime]]:
-        """Yield the times of `first` to `last` at which it is open, those that touch as one."""
-        held = None
-        for begin, end in self._times(first, last):
-            if held is None:
-                held = begin, end
-            elif begin <= held[1]:
-                held = held[0], max(held[1], end)
-            else:
-                yield held
-                held = begin, end
-        if held is not None:
-            yield held
 
     def _times(
         self, first: datetime.date, last: datetime.date
-    ) -> Iterator[tuple[datetime.datetime, datetime.datetime]]:
+    ) -> list[tuple[datetime.datetime, datetime.datetime]]:
+        """Return the times of `first` to `last` at which it is open, those that touch as one."""
+        found: list[tuple[datetime.datetime, datetime.datetime]] = []
         for number in range((last - first).days + 1):
             day = first + number * _DAY
             told = _line_of(self._lines, day)
-            for begin, end in told.spans if told else ():
-                times = self._instant(day, begin, 0), self._instant(day, end, 1)
-                if times[0] < times[1]:  # else it lies in the hour that spring leaves out
-                    yield times
+            for minutes in told.spans if told else ():
+                begin, end = (self._instant(day, m, fold) for fold, m in enumerate(minutes))
+                if begin >= end:  # it lies in the hour that spring leaves out
+                    continue
+                if found and begin <= found[-1][1]:
+                    begin, end = found[-1][0], max(found.pop()[1], end)
+                found.append((begin, end))
+        return found
 
     def _instant(self, day: datetime.date, minutes: int, fold: int) -> datetime.datetime:
         """Return when the clock on the wall shows so many minutes after the midnight of a day."""
@@ -328,16 +313,12 @@ class Door:
     def words(self, asleep: bool) -> str:
         """Return it for people: `asleep until Tue 10:00`."""
         is_open, _, until = self.state
-        end = self._shown(until) if until else ''
-        if is_open and asleep:
-            return (
-                f'open until {end}, put to sleep by hand' if end else 'open, put to sleep by hand'
-            )
-        if is_open:
-            return f'open until {end}' if end else 'open, and no closing ahead'
-        if not asleep:
-            return f'closed until {end}, woken by hand' if end else 'closed, woken by hand'
-        return f'asleep until {end}' if end else 'asleep, and no opening ahead'
+        state = 'open' if is_open else 'asleep' if asleep else 'closed'
+        by_hand = {(True, True): ', put to sleep by hand', (False, False): ', woken by hand'}
+        hand = by_hand.get((is_open, asleep), '')
+        if until:
+            return f'{state} until {self._shown(until)}{hand}'
+        return state + (hand or f', and no {"closing" if is_open else "opening"} ahead')
 
     def _shown(self, at: datetime.datetime) -> str:
         local = at.astimezone(self.hours.zone)
