@@ -149,6 +149,9 @@ class Routes:
         if path is None or not path.is_file():
             return _error(404, 'no such image')
         response = web.FileResponse(path)
+        if path.suffix.lower() == '.svgz':
+            response.content_type = 'image/svg+xml'
+            response.headers['Content-Encoding'] = 'gzip'
         # An image acts on nothing, whatever an SVG file says.
         response.headers['Content-Security-Policy'] = (
             "default-src 'none'; style-src 'unsafe-inline'"

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The folder of pictures, with everything wrong in it that artists' folders have."""
 
+import gzip
 import os
 from concurrent.futures import ThreadPoolExecutor
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from eol_ros.devices.files import media_folder
-from eol_ros.devices.files.media_folder import LIST, MediaFolder, Pair, Pictures
+from eol_ros.devices.files.media_folder import LIST, MAX_SVG_BYTES, MediaFolder, Pair, Pictures
 from eol_ros.errors import DeviceMissing
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"><rect width="4" height="3"/></svg>'
@@ -60,6 +61,11 @@ def test_skips_and_names_what_is_wrong(folder):
     (folder / 'cut.png').write_bytes((folder / 'b.png').read_bytes()[:-20])
     (folder / 'words.png').write_text('not an image IEND')
     (folder / 'bad.svg').write_text('<svg><rect></svg>')
+    packed = gzip.compress(SVG.encode())
+    (folder / 'plain.svgz').write_text(SVG)
+    (folder / 'short.svgz').write_bytes(packed[:-9])
+    (folder / 'mixed.svgz').write_bytes(packed[:20] + b'zzzz' + packed[24:])
+    (folder / 'bomb.svgz').write_bytes(gzip.compress(b' ' * (MAX_SVG_BYTES + 1)))
     (folder / 'empty.jpg').write_bytes(b'')
     (folder / 'film.avi').write_bytes(b'x')
     names = [
@@ -68,6 +74,10 @@ def test_skips_and_names_what_is_wrong(folder):
         'cut.png',
         'words.png',
         'bad.svg',
+        'plain.svgz',
+        'short.svgz',
+        'mixed.svgz',
+        'bomb.svgz',
         'empty.jpg',
         'film.avi',
         '',
@@ -86,6 +96,10 @@ def test_skips_and_names_what_is_wrong(folder):
         'cut.png: cut off',
         'not an image',
         'bad.svg: not an SVG',
+        'plain.svgz: not an SVG',
+        'short.svgz: not an SVG',
+        'mixed.svgz: not an SVG',
+        'bomb.svgz: not an SVG',
         'film.avi: not one of',
         '../secret.png: outside the folder',
         '/etc/passwd.png: outside the folder',
@@ -193,3 +207,8 @@ def test_the_set_that_ships_is_whole():
     assert all(len(pair.rights) == 4 for pair in media.pairs)
     shown = {name for pair in media.pairs for name in pair.images}
     assert shown | {LIST} == {path.name for path in media.path.iterdir()}
+    files = [media.path / name for name in shown]
+    assert sum(file.stat().st_size for file in files) < 3e6
+    for file in files:  # images, nothing that acts or loads
+        text = gzip.decompress(file.read_bytes())
+        assert b'script' not in text and b'href' not in text

@@ -4,6 +4,7 @@
 import asyncio
 import contextlib
 import dataclasses
+import gzip
 import json
 import socket
 import sys
@@ -121,11 +122,15 @@ def test_what_is_not_offered_is_not_found(serve, path):
 
 def test_pictures_only_of_pairs_and_powerless(serve, tmp_path):
     (tmp_path / 'a.svg').write_text('<svg xmlns="http://www.w3.org/2000/svg"><script/></svg>')
-    server = serve(picture={'a.svg': tmp_path / 'a.svg', 'gone.png': tmp_path / 'gone.png'}.get)
-    status, headers, _ = ask(server, '/media/a.svg')
-    assert status == 200 and headers['Content-Type'] == 'image/svg+xml'
-    assert 'script-src' not in headers['Content-Security-Policy']
-    assert headers['Content-Security-Policy'].startswith("default-src 'none'")
+    (tmp_path / 'c.svgz').write_bytes(gzip.compress((tmp_path / 'a.svg').read_bytes()))
+    names = ('a.svg', 'c.svgz', 'gone.png')
+    server = serve(picture={name: tmp_path / name for name in names}.get)
+    for name, encoding in (('a.svg', None), ('c.svgz', 'gzip')):
+        status, headers, _ = ask(server, f'/media/{name}')
+        assert status == 200 and headers['Content-Type'] == 'image/svg+xml'
+        assert headers.get('Content-Encoding') == encoding
+        assert 'script-src' not in headers['Content-Security-Policy']
+        assert headers['Content-Security-Policy'].startswith("default-src 'none'")
     assert ask(server, '/media/gone.png')[0] == ask(server, '/media/b.svg')[0] == 404
 
 

@@ -15,12 +15,14 @@ damage: then `dam.mp4#33` is what it shows at 33 % of its length. An image of th
 
 import contextlib
 import csv
+import gzip
 import io
 import math
 import os
 import re
 import threading
 import time
+import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,18 +38,13 @@ PLAYS = ('loop', 'once', 'moving', 'damage')
 """Round and round; once, and then its last image; while anything moves; as far as the damage is."""
 WORDS = ('left', 'right', 'caption', 'credit', 'caption_zh', 'fit', 'focus_left', 'focus_right',
          'play')  # fmt: skip
-PICTURES = {
-    '.svg': 'image/svg+xml',
-    '.png': 'image/png',
-    '.jpg': 'image/jpeg',
-    '.jpeg': 'image/jpeg',
-    '.webp': 'image/webp',
-}
+PICTURES = ('.svg', '.svgz', '.png', '.jpg', '.jpeg', '.webp')
 VIDEOS = ('.mp4', '.webm', '.gif')  # web/static/film.js knows them too
 DEGREES = 10  # of a video, from its first image to its last
+MAX_SVG_BYTES = 100_000_000  # of an SVG file when unpacked (chosen): limits memory
 _ENDS = {'.jpg': b'\xff\xd9', '.jpeg': b'\xff\xd9', '.png': b'IEND'}  # absent: the file is cut off
 _PLACED = re.compile(r'(?<=\.mp4|webm|\.gif)#\d+$', re.I)
-DRAWN = Path(__file__).parent / 'walls'  # the pairs that ship, by tools/draw_walls.py
+DRAWN = Path(__file__).parent / 'walls'  # the pairs that ship
 
 
 @dataclass(frozen=True)
@@ -330,10 +327,12 @@ def _broken(path: Path, placed: bool) -> str:
     except OSError as error:
         return f'cannot be read ({error.strerror})'
     kind = path.suffix.lower()
-    if kind == '.svg':
+    if kind in ('.svg', '.svgz'):
         try:
+            if kind == '.svgz':
+                data = gzip.GzipFile(fileobj=io.BytesIO(data)).read(MAX_SVG_BYTES)
             root = ElementTree.fromstring(data)
-        except ElementTree.ParseError as error:
+        except (ElementTree.ParseError, EOFError, OSError, zlib.error) as error:
             return f'not an SVG image ({error})'
         return '' if root.tag.endswith('svg') else 'not an SVG image'
     import cv2  # only for photographs: the drawn set needs none of its memory
