@@ -33,8 +33,8 @@ lint: setup-test  ## ruff, mypy and the terms that are not used
 docs: setup-test  ## rewrite the generated parts of the docs
 	$(PY) tools/generate_docs.py
 
-kit: setup-test  ## draw what a workshop needs again: docs/build
-	$(PY) tools/draw_kit.py
+kit: setup-test  ## draw schematics, tables and drawings of docs/build again
+	$(PY) -m assets.kit
 
 firmware: setup-test  ## build what runs in the blocks, and test it in emulated controllers
 	@tools/system_packages.sh firmware
@@ -54,7 +54,7 @@ lock:  ## renew the versions and hashes of all wheels (ARGS=--upgrade: the newes
 	@tools/lock_requirements.sh $(ARGS)
 
 film: setup-test  ## the film that the README opens with, and its sound (needs Chromium)
-	$(PY) -m tools.make_film $(ARGS)
+	$(PY) -m assets.film $(ARGS)
 
 films: setup-test  ## path-trace printed covers for `eol bench vision --films films` (needs LLVM 19)
 	$(PY) -m pip install -q 'mitsuba>=3.9'

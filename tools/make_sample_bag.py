@@ -30,17 +30,18 @@ from eol_ros.errors import EolError
 
 FOLDER = Path(__file__).parents[1] / 'bags' / 'sample'
 LEVEL = 19  # of zstd: made once, cloned often
+NO_IMAGES = {'images': 'none', 'display_period_s': 10.0}
 
 
-def rehearse(place: Path, seconds: float) -> Path:
-    """Run the rehearsal as its users do, only without images; return the bag."""
+def rehearse(place: Path, seconds: float, recorder: dict) -> Path:
+    """Run the rehearsal with these settings of the recorder; return the bag."""
     scene = {
         'include': str(Path(__file__).parents[1] / 'config' / 'rehearsal.yaml'),
         'scene': 'rehearsal',
         'nodes': {
             'panel': {'port': 0},
             'sound': {'device': 'wav', 'wav': str(place / 'sound.wav')},
-            'recorder': {'images': 'none', 'display_period_s': 10.0},
+            'recorder': recorder,
         },
     }
     cache = place / 'cache'  # what was made before, by a path that tells nothing of this machine
@@ -100,7 +101,7 @@ def main() -> int:
     args = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix='eol-sample-') as place:
         try:
-            bag = BagReader(args.bag or rehearse(Path(place), args.seconds))
+            bag = BagReader(args.bag or rehearse(Path(place), args.seconds, NO_IMAGES))
         except (EolError, subprocess.CalledProcessError) as error:
             print(f'no bag to pack: {error}', file=sys.stderr)
             return 1

@@ -8,6 +8,8 @@ import math
 
 import numpy as np
 
+from assets.kit.netlist import Circuit
+from assets.kit.sheet import Sheet
 from eol_ros.core.body import BodyShape, body_mesh
 from eol_ros.core.geometry import (
     BLOCK_MASS_KG,
@@ -25,8 +27,6 @@ from eol_ros.core.geometry import (
 from eol_ros.core.physics.builders import NATURAL_M
 from eol_ros.core.terrain import CoverShape, cover_mesh, landscape, tile, volume_mm3
 from eol_ros.settings import TwinSettings
-from kit.netlist import Circuit
-from kit.sheet import Sheet
 
 SIDE, HEIGHT, WALL = 1e3 * BLOCK_SIDE_M, 1e3 * BODY_HEIGHT_M, 1e3 * BODY_WALL_M
 PITCH, GAP, RIM = 1e3 * PITCH_M, 1e3 * SPRING_M, 1e3 * RIM_SIDE_M

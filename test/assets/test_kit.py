@@ -2,20 +2,14 @@
 """What a workshop builds from is what the firmware runs on: docs/build against firmware/."""
 
 import re
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from support.checkout import ROOT
 
-sys.path.insert(0, str(ROOT / 'tools'))
-
-from kit import netlist
-from kit.netlist import NetlistError
-
+from assets.kit import netlist
+from assets.kit.netlist import NetlistError
 from eol_ros.core.geometry import (
     BLOCK_MASS_KG,
     COLS,
@@ -208,7 +202,7 @@ def test_a_circuit_that_cannot_be_is_refused(tmp_path, change, says):
 @pytest.mark.parametrize('which', ['circuit', 'bridge'])
 def test_the_schematic_shows_every_pin_at_its_net(which, request):
     pytest.importorskip('schemdraw')
-    from kit import schematic
+    from assets.kit import schematic
 
     circuit = request.getfixturevalue(which)
     texts = re.findall(r'<tspan[^>]*>([^<]*)</tspan>', schematic.draw(circuit))
@@ -227,7 +221,7 @@ def test_the_schematic_shows_every_pin_at_its_net(which, request):
 def read():
     """Read a drawing as somebody's CAD does."""
     ezdxf = pytest.importorskip('ezdxf')
-    from kit import drawings
+    from assets.kit import drawings
 
     def one(name):
         doc = ezdxf.readfile(ROOT / 'docs' / 'build' / f'{name}.dxf')
@@ -281,7 +275,7 @@ def test_the_jig_holds_blocks_at_their_pitch(read):
 
 def test_body_and_spring_fit_what_they_are_for(read):
     pytest.importorskip('ezdxf')
-    from kit import drawings
+    from assets.kit import drawings
 
     _, told = read('body')
     assert {84, 80, 34, 17, 79.6} <= {round(length, 6) for length in told}
@@ -294,19 +288,6 @@ def test_body_and_spring_fit_what_they_are_for(read):
     assert drawings.coil_stress(30 + 90) < 0.45 * 2060  # shear strength of music wire of 0.6 mm
 
 
-def test_the_pictures_show_all_blocks_and_the_rim():
-    pytest.importorskip('ezdxf')
-    from kit import steps
-
-    text = steps.together()
-    strokes = re.findall(r'<polyline points="([^"]+)"', text)
-    assert len(strokes) == 60  # springs
-    numbers = [[float(n) for n in p.split(',')] for line in re.findall(r'points="([^"]+)"', text)
-               for p in line.split()]  # fmt: skip
-    assert np.min(numbers) >= 0
-    assert (np.max(numbers, axis=0) <= [steps.WIDTH, steps.HEIGHT_PX]).all()
-
-
 def test_it_stays_small():
     files = list((ROOT / 'docs' / 'build').iterdir())
     assert sum(file.stat().st_size for file in files) < 2_000_000
@@ -314,7 +295,7 @@ def test_it_stays_small():
 
 def test_a_block_weighs_what_the_model_says(circuit):
     pytest.importorskip('ezdxf')
-    from kit import drawings
+    from assets.kit import drawings
 
     rows = drawings.masses(circuit)
     assert sum(grams for _, grams in rows) == pytest.approx(1e3 * BLOCK_MASS_KG)
@@ -327,9 +308,7 @@ def test_a_block_weighs_what_the_model_says(circuit):
 
 def test_what_is_made_is_up_to_date():
     pytest.importorskip('schemdraw')
-    done = subprocess.run(
-        [sys.executable, Path('tools') / 'draw_kit.py', '--check'],
-        cwd=ROOT, capture_output=True, text=True,
-    )  # fmt: skip
+    from assets.kit.__main__ import FOLDER, made, same
 
-    assert done.returncode == 0, done.stderr
+    for name, text in made().items():
+        assert same(name, (FOLDER / name).read_text(), text), f'{name}: make kit'

@@ -2,14 +2,13 @@
 """The film that the README opens with, as it is shipped."""
 
 import itertools
-from pathlib import Path
 
 import cv2
 import numpy as np
 import soundfile
 from PIL import Image
+from support.checkout import ROOT
 
-ROOT = Path(__file__).parents[1]
 FILM, SOUND = ROOT / 'docs/img/film.webp', ROOT / 'docs/img/film.ogg'
 
 

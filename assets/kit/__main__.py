@@ -1,23 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes what of docs/build is made: schematic, tables, drawings, pictures of the assembly.
+"""Writes the generated files of docs/build: schematics, tables and drawings.
 
-python tools/draw_kit.py            write them (make kit)
-python tools/draw_kit.py --check    exit 1 when they are not up to date
+python -m assets.kit            write them (make kit)
+python -m assets.kit --check    exit 1 when they are not up to date
 """
 
 import sys
 from pathlib import Path
 
-from kit import drawings, netlist, schematic, steps
+from assets.kit import drawings, netlist, schematic
 
-ROOT = Path(__file__).resolve().parents[1]
-FOLDER = ROOT / 'docs' / 'build'
+FOLDER = Path(__file__).resolve().parents[2] / 'docs' / 'build'
 BLOCKS = 25
 
 
-def page(name: str, tables: dict[str, list[str]]) -> str:
-    """Return a page with its marked tables made again."""
-    text = (FOLDER / name).read_text()
+def page(text: str, tables: dict[str, list[str]]) -> str:
+    """Return a page with its marked tables replaced."""
     for mark, rows in tables.items():
         begin, end = f'<!-- {mark} -->', f'<!-- /{mark} -->'
         before, rest = text.split(begin)
@@ -26,7 +24,7 @@ def page(name: str, tables: dict[str, list[str]]) -> str:
 
 
 def made() -> dict[str, str]:
-    """Return the text of every file that is made."""
+    """Return the text of every generated file."""
     circuit, bridge = netlist.load(), netlist.load(netlist.BRIDGE)
     tables = {
         'materials': netlist.materials(circuit, BLOCKS, 'blocks'),
@@ -37,18 +35,18 @@ def made() -> dict[str, str]:
         'masses': drawings.mass_table(circuit),
     }
     files = {
-        'README.md': page('README.md', tables),
+        'README.md': page((FOLDER / 'README.md').read_text(), tables),
         'circuit.svg': schematic.draw(circuit),
         'bridge.svg': schematic.draw(bridge),
     }
     for name, draw in drawings.SHEETS.items():
         sheet = draw()
-        files[f'{name}.svg'], files[f'{name}.dxf'] = sheet.svg(), sheet.dxf()
-    return files | {f'{name}.svg': draw() for name, draw in steps.STEPS.items()}
+        files |= {f'{name}.svg': sheet.svg(), f'{name}.dxf': sheet.dxf()}
+    return files
 
 
 def same(name: str, was: str, now: str) -> bool:
-    """Tell whether two files are alike; ezdxf writes some sections in no fixed order."""
+    """Compare two files; ezdxf writes some sections in no fixed order."""
     if name.endswith('.dxf'):
         return sorted(was.splitlines()) == sorted(now.splitlines())
     return was == now
@@ -56,18 +54,16 @@ def same(name: str, was: str, now: str) -> bool:
 
 def main() -> int:
     """Write, or compare."""
-    stale = 0
+    check, stale = '--check' in sys.argv, False
     for name, text in made().items():
         path = FOLDER / name
         if path.exists() and same(name, path.read_text(), text):
             continue
-        stale += 1
-        if '--check' in sys.argv:
-            print(f'docs/build/{name} is not up to date: make kit', file=sys.stderr)
-        else:
+        stale = True
+        if not check:
             path.write_text(text)
-            print(f'docs/build/{name}')
-    return 1 if stale and '--check' in sys.argv else 0
+        print(f'docs/build/{name}', 'is not up to date: make kit' if check else '')
+    return int(stale and check)
 
 
 if __name__ == '__main__':

@@ -4,7 +4,7 @@
 import schemdraw
 import schemdraw.elements as elm
 
-from kit.netlist import Circuit, Part
+from assets.kit.netlist import Circuit, Part
 
 GROUPS = ('controller', 'supply', 'accelerometer', 'radio', 'light', 'measuring', 'host')
 POWER = {'+3V3', '+5V', 'BATT', 'CELL'}

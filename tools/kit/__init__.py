@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: Apache-2.0
-"""What a workshop needs to build blocks and table, made from docs/build/block.yaml and the code."""
