@@ -97,19 +97,15 @@ def body() -> Sheet:
     s.rect(-BOARD[0] / 2, -BOARD[1] / 2, *BOARD, layer='hidden')
     s.square(0, 0, BALLAST_SIDE, layer='hidden')
     for x, y in ((1, 0), (0, 1), (-1, 0), (0, -1)):
-        s.circle(x * (half - INSET), y * (half - INSET), PIN)
-        wide, deep = POCKET[0] / 2, WALL
+
+        def at(out: float, along: float, x: int = x, y: int = y) -> tuple[float, float]:
+            return x * out + abs(y) * along, y * out + abs(x) * along
+
         boss, back = BOSS[0] / 2, inner - BOSS[1]
-        if x:
-            s.line((x * inner, -boss), (x * back, -boss), (x * back, boss), (x * inner, boss))
-        else:
-            s.line((-boss, y * inner), (-boss, y * back), (boss, y * back), (boss, y * inner))
-        if x:
-            s.line((x * half, -wide), (x * (half - deep), -wide), layer='hidden')
-            s.line((x * half, wide), (x * (half - deep), wide), layer='hidden')
-        else:
-            s.line((-wide, y * half), (-wide, y * (half - deep)), layer='hidden')
-            s.line((wide, y * half), (wide, y * (half - deep)), layer='hidden')
+        s.circle(*at(half - INSET, 0), PIN)
+        s.line(at(inner, -boss), at(back, -boss), at(back, boss), at(inner, boss))
+        for along in (-POCKET[0] / 2, POCKET[0] / 2):
+            s.line(at(half, along), at(half - WALL, along), layer='hidden')
     for a, b in (((-half - 6, 0), (half + 6, 0)), ((0, -half - 6), (0, half + 6))):
         s.line(a, b, layer='centre')
     s.dim((-half, -half), (half, -half), -14)

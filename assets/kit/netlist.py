@@ -29,20 +29,17 @@ class Part:
     group: str
     pins: dict[str, list[int]]
     maker: str = ''
-    note: str = ''
     alternatives: tuple[str, ...] = ()
     mass_g: float = 0.1
 
 
 @dataclass(frozen=True)
 class Circuit:
-    """Parts by their reference, nets as lists of (reference, pin), and the rest of the file."""
+    """Parts by their reference, nets as lists of (reference, pin), fuses of the controller."""
 
     parts: dict[str, Part]
     nets: dict[str, list[tuple[str, str]]]
-    fuses: dict[str, dict[str, Any]]  # of a block, as are
-    currents: dict[str, dict[str, Any]]
-    capacity_mah: float
+    fuses: dict[str, dict[str, Any]]
 
     def net(self, ref: str, pin: str) -> str:
         """Return the net that a pin is in; '' for one that is left open."""
@@ -60,7 +57,6 @@ def _part(ref: str, raw: dict[str, Any]) -> Part:
         raw['group'],
         {str(name): n if isinstance(n, list) else [n] for name, n in pins.items()},
         raw.get('maker', ''),
-        raw.get('note', ''),
         tuple(raw.get('alternatives', ())),
         raw.get('mass_g', 0.1),
     )
@@ -84,8 +80,7 @@ def load(path: Path = FILE) -> Circuit:
         for pin in part.pins:
             if (part.ref, pin) not in seen:
                 raise NetlistError(f'{path.name}: {part.ref}.{pin} is in no net, nor unused')
-    capacity = next((part['mAh'] for part in raw['parts'].values() if 'mAh' in part), 0.0)
-    return Circuit(parts, nets, raw.get('fuses', {}), raw.get('currents', {}), capacity)
+    return Circuit(parts, nets, raw.get('fuses', {}))
 
 
 def materials(circuit: Circuit, count: int, of: str) -> list[str]:
@@ -114,8 +109,7 @@ def wiring(circuit: Circuit) -> list[str]:
             numbers = circuit.parts[ref].pins[pin]
             plain = circuit.parts[ref].what in TWO_PINS
             named = f'{"/".join(map(str, numbers))} ({pin})' if numbers else pin
-            told = ref if plain else f'{ref} {named}'
-            words.append(told)
+            words.append(ref if plain else f'{ref} {named}')
         rows.append(f'| `{name}` | {", ".join(words)} |')
     return rows
 

@@ -6,14 +6,14 @@ import schemdraw.elements as elm
 
 from assets.kit.netlist import Circuit, Part
 
-GROUPS = ('controller', 'supply', 'accelerometer', 'radio', 'light', 'measuring', 'host')
+Point = tuple[float, float]
 POWER = {'+3V3', '+5V', 'BATT', 'CELL'}
 # where a group stands: left edge and top, in units of schemdraw
 PLACES = {
     'controller': (0.0, 0.0),
-    'radio': (22.0, 0.0),
-    'accelerometer': (22.0, -14.0),
     'supply': (38.0, 0.0),
+    'accelerometer': (22.0, -14.0),
+    'radio': (22.0, 0.0),
     'light': (38.0, -21.0),
     'measuring': (0.0, -25.0),
     'host': (38.0, 0.0),
@@ -22,13 +22,25 @@ BOX_WIDTH, PIN_STEP, STUB = 4.5, 1.0, 1.0
 COLUMN, ROW = 10.5, 4.6  # of boxes, of two-pin parts
 
 
-def _tag(drawing: schemdraw.Drawing, net: str, at: tuple[float, float], side: str) -> None:
-    """Draw a stub from a pin, and what it is joined to."""
-    ways = {'left': (-STUB, 0), 'right': (STUB, 0), 'up': (0, STUB / 2), 'down': (0, -STUB / 2)}
-    dx, dy = ways[side]
+def _label(
+    drawing: schemdraw.Drawing, at: Point, text: str, align: tuple[str, str], size: int
+) -> None:
+    """Write a text; `align` is how it lies at its place, across and up."""
+    label = elm.Label().theta(0).at(at)
+    drawing += label.label(text, halign=align[0], valign=align[1], fontsize=size, ofst=0)
+
+
+def _tag(drawing: schemdraw.Drawing, net: str, at: Point, side: str) -> None:
+    """Draw a stub from a pin, and its net."""
+    dx, dy, right, up, align = {
+        'left': (-STUB, 0, -0.25, 0, ('right', 'center')),
+        'right': (STUB, 0, 0.25, 0, ('left', 'center')),
+        'up': (0, STUB / 2, 0, 0.15, ('center', 'bottom')),
+        'down': (0, -STUB / 2, 0, -0.55, ('center', 'bottom')),
+    }[side]
     end = (at[0] + dx, at[1] + dy)
     drawing += elm.Line().at(at).to(end)
-    if net == 'GND' and side in ('down', 'left', 'right'):
+    if net == 'GND' and side != 'up':
         drawing += elm.Ground().at(end).theta(0)
         return
     if not net:
@@ -36,17 +48,7 @@ def _tag(drawing: schemdraw.Drawing, net: str, at: tuple[float, float], side: st
         return
     if net in POWER:
         drawing += elm.Dot(open=True).theta(0).at(end)
-    align = {'left': ('right', 'center'), 'right': ('left', 'center')}.get(
-        side, ('center', 'bottom')
-    )
-    shift = {'left': -0.25, 'right': 0.25}.get(side, 0.0)
-    lift = {'up': 0.15, 'down': -0.55}.get(side, 0.0)
-    drawing += (
-        elm.Label()
-        .theta(0)
-        .at((end[0] + shift, end[1] + lift))
-        .label(net, halign=align[0], valign=align[1], fontsize=11, ofst=0)
-    )
+    _label(drawing, (end[0] + right, end[1] + up), net, align, 11)
 
 
 def _box(drawing: schemdraw.Drawing, circuit: Circuit, part: Part, x: float, top: float) -> float:
@@ -54,35 +56,19 @@ def _box(drawing: schemdraw.Drawing, circuit: Circuit, part: Part, x: float, top
     pins = [(name, number) for name, numbers in part.pins.items() for number in numbers or ['']]
     if all(part.pins.values()):
         pins.sort(key=lambda pin: pin[1])
-    half = (len(pins) + 1) // 2
-    sides = {'left': pins[:half], 'right': pins[half:][::-1]}
-    if len(pins) < 5:
-        sides = {'left': [], 'right': pins}
+    half = (len(pins) + 1) // 2 if len(pins) > 4 else 0
+    sides = {'left': pins[:half], 'right': pins[half:][::-1] if half else pins}
     height = (max(map(len, sides.values())) + 1) * PIN_STEP
     drawing += elm.Rect(corner1=(0, 0), corner2=(BOX_WIDTH, -height)).theta(0).at((x, top))
-    drawing += (
-        elm.Label()
-        .theta(0)
-        .at((x + BOX_WIDTH / 2, top + 0.15))
-        .label(f'{part.ref}  {part.name}', halign='center', valign='bottom', fontsize=12, ofst=0)
-    )
-    for side, listed in sides.items():
-        for row, (name, number) in enumerate(listed):
+    title = f'{part.ref}  {part.name}'
+    _label(drawing, (x + BOX_WIDTH / 2, top + 0.15), title, ('center', 'bottom'), 12)
+    for side, edge, inwards in (('left', x, 1), ('right', x + BOX_WIDTH, -1)):
+        other = 'right' if side == 'left' else 'left'
+        for row, (name, number) in enumerate(sides[side]):
             y = top - (row + 1) * PIN_STEP
-            edge = x if side == 'left' else x + BOX_WIDTH
-            inside = 0.2 if side == 'left' else -0.2
-            align = 'left' if side == 'left' else 'right'
-            drawing += (
-                elm.Label()
-                .theta(0)
-                .at((edge + inside, y))
-                .label(name, halign=align, valign='center', fontsize=11, ofst=0)
-            )
-            outside = -0.15 if side == 'left' else 0.15
-            drawing += elm.Label().theta(0).at((edge + outside, y + 0.05)).label(
-                str(number), halign='right' if side == 'left' else 'left', valign='bottom',
-                fontsize=8, ofst=0,
-            )  # fmt: skip
+            _label(drawing, (edge + 0.2 * inwards, y), name, (side, 'center'), 11)
+            at = (edge - 0.15 * inwards, y + 0.05)
+            _label(drawing, at, str(number), (other, 'bottom'), 8)
             _tag(drawing, circuit.net(part.ref, name), (edge, y), side)
     return height
 
@@ -103,17 +89,11 @@ def draw(circuit: Circuit) -> str:
     schemdraw.svgconfig.text = 'text'
     with schemdraw.Drawing(show=False) as drawing:
         drawing.config(unit=2.0, fontsize=11, bgcolor='white', margin=0.6)
-        for group in GROUPS:
+        for group, (left, top) in PLACES.items():
             parts = [part for part in circuit.parts.values() if part.group == group]
             if not parts:
                 continue
-            left, top = PLACES[group]
-            drawing += (
-                elm.Label()
-                .theta(0)
-                .at((left, top + 1.3))
-                .label(group, halign='left', valign='bottom', fontsize=15, ofst=0)
-            )
+            _label(drawing, (left, top + 1.3), group, ('left', 'bottom'), 15)
             small = [part for part in parts if part.ref[0] in 'RCD']
             boxes = sorted((p for p in parts if p not in small), key=lambda p: -len(p.pins))
             ends = [top, top]  # of the two columns of boxes
