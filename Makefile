@@ -60,9 +60,6 @@ films: setup-test  ## path-trace printed covers for `eol bench vision --films fi
 	$(PY) -m pip install -q 'mitsuba>=3.9'
 	$(PY) -m eol_ros bench films --output films $(ARGS)
 
-figures: setup-test  ## the figures of docs/science.md, as far as they are old (ARGS=--list: tell only)
-	$(PY) -m eol_ros bench figures $(ARGS)
-
 clean:  ## remove what was made here, but no bag
 	rm -rf .venv .venv-3.* build install log *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -73,4 +70,4 @@ setup-test:
 setup-core:
 	@tools/setup_env.sh core
 
-.PHONY: help setup setup-test setup-core run test bare quick lint docs kit firmware soak bench lock film films figures clean
+.PHONY: help setup setup-test setup-core run test bare quick lint docs kit firmware soak bench lock film films clean

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import parting, physics_rotating
 from benchmarks import physics_peers as peers
+from benchmarks import physics_rotating
 from benchmarks.machine import tell
 from benchmarks.physics_oracles import ORACLES
 from eol_ros.core.physics import builders, choose, presets
@@ -36,6 +36,8 @@ EXAMPLES = [
 PEER_S = 2.5  # slow peers run this far; we are timed on the same stretch beside them
 SIZES = (1, 4, 25, 100, 400, 2500, 10_000)
 LIMITS = Limits(events=200_000, steps=2_000_000)
+SCIPY_S = {'S1': 20.0, 'S2': 12.0, 'S6a': 6.2, 'S6b': 6.0, 'S4L': 4.0, 'S4G': 6.0}
+OTHERS_S = 8.0  # for so long SciPy follows the other scenes
 ROTATION_S = 3.0  # for so long SciPy follows blocks that rotate
 PARTS = ('own', 'rotation', 'peers', 'sizes', 'live')
 
@@ -85,7 +87,7 @@ def own_rows(name: str, quick: bool) -> list[dict]:
     scene = from_mapping(presets.scene(name))
     model, times = Model.of(scene), sample_times(scene.duration_s, 0.1)
     truth = reference_of(scene, model, times)
-    stretch = parting.SCIPY_S.get(name, parting.OTHERS_S)
+    stretch = SCIPY_S.get(name, OTHERS_S)
     early = times[times <= stretch * (1 + 1e-12)]
     witness = ORACLES['SciPy DOP853, events'](scene, early)
     rows = []
@@ -136,16 +138,13 @@ EQUAL = {'mu_s': 0.65, 'mu_k': 0.65}  # for engines that know one coefficient on
 def peer_row(name: str, method: str, module: str, solve: Callable, seconds: float) -> dict:
     """Return the row of one peer, with our time on the same stretch beside it."""
     row = {'scene': name, 'method': method, 'seconds': seconds}
-    there = peers.siconos_python() if module == 'siconos' else importlib.util.find_spec(module)
-    if there is None:
+    if importlib.util.find_spec(module) is None:
         return row | {'status': f'{module} is not installed'}
     given = presets.scene(name.removesuffix(' equal')) | {'T': seconds}
     scene = from_mapping(given | EQUAL if name.endswith(' equal') else given)
     model, times = Model.of(scene), sample_times(seconds, 0.1)
     truth = reference_of(scene, model, times)
     u, took = cpu_s(lambda: solve(scene, times), 1)
-    if isinstance(u, tuple):
-        u, took = u  # another process: its own processor time
     if len(u) < len(times):
         return row | {'status': f'gave up at {times[len(u) - 1]:g} s', 'ms': took * 1e3}
     if choose.along_x(scene):
@@ -210,17 +209,6 @@ def peer_rows(only: str) -> list[dict]:
     )
     for name in ('S3E', 'S5 equal', 'S4L equal'):
         work.append((name, 'pymunk 0.001', 'pymunk', lambda s, t: peers.pymunk(s, t, 1e-3), 5.0))
-    for name in ('S3E', 'S5 equal'):
-        for step_s, seconds in ((1e-2, 5.0), (2e-3, 2.5)):
-            work.append(
-                (
-                    name,
-                    f'siconos {step_s:g}',
-                    'siconos',
-                    lambda s, t, h=step_s: peers.siconos(s, t, h),
-                    seconds,
-                )
-            )
     wanted = [row for row in work if only in f'{row[0]} {row[1]}']
     return [peer_row(*row) for row in track(wanted, 'peers')]
 

@@ -1,21 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Other people's solvers on our scenes: SciPy, MuJoCo, pymunk, Siconos. Each gives samples of u.
+"""Other people's solvers on our scenes: SciPy, MuJoCo, pymunk. Each gives samples of u.
 
 Every peer gets the scene as it is, and what it lacks is said where it is emulated.
 """
 
-import functools
-import json
-import os
-import shutil
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 from numba import njit
 
-from eol_ros import parent_death
 from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.scene import Scene
@@ -306,49 +297,3 @@ def pymunk(scene: Scene, times: np.ndarray, step_s: float) -> np.ndarray:
             t += step_s
         out[sample] = [tuple(body.position) for body in bodies]
     return out
-
-
-@functools.cache
-def siconos_python() -> str | None:
-    """Return a Python that has Siconos: this one, or the system's; None where there is none."""
-    for python in (sys.executable, shutil.which('python3', path='/usr/bin')):
-        if python:
-            asked = subprocess.run([python, '-c', 'import siconos.kernel'], capture_output=True)
-            if asked.returncode == 0:
-                return python
-    return None
-
-
-def siconos(scene: Scene, times: np.ndarray, step_s: float) -> tuple[np.ndarray, float]:
-    """Siconos: Moreau-Jean with contacts, along x, mu_s = mu_k; u and its own processor time."""
-    model, lattice = Model.of(scene), Model.of(scene).lattice
-    stiffness = np.diag(lattice.k_sum)
-    for i, j, k in zip(model.first, model.second, model.k, strict=True):
-        if j < scene.n:
-            stiffness[i, j] -= k
-            stiffness[j, i] -= k
-    problem = {
-        'mass': model.mass.tolist(),
-        'stiffness': stiffness.tolist(),
-        'g': scene.g,
-        'pull': lattice.drive[:, 0].tolist(),
-        'speed': float(model.par[0]),
-        'mu': scene.mu_k.tolist(),
-        'u0': scene.u0[:, 0].tolist(),
-        'times': times.tolist(),
-        'step_s': step_s,
-    }
-    script = Path(__file__).with_name('physics_siconos.py')
-    done = subprocess.run(
-        [siconos_python(), str(script)],
-        input=json.dumps(problem),
-        capture_output=True,
-        text=True,
-        env={**os.environ, 'OMP_NUM_THREADS': '1', 'PYTHONPATH': ''},
-        check=True,
-        preexec_fn=parent_death.following(),
-    )
-    answer = json.loads(done.stdout.splitlines()[-1])  # Siconos prints words of its own before it
-    u = np.zeros((len(times), scene.n, 2))
-    u[:, :, 0] = answer['u']
-    return u, answer['cpu_s']

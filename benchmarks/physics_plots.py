@@ -10,7 +10,6 @@ MARKS = {
     'scipy': ('d', 'C3'),
     'mujoco': ('v', 'C4'),
     'pymunk': ('P', 'C5'),
-    'siconos': ('X', 'C6'),
 }
 FLOOR_M = 1e-17  # an error of exactly zero is drawn here
 

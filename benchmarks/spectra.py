@@ -23,7 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Ask, count, print."""
-    from benchmarks.known_series import SERIES
+    from support.known_series import SERIES
+
     from benchmarks.machine import tell
     from eol_ros.verbs.progress import track
 
@@ -37,8 +38,8 @@ def run(args: argparse.Namespace) -> int:
 def _pulled(speed_mps: float, seconds: float) -> dict:
     """Ask the slips of the paper's table, pulled at a constant speed by the exact solver."""
     import numpy as np
+    from support.known_series import HIGH_HZ, RATE_HZ
 
-    from benchmarks.known_series import HIGH_HZ, RATE_HZ
     from eol_ros.core.physics import builders, choose
     from eol_ros.core.physics.result import Limits
     from eol_ros.core.physics.scene import from_mapping
@@ -60,8 +61,7 @@ def _pulled(speed_mps: float, seconds: float) -> dict:
 
 def _row(name: str, seconds: int, seeds: int) -> dict:
     import numpy as np
-
-    from benchmarks.known_series import SERIES, ask
+    from support.known_series import SERIES, ask
 
     begin = time.process_time()
     found = [ask(name, seconds, seed) for seed in range(seeds)]

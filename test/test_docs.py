@@ -18,6 +18,8 @@ from eol_ros.streams.graph import NODES
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').rglob('*.md'))]
+# `v0.2.0: eol bench X` is a command of that tag, for what has left since.
+COMMAND = r'(?<!v0\.2\.0: )(?:\beol|-m eol_ros) (\w+)((?: [^\s`|>#]+)*)'
 each_page = pytest.mark.parametrize('page', PAGES, ids=lambda p: p.name)
 
 
@@ -83,7 +85,7 @@ def options(module):
 @each_page
 def test_options_that_are_named_are_understood(page):
     text = re.sub(r'[ \t]*\n(?=\S)', ' ', page.read_text())  # a command may be broken over lines
-    for verb, words in re.findall(r'(?:\beol|-m eol_ros) (\w+)((?: [^\s`|>#]+)*)', text):
+    for verb, words in re.findall(COMMAND, text):
         words = words.split()
         if verb == 'bench' and words and re.fullmatch(r'[a-z_]+', words[0]):
             module = importlib.import_module(f'benchmarks.{words[0]}')

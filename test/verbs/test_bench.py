@@ -87,20 +87,3 @@ def test_a_graph_ends_with_the_benchmark_that_is_killed(tmp_path):
         assert len(pids) == 3 and all(map(runs, pids))
         child.kill()
     wait_until(lambda: not any(map(runs, pids)))
-
-
-INTERRUPTED = """
-import os
-from benchmarks import sizes
-
-job = f"(__import__('os').kill({os.getpid()}, 2), __import__('time').sleep(600))"
-sizes._each(eval, [(job,)], 1, 'jobs')
-"""
-
-
-def test_an_interrupt_waits_for_no_job():
-    command = [sys.executable, '-c', INTERRUPTED]
-    result = subprocess.run(command, cwd=bench.ROOT, capture_output=True, text=True, timeout=120)
-
-    assert result.returncode == -signal.SIGINT
-    assert result.stderr.endswith('KeyboardInterrupt\n')

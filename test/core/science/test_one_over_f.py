@@ -3,8 +3,8 @@
 
 import numpy as np
 import pytest
+from support.known_series import SERIES, ask
 
-from benchmarks.known_series import SERIES, ask
 from eol_ros.core.science import one_over_f, spectra
 
 NOT = [name for name, (right, _) in SERIES.items() if right == 'no']
