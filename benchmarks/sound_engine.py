@@ -2,7 +2,7 @@
 """The scores that are played, and our own engine playing them: speed, and error against float64."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -66,39 +66,23 @@ def bank_of(sound: np.ndarray, s: Score) -> Bank:
 
 
 class _Voicing(Voicing):
-    """Knows the areas beforehand; each tenth grain lets its rupture grow."""
-
-    def __init__(self, settings: SoundSettings, areas: np.ndarray | None):
-        super().__init__(settings)
-        self._areas = areas
+    """All grains are of single slips; each tenth lets its rupture grow."""
 
     def _grown(self, triggers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         count = np.arange(len(triggers))
-        areas = np.ones(len(count), np.int64) if self._areas is None else self._areas
-        return areas, np.zeros(len(count)), count % 10 == 0
+        return np.ones(len(count), np.int64), np.zeros(len(count)), count % 10 == 0
 
 
-def speed(
-    sound: np.ndarray,
-    s: Score,
-    block: int,
-    cubic: bool,
-    repeats: int = 3,
-    settings: SoundSettings | None = None,
-    areas: np.ndarray | None = None,
-) -> dict:
+def speed(sound: np.ndarray, s: Score, block: int, cubic: bool, repeats: int = 3) -> dict:
     """Return voices per core and nanoseconds a voice and sample, the best of `repeats`.
 
     Voices per core: seconds of grains rendered in a second of CPU. All of the mixer works, limiter
-    and governor included; triggers are given to it block by block, as live. `settings` say what
-    else does, with grains of ruptures of `areas` (n,), or of single slips.
+    and governor included; triggers are given to it block by block, as live.
     """
     bank = bank_of(sound, s)
-    settings = settings or SoundSettings()
-    settings = replace(
-        settings, polyphony=4 * s.overlap, interpolation='cubic' if cubic else 'linear'
-    )
-    rows = _Voicing(settings, areas).rows(s.triggers, bank)[0]
+    interpolation = 'cubic' if cubic else 'linear'
+    settings = SoundSettings(polyphony=4 * s.overlap, interpolation=interpolation)
+    rows = _Voicing(settings).rows(s.triggers, bank)[0]
     rows = rows[np.argsort(rows['time_s'], kind='stable')]
     out = np.empty((block, settings.channels), np.float32)
     blocks = int((s.span_s + 0.4) * FS) // block

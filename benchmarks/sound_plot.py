@@ -3,7 +3,6 @@
 
 from pathlib import Path
 
-PLOT_S = 120.0
 PEER_COLOURS = ('#b5483a', '#d98b3f', '#7a6aa8', '#5b8f6b')
 
 
@@ -78,39 +77,4 @@ def draw(result: dict, folder: Path) -> None:
     axis.grid(alpha=0.3)
     axis.legend(fontsize=7)
     fig.savefig(folder / 'sound_error.png', dpi=110)
-    plt.close(fig)
-
-
-def draw_art(sounds: dict, rate: float, folder: Path) -> None:
-    """Write sound_depth.png: spectrogram and momentary loudness of each of `sounds` (n, c)."""
-    import matplotlib
-
-    matplotlib.use('Agg')
-    import matplotlib.pyplot as plt
-    import numpy as np
-    from scipy.signal import spectrogram
-
-    from eol_ros.core.sound.loudness import windows_lufs
-
-    folder.mkdir(parents=True, exist_ok=True)
-    fig, axes = plt.subplots(
-        2, len(sounds), figsize=(11, 5.4), sharex=True, sharey='row', layout='constrained',
-        height_ratios=[2.2, 1],
-    )  # fmt: skip
-    for (name, sound), (top, bottom) in zip(sounds.items(), axes.T, strict=True):
-        span = sound[: round(PLOT_S * rate)]
-        hz, at_s, power = spectrogram(span.mean(axis=1), rate, nperseg=8192, noverlap=4096)
-        level = 10 * np.log10(power[1:] + 1e-16)
-        mesh = top.pcolormesh(
-            at_s, hz[1:], level, vmin=-120, vmax=-40, cmap='magma', rasterized=True
-        )
-        top.set(yscale='log', ylim=(15, 20000), title=name)
-        loud = np.maximum(windows_lufs(span, rate, 0.4), -80)
-        bottom.plot(0.4 + 0.1 * np.arange(len(loud)), loud, lw=0.7, color='#20507a')
-        bottom.set(xlabel='s', ylim=(-80, -5), xlim=(0, len(span) / rate))
-        bottom.grid(alpha=0.3)
-    axes[0, 0].set_ylabel('Hz')
-    axes[1, 0].set_ylabel('momentary loudness, LUFS')
-    fig.colorbar(mesh, ax=axes[0], label='dB/Hz')
-    fig.savefig(folder / 'sound_depth.png', dpi=100)
     plt.close(fig)

@@ -9,7 +9,6 @@ with the block of samples after its arrival. Where the output was silent before,
 themselves say when it began; that is held against the reckoning. Slips that their block felt are
 told apart from those that only the camera saw, and among them those that come so soon after the
 block's last sound that its grains may not sound again yet (`refractory_s`): an image's are heard.
-Which hop made a grain late is told by benchmarks/sound_hops.py.
 """
 
 import os
@@ -21,10 +20,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from benchmarks import sound_hops
 from benchmarks.jack import FS, PERIOD, Jack
 from benchmarks.running import Graph
-from benchmarks.stalls import Stalls
 from eol_ros import scene as scenes
 from eol_ros.core.sound.senses import FirstSense
 from eol_ros.errors import DeviceMissing, EolError
@@ -33,19 +30,17 @@ from eol_ros.streams.felt import PROVISIONAL
 
 AFTER_S = 0.25  # a slip that has not sounded by then does not sound
 LOOK_AHEAD_S = 0.003  # of the mixer: it wants triggers that much earlier
-TRIGGER_LOG = 'triggers.csv'
 SILENT = 480  # samples of silence, after which an onset is plain to see
 FELT_NS = 10_000_000  # from an onset to the moment of its knock, at most: eol bench taps
 TRIGGERS = ('grain_triggers', 'felt_triggers')
 KNOCK = ('block_taps', 'felt_slips', 'felt_triggers')  # where a knock is told, one after another
-TOPICS = ('sound_samples', *sound_hops.TOPICS)
-KEPT = tuple(topic for topic in TOPICS if topic != 'blocks')
+TOPICS = ('sound_samples', 'truth', 'block_taps', 'felt_slips', 'grain_triggers', 'felt_triggers')
 
 
 def measure(seconds: float, device: str) -> dict[str, Any]:
     """Run the shipped rehearsal with `device` wav or jack; return latencies in ms."""
     jack = Jack(f'eol-rehearsal-{os.getpid()}') if device == 'jack' else None
-    kept, stalls = dict(os.environ), Stalls()
+    kept = dict(os.environ)
     try:
         with tempfile.TemporaryDirectory(prefix='eol-bench-') as place:
             if jack:
@@ -53,23 +48,16 @@ def measure(seconds: float, device: str) -> dict[str, Any]:
                 os.environ.update(jack.environment)
             folder = Path(place)
             scene = _scene(folder, 'system' if jack else 'wav')
-            with Graph(scene, folder / 'bags', watched=TOPICS, keep=KEPT) as graph:
+            with Graph(scene, folder / 'bags', watched=TOPICS, keep=TOPICS) as graph:
                 graph.wait_until_ok()
-                stalls.start()
                 time.sleep(2.0)
                 graph.mark()
                 late_before = graph.node('sound')['values']['late']
                 time.sleep(seconds)
-                stood = stalls.stop()
                 sound, watch = graph.node('sound'), graph.watch
                 settings = scenes.load(scene)
                 found = figures(watch, graph.begin_ns, settings)
                 del found['ms']
-                log = sound_hops.read_log(folder / TRIGGER_LOG)
-                ways = sound_hops.of_run(watch, log, graph.begin_ns)
-                found['hops'] = sound_hops.figures(
-                    ways, stood, time.monotonic_ns() - time.time_ns()
-                )
                 return {
                     'device': device, 'seconds': seconds, 'output_ms': sound['values']['output_ms'],
                     'load_p99': sound['values']['load'], 'underruns': sound['values']['underruns'],
@@ -81,7 +69,6 @@ def measure(seconds: float, device: str) -> dict[str, Any]:
     except DeviceMissing as error:
         return {'device': device, 'skipped': str(error)}
     finally:
-        stalls.stop()
         os.environ.clear()
         os.environ.update(kept)
         if jack:
@@ -236,9 +223,7 @@ def _seen(watch, due: list[int]) -> list[float]:
 
 def _scene(folder: Path, device: str) -> Path:
     values = scenes.plain(scenes.load('rehearsal'))
-    values['nodes']['sound'].update(
-        device=device, wav=str(folder / 'sound.wav'), trigger_log=str(folder / TRIGGER_LOG)
-    )
+    values['nodes']['sound'].update(device=device, wav=str(folder / 'sound.wav'))
     values['nodes']['panel']['port'] = 0
     path = folder / 'rehearsal.yaml'
     path.write_text(yaml.safe_dump(values, sort_keys=False))

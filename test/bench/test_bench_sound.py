@@ -3,7 +3,6 @@ import argparse
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,17 +10,12 @@ import pytest
 from support import needs
 
 from benchmarks import sound as sound_bench
-from benchmarks import sound_art, sound_live, sound_rehearsal
+from benchmarks import sound_live, sound_rehearsal
 from benchmarks.sound_engine import FS, error_db, make_score, ours, source, speed, truth
 from benchmarks.sound_peers import PEERS
 from benchmarks.stalls import Stalls, overlap
 from eol_ros import cli
-from eol_ros import scene as scenes
-from eol_ros.core.motion.cascades import CascadeEvent
 from eol_ros.core.physics.twin.play import Play
-from eol_ros.core.sound.bank import Bank
-from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
-from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.errors import EolError
 from eol_ros.settings import GrainsSettings, SoundSettings, TwinSettings
 from eol_ros.streams.felt import CONFIRMED, PROVISIONAL
@@ -49,49 +43,6 @@ def test_error_finds_gain_and_lag_and_nothing_else():
     assert error_db(late, wanted, 5) > 250
     assert error_db(late, wanted, 2) < 1
     assert error_db(wanted * 1.001, wanted) == pytest.approx(60, abs=0.1)
-
-
-def test_the_share_of_lows_is_that_of_the_tones():
-    at_s = np.arange(4 * FS) / FS
-    tones = np.sin(2 * np.pi * 50 * at_s), np.sqrt(3) * np.sin(2 * np.pi * 1000 * at_s)
-    out = np.stack([sum(tones)] * 2, axis=1)
-    assert sound_art.low_share(out, FS) == pytest.approx(0.25, abs=0.01)
-
-
-def test_a_cascade_has_the_grains_of_its_blocks_and_its_time():
-    triggers = np.zeros(5, TRIGGER)
-    triggers['time_s'] = 9.9, 10.01, 10.2, 10.3, 10.6
-    triggers['block'] = 3, 3, 4, 20, 3
-    cascade = CascadeEvent(1, 11.0, 10.0, 0.5, 3, 2, 2, (3, 4), 0.01)
-    nothing = np.zeros(0, bool)
-    played = sound_art.Played(20.0, triggers, [cascade], nothing, nothing)
-    found = sound_art.grains_of(played, cascade)
-    assert found['block'].tolist() == [3, 4]
-    assert np.allclose(found['time_s'], [0.01 + 1 / 30, 0.2 + 1 / 30])
-
-
-@pytest.mark.slow
-def test_the_depth_of_a_rehearsal_is_measured():
-    """Half a minute: lows rise with depth and loudness with dynamics; nothing is late or clips."""
-    random = np.random.default_rng(1)
-    grains = np.zeros(400, GRAIN)
-    grains['x'], grains['y'] = (a.ravel() / 20 + 0.025 for a in np.mgrid[0:20, 0:20])
-    grains['start_s'], grains['duration_s'] = 0.25 * np.arange(400), 0.25
-    corpus = Corpus((Source('a.wav', FS, 100.0, ''),), grains)
-    sound = 0.2 * random.standard_normal(100 * FS).astype('f4')
-    bank = Bank([sound], grains['file'], grains['start_s'], grains['duration_s'], FS)
-    scene = scenes.load('rehearsal')
-    settings = scene.settings('sound')
-    played = sound_art.rehearse(30.0, corpus, scene.settings('grains'), 1)
-    assert played.reached.sum() > 50 and (played.sounded[played.reached]).all()
-    plain = replace(settings, **sound_art.OFF)
-    off, _ = sound_art.figures(played, bank, plain)
-    on, _ = sound_art.figures(played, bank, settings)
-    louder, _ = sound_art.figures(played, bank, replace(plain, dynamics_db=12.0))
-    assert louder['single_to_rupture_lu'] == pytest.approx(off['single_to_rupture_lu'] + 10, abs=4)
-    assert on['areas'][-1]['below_120_hz'] > 3 * on['areas'][0]['below_120_hz']
-    assert on['onset_frame'] == off['onset_frame']
-    assert on['peak_dbfs'] <= -1.0
 
 
 @pytest.mark.parametrize('words', [['--grains', '400'], ['--peer', 'pyo']])

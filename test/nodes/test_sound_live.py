@@ -12,10 +12,9 @@ import rclpy
 import soundfile
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from support import needs
+from support import card_loss, needs
 from support.waiting import wait_until
 
-from benchmarks import sound_loss
 from benchmarks.running import Graph
 from eol_ros import cli
 
@@ -101,7 +100,7 @@ def test_a_bag_renders_to_the_samples_of_the_live_run(tmp_path):
 def test_a_card_that_goes_and_comes_back(monkeypatch):
     """Its driver hangs, as JACK's does: the supervisor starts the node again, and only once."""
     needs.system('jackd2', 'libportaudio2')
-    found = sound_loss.measure(1.0)
+    found = card_loss.measure(1.0)
     assert found['new_process'] and found['restarts'] == 1, found
     assert found['says'].startswith('playing on system'), found
     assert 'JACK_DEFAULT_SERVER' not in os.environ
