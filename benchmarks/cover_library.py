@@ -2,9 +2,8 @@
 """Patterns of covers as images show them, for simulated detections that have no image."""
 
 import numpy as np
+from support.relief import films, scene
 
-from benchmarks.relief import films
-from benchmarks.vision_relief import calibration
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import cover_light
@@ -25,7 +24,7 @@ def patterns(kind: str) -> np.ndarray:
     if kind == 'relief':
         shown = [f for f in films.load(films.TURNED) if f.name.startswith('tilted')]
         for film in shown:
-            camera = calibration(film, False)
+            camera = films.calibration(film, False)
             for k in range(EXPOSURES):
                 found.append(sampled(camera, films.sensed(film.light, k), film.shot.poses))
         return np.array(found)
@@ -35,7 +34,7 @@ def patterns(kind: str) -> np.ndarray:
     for k in range(EXPOSURES * 12):
         poses = np.column_stack(
             [
-                films.scene.stirred(k)[:, :2] + rng.uniform(-0.06, 0.06, 2),
+                scene.stirred(k)[:, :2] + rng.uniform(-0.06, 0.06, 2),
                 rng.uniform(-0.3, 0.3, N_BLOCKS),
             ]
         )

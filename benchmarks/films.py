@@ -8,9 +8,9 @@ HELP = 'Path-trace images of printed covers for `eol bench vision --films`; need
 EXAMPLES = [
     'eol bench films --output films',
     'eol bench films --output films --images 200 --seed 3',
-    'eol bench films --small --output benchmarks/relief/films',
-    'eol bench films --turned --output benchmarks/relief/turned',
-    'eol bench films --stirred --output benchmarks/relief/stirred',
+    'eol bench films --small --output test/support/relief/films',
+    'eol bench films --turned --output test/support/relief/turned',
+    'eol bench films --stirred --output test/support/relief/stirred',
 ]
 
 
@@ -35,7 +35,9 @@ def add_arguments(parser):
 
 def run(args) -> int:
     """Draw the set; images that are there already are drawn again."""
-    from benchmarks.relief import films, path_tracer
+    from support.relief import films
+
+    from benchmarks import path_tracer
     from eol_ros import folders
     from eol_ros.errors import UsageError
     from eol_ros.verbs.progress import track

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol bench identity: who stays who under arms, false lights and darkness, against two usual ways.
 
-Simulated detections of a stick-slip table (benchmarks.stick_slip). A failure lasts when a
+Simulated detections of a stick-slip table (support.stick_slip). A failure lasts when a
 block in full view has a wrong name, or none, for 2 s; then the tracker is told the truth and goes
 on. It was declared when the tracker said that the turn is open, or the blocks are lost.
 Of a block that goes out of sight under its right name it is told how far from the truth its
@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from support.stick_slip import Onlooker, Ours, Table
 
 from benchmarks import cover_library
 from benchmarks.machine import tell
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.vision.identity import cover_patterns
 
 HELP = 'Identity failures per simulated hour, ours against nearest neighbour and Hungarian.'
 EXAMPLES = [
@@ -29,8 +29,6 @@ EXAMPLES = [
     'eol bench identity --hours 10 --methods lattice --seed 7',
     'eol bench identity --hours 1 --seeds 100 --methods lattice --keep names.jsonl',
     'eol bench identity --hours 1 --methods lattice --losses 120 --yaw-offset 0',
-    'eol bench identity --recoveries 3000',
-    'eol bench identity --hours 0.001 --methods lattice --ties 500 --tap-jitter 1',
 ]
 LASTING_S = 2.0
 OCCLUDED = (1, 6, 30)  # images out of sight after which a block's place is compared with the truth
@@ -69,27 +67,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--no-taps', action='store_true', help='accelerometers are silent')
     parser.add_argument('--methods', default=','.join(METHODS))
-    parser.add_argument(
-        '--ties', type=int, default=0, help='also: how many slips settle the turn, so many trials'
-    )
-    parser.add_argument('--tap-jitter', default='1,8', help='ms, of taps in --ties, with commas')
-    parser.add_argument('--tie-noise', type=float, default=13.0, help='um, of places in --ties')
-    parser.add_argument(
-        '--recoveries',
-        type=int,
-        default=0,
-        help='only: so many times of darkness in path-traced images, names by covers alone',
-    )
     parser.add_argument('--json', action='store_true')
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
-    if args.recoveries:
-        from benchmarks import recoveries
-
-        tell(recoveries.measure(args.recoveries, args.seed), args.json, _lines)
-        return 0
     covers = None if args.covers == 'unseen' else cover_library.patterns(args.covers)
 
     def one(seed: int) -> dict[str, dict[str, float | None]]:
@@ -110,19 +92,8 @@ def run(args: argparse.Namespace) -> int:
             {name: getattr(args, name) for name in SETTINGS},
             args.keep,
         )
-    if args.ties:
-        from benchmarks import identity_ties
-
-        for ms in map(float, args.tap_jitter.split(',')):
-            scores[f'ties, taps to {ms:g} ms'] = identity_ties.measure(
-                args.ties, args.seed, ms * 1e-3, args.tie_noise * 1e-6
-            )
     tell(scores, args.json, _table)
     return 0
-
-
-def _lines(figures: dict[str, float]) -> str:
-    return '\n'.join(f'{key:34}{value:14.6g}' for key, value in figures.items())
 
 
 def _cell(value: float | None) -> str:
@@ -130,13 +101,9 @@ def _cell(value: float | None) -> str:
 
 
 def _table(scores: dict[str, dict]) -> str:
-    ties_of = {name: figures for name, figures in scores.items() if name.startswith('ties')}
-    films = {name: figures for name, figures in scores.items() if name not in ties_of}
-    lines = [f'{"":34}' + ''.join(f'{name:>14}' for name in films)]
-    for key in next(iter(films.values())):
-        lines.append(f'{key:34}' + ''.join(_cell(films[name][key]) for name in films))
-    for name, figures in ties_of.items():
-        lines += [name, *(f'{key:34}{value:14.6g}' for key, value in figures.items())]
+    lines = [f'{"":34}' + ''.join(f'{name:>14}' for name in scores)]
+    for key in next(iter(scores.values())):
+        lines.append(f'{key:34}' + ''.join(_cell(of[key]) for of in scores.values()))
     return '\n'.join(lines)
 
 
@@ -194,56 +161,6 @@ class Slots:
             if all(rows[k] != r and columns[k] != c for r, c in pairs):
                 pairs.append((int(rows[k]), int(columns[k])))
         return pairs
-
-
-class Ours:
-    """The tracker's own identity, fed with detections instead of images.
-
-    covers (m, 25, SIZE): patterns of each block's cover as images show them, of which each look
-    takes one by chance; None: the covers are not looked at.
-    """
-
-    def __init__(self, covers: np.ndarray | None = None) -> None:
-        self.covers, self.random = covers, np.random.default_rng(13)
-
-    def begin(self, xy: np.ndarray) -> None:
-        from eol_ros.core.vision.identity.fitting import turn
-        from eol_ros.core.vision.identity.identity import Identity
-
-        self.identity = Identity(covers=self.covers is not None)
-        lattice = self.identity.lattice
-        lattice.angle = float(turn(lattice.rest, xy, np.ones(N_BLOCKS, bool)))
-
-    @property
-    def ambiguous(self) -> bool:
-        lattice = self.identity.lattice
-        return bool(lattice.ambiguous or lattice.state != 1)
-
-    @property
-    def xy(self) -> np.ndarray:
-        return self.identity.lattice.xy
-
-    def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
-        self.identity.tap(stamp_s, block, sigma_s)
-
-    def update(self, moment: Any, seen: Any) -> np.ndarray:
-        """Return the detection of each block (25,), -1 for none."""
-        lattice = self.identity.lattice
-
-        def glance(at: np.ndarray, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            true = seen.true[at]
-            shown = self.covers[self.random.integers(len(self.covers), size=len(at)), true]
-            off = yaw - moment.yaw[true]
-            quarters = np.round(off / (np.pi / 2)).astype(int) % 4
-            cells = cover_patterns.TURNED_CELLS[quarters]
-            good = seen.whole[at] & np.isfinite(shown[:, 0])
-            return np.take_along_axis(shown, cells, axis=1), good
-
-        self.identity.update(
-            moment.stamp_s, seen.xy, seen.yaw, seen.sigma,
-            glance=None if self.covers is None else glance,
-        )  # fmt: skip
-        return lattice.index if lattice.state == 1 else np.full(N_BLOCKS, -1)
 
 
 def make(name: str, covers: np.ndarray | None = None) -> Any:
@@ -373,8 +290,6 @@ def measure(
     scores: dict[str, Score] | None = None,
 ) -> dict[str, dict[str, float | None]]:
     """Run all `trackers` over the same simulated hours and return their figures."""
-    from benchmarks.stick_slip import Onlooker, Table
-
     table = Table(seed, fps, rough, askew_rad=askew_rad)
     onlooker = Onlooker(seed, permanent=permanent, losses_per_hour=losses_per_hour)
     scores = scores if scores is not None else {}

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol bench motion: onset error, latency, precision and recall of slips, and false alarms.
 
-True slips come from a stick-slip table with its own integrator (benchmarks.stick_slip). A
+True slips come from a stick-slip table with its own integrator (support.stick_slip). A
 detection is right when it names a slip that no other detection has named; a true slip counts as
 found also when it was joined with one that ended less than the time of the stop test before. Slips
 shorter than 20 sigma of the noise are not asked for. With `--minutes` or `--film-seconds` the
@@ -101,7 +101,8 @@ class _Found:
 
 def measure(fps: float, sigma_m: float, seconds: float, seed: int) -> dict[str, float]:
     """Return one row of figures; times in ms."""
-    from benchmarks.stick_slip import Table
+    from support.stick_slip import Table
+
     from eol_ros.core.motion.motion import Motion
     from eol_ros.core.motion.slips import START
 

@@ -12,12 +12,9 @@ EXAMPLES = [
     'eol bench vision --plots docs/img',
     'eol bench vision --films relief',
     'eol bench vision --films my_films --images 200 --json',
-    'eol bench vision --rest --minutes 60',
     'eol bench vision --hard all --seconds 10 --seeds 3',
     'eol bench vision --hard sleeves --seconds 60 --json',
     'eol bench vision --arms all --seconds 20 --seeds 6 --json',
-    'eol bench vision --calibrating',
-    'eol bench vision --videos --seconds 4 --plots docs/img',
     'eol bench vision --levels "" --no-clean --hours 1 --slip-seconds 60 --json',
 ]
 CLUTTER = ('ordinary', 'hard', 'brutal')
@@ -40,12 +37,6 @@ def add_arguments(parser):
         help='only path-traced covers: `relief`, which is shipped, or a folder of `make films`',
     )
     parser.add_argument(
-        '--rest', action='store_true', help='only path-traced covers at rest: what seems to move'
-    )
-    parser.add_argument(
-        '--minutes', type=float, default=3.0, help='with --rest: of rest, all places together'
-    )
-    parser.add_argument(
         '--hard',
         metavar='KINDS',
         help='only hard videos, of flat and path-traced covers: `all`, or clutter levels, dropped,'
@@ -60,12 +51,6 @@ def add_arguments(parser):
     )
     parser.add_argument('--surfaces', default='flat,relief', help='with --hard and --arms')
     parser.add_argument('--first-seed', type=int, default=41, help='with those: of --seeds')
-    parser.add_argument(
-        '--videos', action='store_true', help='only what MJPEG and H.264 cost, against their size'
-    )
-    parser.add_argument(
-        '--calibrating', action='store_true', help='only calibrations by three path-traced images'
-    )
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
 
@@ -82,19 +67,13 @@ def run(args) -> int:
 
     cv2.setNumThreads(1)
     if args.films:
+        from support.relief.films import FOLDER
+
         from benchmarks import vision_relief
-        from benchmarks.relief.films import FOLDER
 
         folder = FOLDER if args.films == 'relief' else Path(args.films)
-        if args.plots:
-            print(f'drawn {vision_relief.draw(folder, Path(args.plots))}', file=sys.stderr)
         figures = vision_relief.measure(folder, args.images)
         tell(figures, args.json, vision_relief.table)
-        return 0
-    if args.rest:
-        from benchmarks import vision_rest
-
-        tell(vision_rest.measure(args.minutes), args.json, vision_rest.table)
         return 0
     if args.hard or args.arms:
         from benchmarks import vision_arms, vision_hard
@@ -104,19 +83,6 @@ def run(args) -> int:
         surfaces = _named('--surfaces', args.surfaces, vision_hard.SURFACES)
         found = videos.measure(kinds, surfaces, args.seconds, args.seeds, args.first_seed)
         tell(found, args.json, videos.table)
-        return 0
-    if args.calibrating:
-        from benchmarks import vision_calibrating
-
-        tell(vision_calibrating.measure(), args.json, vision_calibrating.table)
-        return 0
-    if args.videos:
-        from benchmarks import vision_videos
-
-        found = vision_videos.measure(args.seconds)
-        if args.plots:
-            print(f'drawn {vision_videos.draw(found, Path(args.plots))}', file=sys.stderr)
-        tell(found, args.json, vision_videos.table)
         return 0
     levels = _named('--levels', args.levels, LEVELS)
     result: dict = {'noise': {}, 'clutter': {}}

@@ -15,11 +15,11 @@ from typing import Any
 
 import cv2
 import numpy as np
+from scipy import stats
+from support.relief import films
 
-from benchmarks.relief import films
 from benchmarks.vision_hard import FlatLight, HardTally, ReliefLight
 from benchmarks.vision_peers import timed
-from benchmarks.vision_rest import poisson
 from benchmarks.vision_scenes import RATE_HZ, number
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.motion import Motion
@@ -345,6 +345,12 @@ def _where(share: float, lately: np.ndarray, left: float) -> str:
     if lately.min(initial=1.0) < WHOLE:
         return 'newly seen'
     return 'in shadow' if left < LIT else 'whole'
+
+
+def poisson(count: int) -> tuple[float, float]:
+    """Return the 95 % interval of the mean of a count (Garwood 1936)."""
+    low = stats.chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
+    return float(low), float(stats.chi2.ppf(0.975, 2 * count + 2) / 2)
 
 
 def measure(

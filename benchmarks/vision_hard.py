@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
+from support.relief import films
 
-from benchmarks import vision_peers, vision_relief
-from benchmarks.relief import films
-from benchmarks.relief.path_tracer import PSF_PX
+from benchmarks import vision_peers
+from benchmarks.path_tracer import PSF_PX
 from benchmarks.vision_peers import match, timed, tuned
 from benchmarks.vision_scenes import OURS, RATE_HZ, Film, Tally, number, track_image
 from eol_ros.core.geometry import N_BLOCKS
@@ -75,7 +75,7 @@ class ReliefLight:
         shown = [f for f in films.load() if not f.name.endswith('-lit')]
         film = shown[seed % len(shown)]
         self.pose = film.shot.poses
-        self.camera = vision_relief.calibration(film, True)
+        self.camera = films.calibration(film, True)
         self.clutter = clutter = Clutter(level, self.camera, 12.0, seed, N_BLOCKS, RATE_HZ)
         centres = self.camera.to_pixels(self.pose[:, :2])
         v, u = np.mgrid[0 : film.light.shape[0], 0 : film.light.shape[1]]

@@ -5,21 +5,17 @@ One image is light without noise, so a block at rest is the same light with new 
 what its place then does is the tracker's own.
 """
 
-from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
+from support.relief import films
+from support.relief.films import SKIRT_M, calibration, covers
 
-from benchmarks.relief import bound, films, scene
-from eol_ros.core import terrain
-from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, PLATFORM_SIDE_M
-from eol_ros.core.vision.calibration.calibrate import from_images, raise_plane
-from eol_ros.core.vision.calibration.covers import CoverOutlines
+from eol_ros.core.geometry import N_BLOCKS, PLATFORM_SIDE_M
+from eol_ros.core.vision.calibration.calibrate import from_images
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect import outline
 from eol_ros.core.vision.detect.blobs import BlobFinder
-from eol_ros.core.vision.tracker import Tracked, Tracker
+from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
 from eol_ros.verbs.progress import track
@@ -27,7 +23,6 @@ from eol_ros.verbs.progress import track
 RATE_HZ = 60.0
 SETTLED = 10  # images after which a block has its name
 FLAT, KNOWN = 'covers taken to be flat', 'outlines of the covers known'
-SKIRT_M = 0.012 + scene.GAP_M  # the lowest land: the plane that measured best before
 
 
 def measure(folder: Path, images: int) -> dict:
@@ -52,17 +47,6 @@ def measure(folder: Path, images: int) -> dict:
             'calibration': _calibrations(shown, known),
         }
     return result
-
-
-def calibration(film: films.Film, known: bool) -> Calibration:
-    """Return the camera's own calibration, for the plane of the lowest land."""
-    raised = raise_plane(film.calibration, SKIRT_M)
-    return replace(raised, cover_height_m=SKIRT_M, covers=covers(film) if known else None)
-
-
-def covers(film: films.Film) -> CoverOutlines:
-    land = terrain.landscape(film.shot.landscape, cells=scene.CELLS)
-    return CoverOutlines.of_landscape(land, film.shot.shape(), 1e3 * scene.GAP_M, scene.CELLS)
 
 
 def rest(film: films.Film, images: int, known: bool) -> dict:
@@ -90,11 +74,8 @@ def rest(film: films.Film, images: int, known: bool) -> dict:
     scatter = np.nanmedian(np.abs(place - usual), axis=0).max(axis=1) / 0.6745
     turned = np.angle(np.exp(4j * (yaw[..., 0] - truth[:, 2]))) / 4
     noise = np.sqrt(np.nanmean(np.nanvar(place, axis=0, ddof=1), axis=1))
-    limits = bound.outline_bounds_m(film, camera) if known else np.full((2, N_BLOCKS), np.nan)
     return {
         'noise_um': _rms(noise) * 1e6,
-        'bound_um': _rms(limits[0]) * 1e6,
-        'bound_one_scale_um': _rms(limits[1]) * 1e6,
         'first_sight': int(np.sum(np.any(near, axis=1))) if len(found) else 0,
         'coverage': float(seen.mean()),
         'error_mm_rms': _rms(left[seen]) * 2**0.5 * 1e3,
@@ -207,13 +188,8 @@ def _lines(result: dict) -> list[str]:
             f'  error {f["error_mm_rms"]:.3f} mm RMS, worst {f["error_mm_worst"]:.2f}'
             f'  yaw {f["yaw_deg_rms"]:.2f} deg  scatter {f["scatter_um"]:.1f} um'
             f'  hop {f["hop_mm"]:.3f} mm = {f["hop_scatters"]:.1f} scatters'
-            f'  sigma/scatter {f["sigma_of_scatter"]:.2f}'
+            f'  sigma/scatter {f["sigma_of_scatter"]:.2f}  noise {f["noise_um"]:.1f} um'
         )
-        if np.isfinite(f['bound_um']):
-            lines[-1] += (
-                f'  noise {f["noise_um"]:.1f} um = {f["noise_um"] / f["bound_um"]:.2f} x Cramer-Rao'
-                f' ({f["noise_um"] / f["bound_one_scale_um"]:.2f} with one scale of light)'
-            )
     for name, f in result['moved'].items():
         lines.append(
             f'  {name:18s} moved by up to {f["longest_mm"]:.1f} mm:'
@@ -230,56 +206,3 @@ def _lines(result: dict) -> list[str]:
         off = '' if rms is None else f'{rms:.2f} mm RMS, worst {f["error_mm_worst"]:.2f}; '
         lines.append(f'  calibration, {name}, {f["images"]} images: {off}{said}')
     return lines
-
-
-def draw(folder: Path, to: Path, name: str = 'steep', zoom: int = 3) -> Path:
-    """Draw a corner of an image with what was fitted: flat squares blue, outlines orange."""
-    film = next((f for f in films.load(folder) if f.name == name), films.load(folder)[0])
-    image = films.sensed(film.light, 0)
-    u, v = np.argwhere(film.light > 60).min(axis=0)[::-1] - 12
-    side = slice(v, v + 230), slice(u, u + 330)
-    shown = cv2.resize(image[side], None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
-    shown = cv2.cvtColor(shown, cv2.COLOR_GRAY2BGR)
-    for known, colour in ((False, (255, 140, 60)), (True, (40, 150, 255))):
-        camera = calibration(film, known)
-        tracker = Tracker(TrackerSettings(), camera)
-        for k in range(SETTLED):
-            tracked = tracker.update(k / RATE_HZ, films.sensed(film.light, k))
-        for line in _outlines(camera, tracked):
-            at = (line - [u, v] + 0.5) * zoom - 0.5
-            cv2.polylines(
-                shown, [np.rint(16 * at).astype(np.int32)], True, colour, 1, cv2.LINE_AA, 4
-            )
-    path = to / 'vision_relief.png'
-    cv2.imwrite(str(path), shown, [cv2.IMWRITE_PNG_COMPRESSION, 9])
-    return path
-
-
-def _outlines(camera: Calibration, tracked: Tracked) -> list[np.ndarray]:
-    """Return the outline (n, 2) px of each block as the fit has it."""
-    centres = camera.to_pixels(tracked.world)
-    half = camera.side_px(centres, BLOCK_SIDE_M) / 2
-    angle = camera.yaw_to_image(centres, tracked.yaw)
-    shear = camera.shear(centres) @ [1, 1j]
-    land = None if camera.covers is None else camera.covers.over(camera.cover_height_m)
-    found = []
-    for i in range(N_BLOCKS):
-        table = np.zeros(outline.SIZE, np.float32)
-        if land is not None:
-            outline.tabulate(camera.packed(), land[i], *centres[i], angle[i], half[i], 0, table)
-        points = []
-        for side in range(4):
-            turn = angle[i] + side * np.pi / 2
-            normal = np.array([np.cos(turn), -np.sin(turn)])
-            along = np.array([-np.sin(turn), -np.cos(turn)])
-            e = shear[i] * np.exp(-2j * turn)
-            for t in np.linspace(-1, 1, 41) * half[i]:
-                off = (
-                    float(outline.outside.py_func(table, side, np.float32(t))) if table[0] else 0.0
-                )
-                if off != outline.NONE:
-                    t -= off * np.tan(angle[i])
-                    d = half[i] * (1 + e.real) + e.imag * t + off
-                    points.append(centres[i] + normal * d + along * t)
-        found.append(np.array(points))
-    return found

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.stick_slip import Onlooker, Table
 
 from benchmarks import cover_library, identity, identity_hours
-from benchmarks.stick_slip import Onlooker, Table
 from eol_ros.errors import ConfigError
 
 SETTINGS = {'hours': 0.5, 'rough': 1.0}

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from benchmarks import identity, identity_ties, motion, twin_slips
+from benchmarks import identity, motion, twin_slips
 from benchmarks.vision_scenes import RATE_HZ, run_film
 from eol_ros.core.physics.twin.live import SOFT, Coupling
 
@@ -17,12 +17,6 @@ def test_ten_hours_of_arms_bring_no_wrong_name_that_was_not_told():
     assert figures['lasting_failures_per_hour'] <= 1
     assert figures['switches_per_hour'] <= 50
     assert figures['mislabelled_percent'] <= 0.02
-
-
-def test_ten_thousand_ties_are_never_settled_wrongly():
-    figures = identity_ties.measure(10_000, 1, 0.001)
-    assert figures['wrong_decisions'] == 0
-    assert figures['decided_by_5_slips_percent'] >= 98
 
 
 def test_a_minute_of_hard_film_loses_no_block_and_invents_none():

@@ -5,9 +5,9 @@ import json
 
 import numpy as np
 import pytest
+from support.relief.films import NOISE
 
 from benchmarks import vision_arms, vision_hard
-from benchmarks.relief.films import NOISE
 from benchmarks.vision_scenes import RATE_HZ
 from eol_ros import cli
 from eol_ros.core.geometry import N_BLOCKS

@@ -5,9 +5,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.relief import films
 
-from benchmarks import vision_relief
-from benchmarks.relief import films
 from eol_ros import cli
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.calibration.covers import CoverOutlines
@@ -47,11 +46,11 @@ def resting(count, size=(640, 400), **options):
 
 
 def test_the_right_covers_are_no_news(capsys, relief, relief_stack):
-    assert told(capsys, relief_stack, vision_relief.calibration(relief, known=True)) == []
+    assert told(capsys, relief_stack, films.calibration(relief, known=True)) == []
 
 
 def test_another_set_of_covers_is_one_line(capsys, relief, relief_stack):
-    right = vision_relief.calibration(relief, known=True)
+    right = films.calibration(relief, known=True)
     others = CoverOutlines(right.covers.lower_mm, np.roll(right.covers.land_mm, 7, axis=0))
     lines = told(capsys, relief_stack, dataclasses.replace(right, covers=others))
 
@@ -60,7 +59,7 @@ def test_another_set_of_covers_is_one_line(capsys, relief, relief_stack):
 
 
 def test_covers_that_are_not_flat_are_one_line(capsys, relief, relief_stack):
-    lines = told(capsys, relief_stack, vision_relief.calibration(relief, known=False))
+    lines = told(capsys, relief_stack, films.calibration(relief, known=False))
 
     assert len(lines) == 1 and 'the calibration is of flat ones' in lines[0]
 
@@ -118,7 +117,7 @@ def test_covers_that_are_others_than_before_are_told_once(
     monkeypatch.setattr(Tracker, 'warm_up', lambda self: None)
     monkeypatch.setattr(Tracker, 'update', found_other)
     images += [0.0] * 95  # of a video that begins earlier
-    lines = told(capsys, relief_stack, vision_relief.calibration(relief, True))
+    lines = told(capsys, relief_stack, films.calibration(relief, True))
     assert [line.split(': ', 1)[1].split(':')[0] for line in lines] == [
         'other covers than before on blocks 3',
         'other covers than before on blocks 8',

@@ -4,9 +4,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from support.relief import films, scene
 
-from benchmarks import vision_relief
-from benchmarks.relief import films, scene
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.calibration import calibrate
 from eol_ros.core.vision.calibration.charuco import Board, from_board
@@ -50,7 +49,7 @@ def test_sides_that_stand_far_from_a_square_are_read_where_they_are():
     # a leaning camera makes covers narrower one way by up to 1.3 px; lit from inside, their sides
     # are read too far in, but as far both ways
     film = next(f for f in films.load() if f.name == 'steep')
-    camera = vision_relief.calibration(film, True)
+    camera = films.calibration(film, True)
     blobs = calibrate.all_blocks(films.sensed(film.light, 0), camera, False)
     tables = outline.tables(camera, blobs, np.zeros(25, int))
     found = corners(films.sensed(film.light, 0), blobs, tables=tables)
@@ -69,7 +68,7 @@ def test_sides_that_stand_far_from_a_square_are_read_where_they_are():
 @pytest.mark.parametrize('name', ['straight-0mm', 'aside', 'steep-40mm'])
 def test_sides_are_read_where_they_are_though_light_falls_towards_them(name, softer_px):
     film = next(f for f in films.load() if f.name == name)
-    camera = vision_relief.calibration(film, True)
+    camera = films.calibration(film, True)
     image = films.sensed(film.light, 0)
     if softer_px:  # out of focus: blurs of 1.37 and 1.59 px in place of 1.23
         image = films.sensed(cv2.GaussianBlur(film.light, (0, 0), softer_px), 0)
@@ -222,9 +221,9 @@ def test_blocks_are_named_by_their_place():
 def test_a_cover_that_is_refused_at_first_sight_is_looked_for_and_what_is_left_out_is_said():
     film = next(f for f in films.load(films.TURNED) if f.name == 'tilted-0-1')
     image = films.sensed(film.light, 1)
-    camera = vision_relief.calibration(film, True)
+    camera = films.calibration(film, True)
     start = replace(
-        calibrate.nominal(1280, 800), cover_height_m=vision_relief.SKIRT_M, covers=camera.covers
+        calibrate.nominal(1280, 800), cover_height_m=films.SKIRT_M, covers=camera.covers
     )
     blobs = calibrate.all_blocks(image, start, False)
     truth = camera.to_pixels(film.shot.poses[:, :2])
@@ -232,7 +231,7 @@ def test_a_cover_that_is_refused_at_first_sight_is_looked_for_and_what_is_left_o
     hidden = image.copy()
     hidden[:, :640] = 4
     solved = calibrate.from_images(
-        [image, hidden], calibrate.nominal(1280, 800), vision_relief.SKIRT_M, camera.covers
+        [image, hidden], calibrate.nominal(1280, 800), films.SKIRT_M, camera.covers
     )
     assert '1 of 2 images left out' in solved.note and 'take the arms away' in solved.note
 
@@ -240,9 +239,9 @@ def test_a_cover_that_is_refused_at_first_sight_is_looked_for_and_what_is_left_o
 def test_all_covers_are_found_at_first_sight_under_a_camera_that_leans():
     # a camera that hangs straight expects covers up to 7 % larger or smaller than they are here
     film = next(f for f in films.load(films.STIRRED) if f.name == 'steep-3')
-    camera = vision_relief.calibration(film, True)
+    camera = films.calibration(film, True)
     start = replace(
-        calibrate.nominal(1280, 800), cover_height_m=vision_relief.SKIRT_M, covers=camera.covers
+        calibrate.nominal(1280, 800), cover_height_m=films.SKIRT_M, covers=camera.covers
     )
     truth = camera.to_pixels(film.shot.poses[:, :2])
     for seed in range(4):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
+from support.stick_slip import Onlooker, Table
 
-from benchmarks.stick_slip import Onlooker, Table
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.identity.blink import Blink
 from eol_ros.core.vision.identity.fitting import rotate_cell

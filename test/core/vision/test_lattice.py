@@ -2,8 +2,8 @@
 import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
+from support.stick_slip import Onlooker, Table
 
-from benchmarks.stick_slip import Onlooker, Table
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.vision.identity.association import continued, placed, read_lattice
 from eol_ros.core.vision.identity.fitting import affine, assign, folds, match, rotate_cell

@@ -3,8 +3,8 @@
 
 import numpy as np
 import pytest
+from support.stick_slip import Onlooker, Table
 
-from benchmarks.stick_slip import Onlooker, Table
 from eol_ros.core.vision.identity.identity import Identity
 from eol_ros.core.vision.identity.symmetry import UNTURNED
 from eol_ros.core.vision.identity.yaw_signature import BLOCKS, ENOUGH, Yaws

@@ -10,7 +10,7 @@ tells the scale of an image, which their lattice alone does not: blocks rest 4 m
 How much a lens blurs is fitted to all sides together: a tenth more, and they seem 0.07 px further
 outside, which is 0.3 % of a length.
 
-Measured on ten path-traced images that no calibration is judged by (`benchmarks/relief/films`):
+Measured on ten path-traced images that no calibration is judged by (`test/support/relief/films`):
 cameras straight, aside and leaning, with a lens and without, covers of 0, 26 and 40 mm of relief;
 and on eight of these with lenses of 0.85 to 1.92 px. No real table was measured.
 """

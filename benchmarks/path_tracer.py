@@ -16,8 +16,8 @@ from typing import Any
 
 import cv2
 import numpy as np
+from support.relief import scene
 
-from benchmarks.relief import scene
 from eol_ros.core import terrain
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import DeviceMissing, pip_install

@@ -14,15 +14,19 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks.relief import scene
-from benchmarks.relief.scene import Shot, View
+from eol_ros.core import terrain
+from eol_ros.core.vision.calibration.calibrate import raise_plane
+from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
+from support.relief import scene
+from support.relief.scene import Shot, View
 
 FOLDER = Path(__file__).parent / 'films'
 TURNED = Path(__file__).parent / 'turned'
 STIRRED = Path(__file__).parent / 'stirred'
 STEPS = 8  # of a grey level
+SKIRT_M = 0.012 + scene.GAP_M  # height of the lowest land
 NOISE = (2.0, 0.10)  # read noise and gain of the flat renderer's L2
 STRAIGHT = View()
 ASIDE = View(offset_m=(0.3, 0.0))
@@ -47,6 +51,18 @@ class Film:
     def name(self) -> str:
         """Its name in the set."""
         return self.shot.name
+
+
+def calibration(film: Film, known: bool) -> Calibration:
+    """Return the camera's own calibration, for the plane of the lowest land."""
+    raised = raise_plane(film.calibration, SKIRT_M)
+    return replace(raised, cover_height_m=SKIRT_M, covers=covers(film) if known else None)
+
+
+def covers(film: Film) -> CoverOutlines:
+    """Return the outlines of the covers of an image."""
+    land = terrain.landscape(film.shot.landscape, cells=scene.CELLS)
+    return CoverOutlines.of_landscape(land, film.shot.shape(), 1e3 * scene.GAP_M, scene.CELLS)
 
 
 def small_set() -> list[Shot]:
