@@ -8,8 +8,8 @@ import dataclasses
 import time
 
 import numpy as np
+from support.sound_reference import reference, score, snr_db
 
-from benchmarks.sound_reference import reference, score, snr_db
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.physics.twin.hands import keep_within
 from eol_ros.core.physics.twin.play import Play

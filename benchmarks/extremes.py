@@ -15,12 +15,13 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
+from support.physics_oracles import ORACLES, modes_of_mpmath, sines
+from support.scipy_solver import scipy_events, scipy_sliding, scipy_smooth
 
 from benchmarks import extreme_parts
 from benchmarks import physics_peers as peers
 from benchmarks.extreme_scenes import Case, cases
 from benchmarks.machine import tell
-from benchmarks.physics_oracles import ORACLES, modes_of_mpmath, sines
 from eol_ros.core.physics import choose
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, Run, sample_times
@@ -38,9 +39,9 @@ EXAMPLES = [
 PATIENCE_S = 60  # an oracle or a peer that takes longer is left, and the row says so
 SAMPLES = 50
 PEERS: dict[str, tuple[str, str, Callable[[Scene, np.ndarray], np.ndarray]]] = {
-    'dop853': ('SciPy DOP853 events 1e-7', 'scipy', lambda s, t: peers.scipy_events(s, t, 1e-7)),
-    'sliding': ('SciPy DOP853 1e-9', 'scipy', lambda s, t: peers.scipy_sliding(s, t, 1e-9)),
-    'radau': ('SciPy Radau, smooth', 'scipy', lambda s, t: peers.scipy_smooth(s, t, 'Radau')),
+    'dop853': ('SciPy DOP853 events 1e-7', 'scipy', lambda s, t: scipy_events(s, t, 1e-7)),
+    'sliding': ('SciPy DOP853 1e-9', 'scipy', lambda s, t: scipy_sliding(s, t, 1e-9)),
+    'radau': ('SciPy Radau, smooth', 'scipy', lambda s, t: scipy_smooth(s, t, 'Radau')),
     'mujoco': ('MuJoCo 1e-4 stiff', 'mujoco', lambda s, t: peers.mujoco(s, t, 1e-4, True)),
     'mujoco plane': ('MuJoCo contacts 1e-3', 'mujoco', lambda s, t: peers.mujoco_plane(s, t, 1e-3)),
 }

@@ -17,8 +17,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from support.running import Film, Graph, stand_in, summary
+
 from benchmarks.machine import tell
-from benchmarks.running import Film, Graph, stand_in, summary
 from eol_ros import scene as scenes
 from eol_ros.errors import EolError, UsageError
 from eol_ros.ros.stamps import NS, to_ns

@@ -3,23 +3,29 @@
 
 Of every scene that ships: processes, memory (PSS: a shared page counts by its share), modules,
 threads and DDS writers and readers. Of single verbs the same but for DDS. It fails where a module
-is loaded that the list of benchmarks/lean_list.py forbids.
+is loaded that the list of test/support/lean.py forbids.
 """
 
 import argparse
 import json
-import os
-import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.lean_list import BRINGUP, OF_A_BAG, VERBS, node_faults, other_faults
+from support.lean import (
+    BRINGUP,
+    OF_A_BAG,
+    VERBS,
+    node_faults,
+    other_faults,
+    probed,
+    verb_row,
+)
+from support.running import Film, Graph, stand_in
+
 from benchmarks.machine import tell
-from benchmarks.running import Film, Graph, stand_in
-from eol_ros import parent_death
 from eol_ros.errors import EolError, UsageError
 
 HELP = 'processes, memory, modules, threads and DDS entities of each scene and of single verbs'
@@ -29,8 +35,6 @@ EXAMPLES = [
     'eol bench lean --scenes "" --json',
 ]
 SCENES = ('rehearsal', 'museum', 'lights', 'instrument', 'playback', 'soft')
-ROOT = Path(__file__).resolve().parents[1]
-PROBE = Path(__file__).with_name('lean_probe')
 SETTLE_S = 4.0  # from all OK: the probe of each process waits a second
 INTRODUCTION = """
 # What a scene does not need
@@ -38,7 +42,7 @@ INTRODUCTION = """
 Made by `eol bench lean --markdown`, on the machine named above. Memory is PSS: a page that
 processes share counts by its share. Modules are Python's; most threads are those of DDS, thirteen
 or so in each process that has a node. DDS entities are writers and readers, a service or a client
-counting two. The list of what must not be loaded is `benchmarks/lean_list.py`;
+counting two. The list of what must not be loaded is `test/support/lean.py`;
 `test/nodes/test_lean.py` holds each node and verb to it, and this benchmark each process of a
 running scene."""
 
@@ -50,41 +54,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--markdown', action='store_true', help='docs/numerics/lean.md')
     parser.add_argument('--with', dest='earlier', metavar='FILE.json', help='an earlier --json run')
     parser.add_argument('--json', action='store_true')
-
-
-def probed(folder: Path) -> dict[str, str]:
-    """Return the environment in which Python processes tell into `folder` what they load."""
-    paths = [str(PROBE), str(ROOT), *filter(None, [os.environ.get('PYTHONPATH')])]
-    return {'PYTHONPATH': os.pathsep.join(paths), 'EOL_LEAN': str(folder)}
-
-
-def verb_row(words: str) -> dict[str, Any]:
-    """Return what `eol` with `words` loads; it may end as it likes, for devices may be missing."""
-    with tempfile.TemporaryDirectory(prefix='eol-lean-') as place:
-        begin = time.monotonic()
-        process = subprocess.Popen(
-            [sys.executable, '-m', 'eol_ros', *words.split()],
-            cwd=ROOT,
-            env={**os.environ, **probed(Path(place))},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            preexec_fn=parent_death.following(),
-        )
-        _, said = process.communicate(timeout=600)
-        took = time.monotonic() - begin
-        file = Path(place) / f'{process.pid}.json'
-        if not file.exists():
-            raise EolError(f'eol {words} ended by {process.returncode}: {said.decode()[-500:]}')
-        told = json.loads(file.read_text())
-    return {
-        'verb': words,
-        'exit': process.returncode,
-        'seconds': round(took, 2),
-        'pss_mb': round(told['pss_mb'], 1),
-        'modules': len(told['modules']),
-        'threads': told['threads'],
-        'faults': other_faults(VERBS[words], told['modules']),
-    }
 
 
 def scene_row(name: str, folder: Path, film: Film, bag: Path | None) -> dict[str, Any]:

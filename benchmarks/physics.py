@@ -12,11 +12,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from support import physics_rotating
+from support.physics_oracles import ORACLES
+from support.scipy_solver import scipy_events, scipy_smooth
 
 from benchmarks import physics_peers as peers
-from benchmarks import physics_rotating
 from benchmarks.machine import tell
-from benchmarks.physics_oracles import ORACLES
 from eol_ros.core.physics import builders, choose, presets
 from eol_ros.core.physics.event import solver as event
 from eol_ros.core.physics.exact import solver as exact
@@ -172,7 +173,7 @@ def peer_rows(only: str) -> list[dict]:
                     name,
                     f'scipy DOP853 events {rtol:g}',
                     'scipy',
-                    lambda s, t, r=rtol: peers.scipy_events(s, t, r),
+                    lambda s, t, r=rtol: scipy_events(s, t, r),
                     seconds,
                 )
             )
@@ -183,7 +184,7 @@ def peer_rows(only: str) -> list[dict]:
                     name,
                     f'scipy {method} smooth',
                     'scipy',
-                    lambda s, t, m=method: peers.scipy_smooth(s, t, m),
+                    lambda s, t, m=method: scipy_smooth(s, t, m),
                     seconds,
                 )
             )

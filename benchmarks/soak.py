@@ -26,10 +26,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from support.jack import Jack
+from support.running import Graph, stand_in
+
 from benchmarks import soak_camera, soak_faults
-from benchmarks.jack import Jack
 from benchmarks.machine import tell
-from benchmarks.running import Graph, stand_in
 from benchmarks.soak_pieces import Look, Pieces, Rate, Totals
 from benchmarks.soak_proof import Held, held
 from eol_ros import interrupts

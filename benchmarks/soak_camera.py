@@ -2,7 +2,7 @@
 """The part of the soak's faults in which the camera is pulled out: one with sockets, not the twin.
 
 The museum's scene sees a film through Aravis' simulated GigE Vision camera, which is a process of
-its own (benchmarks/gige.py). Killed it is a cable that was cut, and another camera afterwards;
+its own (test/support/gige.py). Killed it is a cable that was cut, and another camera afterwards;
 stopped it is one that hangs, and goes on as if nothing had been. Its status must say so meanwhile.
 """
 
@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from support import gige as simulated
+from support.running import Film, Graph, stand_in
 
-from benchmarks.running import Film, Graph, stand_in
 from benchmarks.soak_faults import HELD_S, Soak, summary
 from eol_ros import parent_death
 from eol_ros.core.vision.calibration.model import Calibration
@@ -60,8 +61,8 @@ class CameraSoak(Soak):
     def plug_camera(self) -> subprocess.Popen[str]:
         """Put the camera in."""
         camera = subprocess.Popen(
-            [sys.executable, '-m', 'benchmarks.gige', str(self._file)],
-            stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1],
+            [sys.executable, simulated.__file__, str(self._file)],
+            stdout=subprocess.PIPE, text=True,
             preexec_fn=parent_death.following(),
         )  # fmt: skip
         assert camera.stdout is not None

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 import yaml
+from support.fake_clock import FakeClock
+from support.jack import Jack
+from support.running import Graph, busy, stand_in
 
 from benchmarks import web_browser
-from benchmarks.fake_clock import FakeClock
-from benchmarks.jack import Jack
-from benchmarks.running import Graph, busy, stand_in
 from benchmarks.soak_pieces import FILE, keep, load
 from benchmarks.soak_proof import Held, growth, held, prove
 from eol_ros import interrupts, parent_death

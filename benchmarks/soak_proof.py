@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from support.running import Graph
 
-from benchmarks.running import Graph
 from eol_ros.analysis import open_bag
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.verify import verify

@@ -5,8 +5,8 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from support.sound_reference import reference, score, snr_db
 
-from benchmarks.sound_reference import reference, score, snr_db
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import Mixer, render
 from eol_ros.core.sound.mixer_layout import RING

@@ -12,8 +12,8 @@ import threading
 import time
 
 import numpy as np
+from support.jack import FS, Jack
 
-from benchmarks.jack import FS, Jack
 from benchmarks.stalls import Stalls, overlap
 from eol_ros import parent_death
 from eol_ros.errors import DeviceMissing, EolError

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 import yaml
+from support.jack import FS, PERIOD, Jack
+from support.running import Graph
 
-from benchmarks.jack import FS, PERIOD, Jack
-from benchmarks.running import Graph
 from eol_ros import scene as scenes
 from eol_ros.core.sound.senses import FirstSense
 from eol_ros.errors import DeviceMissing, EolError

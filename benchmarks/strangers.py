@@ -14,8 +14,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from support.machines import Machines, NoMachines, answer, ip
+
 from benchmarks.machine import tell
-from benchmarks.machines import Machines, NoMachines, answer, ip
 from eol_ros.errors import DeviceMissing
 
 HELP = 'Latency of a graph with network: secure while a stranger floods it with packets.'

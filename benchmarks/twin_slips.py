@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from support.true_slips import wilson
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.slips import START, SlipDetector
@@ -197,16 +198,6 @@ def compare(
         'latency_images_p50': float(np.median(latency)),
         'latency_images_p95': float(np.percentile(latency, 95)),
     }  # fmt: skip
-
-
-def wilson(hits: int, of: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share (Wilson, J. Am. Stat. Assoc. 22, 1927)."""
-    if not of:
-        return 0.0, 1.0
-    z2, share = 1.96**2, hits / of
-    middle = (share + z2 / (2 * of)) / (1 + z2 / of)
-    half = np.sqrt(z2 * (share * (1 - share) / of + z2 / (4 * of * of))) / (1 + z2 / of)
-    return float(middle - half), float(min(middle + half, 1.0))
 
 
 def _noisy(rehearsal: Rehearsal, seed: int):

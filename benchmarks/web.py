@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from support.running import Film, Graph, stand_in, summary
 
 from benchmarks.machine import tell
-from benchmarks.running import Film, Graph, stand_in, summary
 from eol_ros.errors import EolError
 
 HELP = 'Measure the panel: processor and memory per viewer, latency to page, ear and rim.'

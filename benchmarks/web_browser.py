@@ -7,7 +7,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.running import TICK_HZ, summary
+from support.running import TICK_HZ, summary
+
 from eol_ros.errors import DeviceMissing, EolError, pip_install
 
 FLAGS = (

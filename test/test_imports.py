@@ -230,6 +230,15 @@ def test_the_package_does_without_benchmarks_and_tests():
             assert module.split('.')[0] not in ('benchmarks', 'test'), f'{name(path)}:{line}'
 
 
+def test_only_tests_of_benchmarks_import_benchmarks():
+    """What tests and benchmarks share is in test/support."""
+    tests = ROOT.parent / 'test'
+    for path in tests.rglob('*.py'):
+        if tests / 'bench' not in path.parents:
+            for line, module in imports(path):
+                assert module.split('.')[0] != 'benchmarks', f'{path}:{line}'
+
+
 def test_the_firmware_of_the_blocks_is_loaded_by_the_twin_alone():
     firmware = 'eol_ros.devices.board.block'
     boards = {f'devices/board/{user}.py' for user in ('block', 'felt', 'firmware')}
@@ -347,7 +356,8 @@ def test_bits_of_what_is_recomputed_follow_no_processor(path):
 def test_what_is_started_ends_with_its_parent():
     """Every Popen has a `preexec_fn`; a corpus is made by a process that calls `follow` itself."""
     bare = []
-    for path in [*MODULES, *(ROOT.parent / 'benchmarks').glob('*.py')]:
+    shared = (ROOT.parent / 'test' / 'support').glob('*.py')
+    for path in [*MODULES, *(ROOT.parent / 'benchmarks').glob('*.py'), *shared]:
         for call in ast.walk(ast.parse(path.read_text())):
             if (
                 isinstance(call, ast.Call)

@@ -10,8 +10,8 @@ import random
 
 import numpy as np
 import pytest
+from support.sound_reference import score
 
-from benchmarks.sound_reference import score
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.physics import presets
 from eol_ros.core.physics.choose import simulate

@@ -5,9 +5,9 @@ import json
 
 import numpy as np
 import pytest
+from support.true_slips import FALSE_PER_HOUR, Slip, compare
 
 from benchmarks import taps
-from benchmarks.taps import Slip, compare
 from eol_ros import cli
 from eol_ros.devices.board import block
 
@@ -37,7 +37,7 @@ def test_each_report_is_right_or_false_for_a_reason():
 def test_the_ideal_detector_is_a_matched_filter():
     """Drawn: the correlation with the slip is normal, about 0 without it and d with it."""
     random, deflection = np.random.default_rng(1), 7.0
-    chance = taps.FALSE_PER_HOUR / (3600 * 25 * 1344)
+    chance = FALSE_PER_HOUR / (3600 * 25 * 1344)
     row = compare([slip(1.0, 0, whole=deflection**2)] * 10, [], 3600.0)
     drawn = random.normal(deflection, 1.0, 400_000)
     # the level that so few of as many normal numbers pass, from their series and not from ndtri

@@ -5,10 +5,10 @@ import json
 
 import numpy as np
 import pytest
+from support.physics_oracles import ORACLES
 
 from benchmarks import extreme_parts, extremes
 from benchmarks.extreme_scenes import cases
-from benchmarks.physics_oracles import ORACLES
 from eol_ros.cli import main
 from eol_ros.core.physics import builders, presets
 from eol_ros.core.physics.choose import simulate

@@ -3,8 +3,9 @@
 
 import numpy as np
 import pytest
+from support import physics_rotating, scipy_solver
 
-from benchmarks import physics, physics_peers, physics_rotating
+from benchmarks import physics
 from eol_ros.core.physics import builders, presets
 from eol_ros.core.physics.choose import simulate
 from eol_ros.core.physics.result import sample_times
@@ -17,7 +18,7 @@ def test_scipy_event_code_agrees(name, seconds):
     scene = from_mapping(presets.scene(name) | {'T': seconds})
     times = sample_times(seconds, 0.1)
     run = simulate(scene)
-    u = physics_peers.scipy_events(scene, times, 1e-9)
+    u = scipy_solver.scipy_events(scene, times, 1e-9)
     assert len(run.event_t) >= 4
     assert np.abs(run.u[-1] - run.u[0]).max() > 1e-3
     assert np.abs(u - run.u).max() < 1e-8

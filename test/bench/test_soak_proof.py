@@ -10,8 +10,8 @@ import time
 
 import pytest
 from support.bag_samples import HASH, QOS, T0
+from support.fake_clock import FakeClock
 
-from benchmarks.fake_clock import FakeClock
 from benchmarks.soak_proof import Held, growth, prove
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter

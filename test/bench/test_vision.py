@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from support.vision_bound import position_bound_px
 
-from benchmarks.vision_bound import position_bound_px
 from eol_ros import cli
 
 pytestmark = pytest.mark.slow

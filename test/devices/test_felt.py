@@ -5,8 +5,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.true_slips import Twin, compare
 
-from benchmarks.taps import Twin, compare
 from eol_ros.core.motion.felt import CONFIRMED, PROVISIONAL, RETRACTED, Knock
 from eol_ros.core.motion.motion import Motion
 from eol_ros.core.physics.twin.live import SOFT

@@ -10,6 +10,7 @@ import time
 import cv2
 import numpy as np
 import pytest
+from support import gige as simulated
 from support.gige import GREY, NAME, Gige, own_network, without
 from support.waiting import wait_until
 
@@ -271,7 +272,7 @@ def test_a_camera_that_hangs_or_ends_is_lost_and_found_again(tmp_path, monkeypat
 
     def plug():
         one = subprocess.Popen(
-            [sys.executable, '-m', 'benchmarks.gige', str(film)], stdout=subprocess.PIPE, text=True
+            [sys.executable, simulated.__file__, str(film)], stdout=subprocess.PIPE, text=True
         )
         assert one.stdout.readline() == 'ready\n'
         return one

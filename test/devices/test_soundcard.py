@@ -11,10 +11,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.jack import FS, PERIOD
 from support.plugged import plugged
 from support.waiting import wait_until
 
-from benchmarks.jack import FS, PERIOD
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.offline import render_all

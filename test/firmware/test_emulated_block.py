@@ -23,8 +23,8 @@ from support.emulated import (
     built,
     symbol,
 )
+from support.true_slips import FPS, Twin
 
-from benchmarks.taps import FPS, Twin
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.physics.twin.accelerometer import Accelerometers
 from eol_ros.core.serial_protocol import FIRMWARE, NOT_LIT, SelfTested

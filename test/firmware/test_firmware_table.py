@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from support import needs
 from support.emulated import WORD, built
+from support.running import Graph
+from support.true_slips import FPS, Twin
 from support.waiting import wait_until
 
-from benchmarks.running import Graph
-from benchmarks.taps import FPS, Twin
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.physics.twin.accelerometer import Accelerometers
 from eol_ros.devices.board.block import LEARN

@@ -7,9 +7,8 @@ import subprocess
 
 import pytest
 import yaml
+from support.lean import ONLY, VERBS, node_faults, other_faults, verb_row
 
-from benchmarks import lean
-from benchmarks.lean_list import ONLY, VERBS, node_faults, other_faults
 from eol_ros import scene as scenes
 
 # Runs the node as bringup does; once it is made and has looked around, says what it has loaded.
@@ -97,7 +96,7 @@ def test_a_node_loads_nothing_that_it_does_not_use(loaded, node):
 )
 def test_a_verb_loads_nothing_that_it_does_not_use(words, tmp_path, monkeypatch):
     monkeypatch.setenv('EOL_STATE', str(tmp_path))
-    row = lean.verb_row(words)
+    row = verb_row(words)
     assert row['modules'] > 50
     assert row['faults'] == []
 

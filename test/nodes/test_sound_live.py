@@ -13,9 +13,9 @@ import soundfile
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from support import card_loss, needs
+from support.running import Graph
 from support.waiting import wait_until
 
-from benchmarks.running import Graph
 from eol_ros import cli
 
 pytestmark = [pytest.mark.slow, pytest.mark.live]

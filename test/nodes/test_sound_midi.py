@@ -6,9 +6,9 @@ import threading
 
 import pytest
 from support import needs
+from support.jack import Jack
 from support.waiting import wait_until
 
-from benchmarks.jack import Jack
 from eol_ros.cli import main
 from eol_ros.nodes.sound import SoundNode
 from eol_ros.ros import presets

@@ -11,10 +11,9 @@ import sys
 
 import pytest
 from support import needs
+from support.machines import Machines, NoMachines, answer, ip
 from support.played_slips import play, played_bag  # noqa: F401  a fixture
 from support.waiting import wait_until
-
-from benchmarks.machines import Machines, NoMachines, answer, ip
 
 # Nothing but rclpy: counts what it hears of slips in some seconds, and whom it sees. Names of nodes
 # come on a topic of their own, some time after the first messages.

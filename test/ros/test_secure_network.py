@@ -14,9 +14,8 @@ from pathlib import Path
 
 import pytest
 from support import needs
+from support.machines import Machines, NoMachines, answer, ip
 from support.played_slips import play, played_bag  # noqa: F401  a fixture
-
-from benchmarks.machines import Machines, NoMachines, answer, ip
 
 pytestmark = pytest.mark.slow
 INSIDE = '10.77.0.1'  # the work's address in the tunnel

@@ -6,8 +6,8 @@ import sys
 import time
 
 import pytest
+from support.running import Graph
 
-from benchmarks.running import Graph
 from eol_ros import compiled
 from eol_ros.errors import EolError
 

@@ -11,9 +11,9 @@ import time
 import pytest
 from support.checkout import ROOT
 from support.domains import next_domain
+from support.fake_clock import FakeClock
 from support.waiting import wait_until
 
-from benchmarks.fake_clock import FakeClock
 from eol_ros import compiled
 from eol_ros.bringup import status
 from eol_ros.errors import ConfigError, EolError

@@ -6,9 +6,9 @@ import time
 import numpy as np
 import pytest
 import yaml
+from support.running import Graph
 from support.waiting import wait_until
 
-from benchmarks.running import Graph
 from eol_ros.analysis import open_bag
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]

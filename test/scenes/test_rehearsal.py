@@ -14,9 +14,9 @@ import pytest
 import yaml
 from support.bags import counted_losses
 from support.domains import next_domain
+from support.running import Graph, stand_in
 from support.waiting import wait_until
 
-from benchmarks.running import Graph, stand_in
 from eol_ros import cli
 from eol_ros import scene as scenes
 from eol_ros.analysis import open_bag
@@ -272,7 +272,7 @@ def test_lights_start_and_import_only_what_they_need(tmp_path):
 
 
 def _film(folder):
-    from benchmarks.running import Film
+    from support.running import Film
 
     return Film(folder, seconds=2.0)
 

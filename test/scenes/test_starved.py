@@ -9,8 +9,8 @@ import time
 import pytest
 import yaml
 from support.bags import counted_losses
+from support.running import Graph, busy, stand_in
 
-from benchmarks.running import Graph, busy, stand_in
 from eol_ros.analysis import open_bag
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]

@@ -12,9 +12,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.jack import Jack
-from benchmarks.running import Graph
 from eol_ros.errors import DeviceMissing, EolError
+from support.jack import Jack
+from support.running import Graph
 
 PLAYING = 'playing on'
 PATIENCE_S = 60.0

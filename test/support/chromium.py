@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 import pytest
 
+from eol_ros import parent_death
 from support.waiting import wait_until
 
 webdriver = pytest.importorskip('selenium.webdriver')
@@ -86,7 +87,7 @@ def graph(tmp_path_factory):
     with (folder / 'log').open('w') as log:
         work = subprocess.Popen(
             [sys.executable, '-m', 'eol_ros.bringup', str(scene)], stdout=log, stderr=log,
-            cwd=folder,
+            cwd=folder, preexec_fn=parent_death.following(signal.SIGTERM),
         )  # fmt: skip
     address = f'http://127.0.0.1:{port}'
     work.log = folder / 'log'

@@ -2,7 +2,7 @@
 """DDS domains for the graphs that tests start themselves: no two processes of tests share one.
 
 From 1 to 20 are those of the nodes in the tests' own processes (test/conftest.py), from 21 to 59
-those that `benchmarks.running.Graph` looks among, 100 is that of the secure network.
+those that `support.running.Graph` looks among, 100 is that of the secure network.
 """
 
 import itertools

@@ -6,9 +6,9 @@ import time
 
 import pytest
 
-from benchmarks.jack import Jack
 from eol_ros.errors import DeviceMissing
 from support import needs
+from support.jack import Jack
 
 
 def plugged(monkeypatch, here=True, channels=2):

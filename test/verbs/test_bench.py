@@ -59,7 +59,9 @@ def test_a_benchmark_that_is_terminated_ends_what_it_has_started(tmp_path):
 RUNS_A_GRAPH = """
 import sys
 from pathlib import Path
-from benchmarks.running import Graph
+
+sys.path.append('test')
+from support.running import Graph
 
 graph = Graph(Path(sys.argv[1]), watched=())
 graph.wait_until_ok()

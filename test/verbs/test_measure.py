@@ -15,9 +15,9 @@ import pytest
 from builtin_interfaces.msg import Time
 from eol_msgs.msg import Blocks, LedCommand
 from rclpy.serialization import serialize_message
+from support.measured_twins import FPS, Blinks, Hung, Pulled
 from support.waiting import GENEROUS_S
 
-from benchmarks.measure_twins import FPS, Blinks, Hung, Pulled
 from eol_ros import cli, scene
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.states import TRACKING

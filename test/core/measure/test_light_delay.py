@@ -3,16 +3,16 @@
 
 import numpy as np
 import pytest
+from support import measured_twins
+from support.measured_twins import Blinks
 
-from benchmarks import measure
-from benchmarks.measure_twins import Blinks
 from eol_ros.errors import EolError
 
 
 def test_the_delay_is_found_far_finer_than_an_image():
     for seed in range(3):
         blinks = Blinks(seed)
-        found = measure.measured_light(blinks)
+        found = measured_twins.measured_light(blinks)
         low, high = found.delay.interval(0.99)
         assert low < blinks.delay_s < high and found.delay.sigma < 0.002
         assert found.block == blinks.block
@@ -24,7 +24,7 @@ def test_the_delay_is_found_far_finer_than_an_image():
 
 @pytest.mark.soak
 def test_intervals_hold_as_often_as_they_say():
-    (row,) = measure.study('light', range(2000, 2100))
+    (row,) = measured_twins.study('light', range(2000, 2100))
     assert row['measured'] == 100
     assert 59 <= row['held_68'] <= 77 and row['held_95'] >= 90
 
@@ -32,16 +32,16 @@ def test_intervals_hold_as_often_as_they_say():
 def test_what_cannot_be_known_is_refused():
     blinks = Blinks(1, blinks=40, period_s=2.0)
     with pytest.raises(EolError, match='in step with the camera'):
-        measure.measured_light(blinks)
+        measured_twins.measured_light(blinks)
     few = Blinks(1, blinks=4)
     with pytest.raises(EolError, match='blinks seen, 10 are needed'):
-        measure.measured_light(few)
+        measured_twins.measured_light(few)
     few.sent_s = np.zeros(0)
     with pytest.raises(EolError, match='Let one block blink'):
-        measure.measured_light(few)
+        measured_twins.measured_light(few)
     few.stamp_s = few.stamp_s[:1]
     with pytest.raises(EolError, match='no images of the blocks'):
-        measure.measured_light(few)
+        measured_twins.measured_light(few)
 
 
 def test_a_lost_image_is_no_evidence():
@@ -49,9 +49,9 @@ def test_a_lost_image_is_no_evidence():
     first_dark = np.flatnonzero(np.diff(blinks.seen[:, blinks.block].astype(int)) == -1) + 1
     kept = np.ones(len(blinks.stamp_s), bool)
     kept[first_dark[:10]] = False
-    before = len(measure.measured_light(blinks).middles_s)
+    before = len(measured_twins.measured_light(blinks).middles_s)
     blinks.stamp_s, blinks.seen = blinks.stamp_s[kept], blinks.seen[kept]
-    found = measure.measured_light(blinks)
+    found = measured_twins.measured_light(blinks)
     assert len(found.middles_s) == before - 10
     low, high = found.delay.interval(0.99)
     assert low < blinks.delay_s < high

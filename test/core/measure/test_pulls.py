@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from support import measured_twins
+from support.measured_twins import Pulled
 
-from benchmarks import measure
-from benchmarks.measure_twins import Pulled
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.measure import friction
 from eol_ros.core.measure.estimate import Estimate, SampleMean
@@ -49,7 +49,7 @@ def test_the_force_on_inner_blocks_is_that_of_the_twin():
 @pytest.fixture(scope='module')
 def pulled():
     twin = Pulled(7, seconds=15.0)
-    return twin, measure.tracked(twin.images())
+    return twin, measured_twins.tracked(twin.images())
 
 
 @pytest.mark.slow
@@ -180,6 +180,6 @@ def test_an_interval_is_between_means_of_some_of_the_values():
 
 @pytest.mark.soak
 def test_intervals_hold_as_often_as_they_say():
-    for row in measure.study('friction', range(2000, 2100)):
+    for row in measured_twins.study('friction', range(2000, 2100)):
         assert row['measured'] >= 95  # the middle of some hardly slips
         assert 59 <= row['held_68'] <= 77 and row['held_95'] >= 90

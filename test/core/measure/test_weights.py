@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 import pytest
+from support import measured_twins
 
-from benchmarks import measure
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.measure import springs
 from eol_ros.core.measure.estimate import Estimate
@@ -118,6 +118,6 @@ def test_intervals_are_those_of_student():
 
 @pytest.mark.soak
 def test_intervals_hold_as_often_as_they_say():
-    (row,) = measure.study('springs', range(2000, 2100))
+    (row,) = measured_twins.study('springs', range(2000, 2100))
     assert row['measured'] == 100
     assert 59 <= row['held_68'] <= 77 and row['held_95'] >= 90

@@ -7,8 +7,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from support import physics_oracles
 
-from benchmarks import physics_oracles
 from eol_ros.core.physics import builders, presets
 from eol_ros.core.physics.choose import choose_path, simulate
 from eol_ros.core.physics.event.step import stop_in_closed_form

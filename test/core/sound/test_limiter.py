@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import sosfilt
+from support.sound_reference import score
 
-from benchmarks.sound_reference import score
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.loudness import k_weighting
 from eol_ros.core.sound.mixer import Mixer

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
+from support.sound_reference import score
 
-from benchmarks.sound_reference import score
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.meter import BANDS, PAIRS, Meter, Spectrum, waveform
 from eol_ros.core.sound.mixer import Mixer

@@ -4,8 +4,8 @@ import weakref
 
 import numpy as np
 import pytest
+from support.sound_reference import reference, score, snr_db
 
-from benchmarks.sound_reference import reference, score, snr_db
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import STEAL_S, Mixer, render
 from eol_ros.core.sound.mixer_layout import RING

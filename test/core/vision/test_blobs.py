@@ -3,8 +3,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.vision_bound import position_bound_px
 
-from benchmarks.vision_bound import position_bound_px
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.detect import scan, usual_outline

@@ -10,9 +10,9 @@ import time
 
 import pytest
 from support import needs
+from support.running import Graph, stand_in
 
 from benchmarks import soak, soak_camera, soak_faults
-from benchmarks.running import Graph, stand_in
 from eol_ros.analysis import open_bag
 
 HOURS = float(os.environ.get('EOL_SOAK_HOURS', '72'))

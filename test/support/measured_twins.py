@@ -6,17 +6,21 @@ every block, how the blocks stand, how the rim lies, the direction of the thread
 kitchen scale is off. `images` yields stamp (s), places (25, 3) and who was seen (25,).
 """
 
-from collections.abc import Iterator, Sequence
+import contextlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
-from eol_ros.core.measure.estimate import Estimate
+from eol_ros.core.measure import friction, light, springs
+from eol_ros.core.measure.estimate import Estimate, SampleMean
 from eol_ros.core.measure.springs import NATURAL_SIGMA_M, RIM_SIGMA_M, outwards
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.choose import simulate
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.twin.live import Coupling, LiveTable
+from eol_ros.errors import EolError
 
 NOISE_M, NOISE_RAD = 9e-6, 3e-4  # of the tracker, `eol bench vision`
 SCALE_KG = 6e-4  # of a kitchen scale that shows grams
@@ -31,6 +35,7 @@ STIFFNESS_SHARE = 0.01  # to which the springs were measured
 FPS, LOWERED_S, SWING_S, REST_S = 12.0, 3.0, 1.5, 5.0
 
 Image = tuple[float, np.ndarray, np.ndarray]
+Measured = Estimate | SampleMean
 
 
 def noisy(places: np.ndarray, random: np.random.Generator) -> np.ndarray:
@@ -62,26 +67,6 @@ class Pulled:
         model = self._table._model
         self.each = np.column_stack([model.static, model.kinetic]) / (kilos * builders.GRAVITY)
         self._way = np.exp(2j * np.pi * random.uniform())
-
-    def rendered(self, seed: int) -> Iterator[Image]:
-        """Yield the same as a tracker sees them in drawn images."""
-        from eol_ros.core.vision.calibration.model import Calibration
-        from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
-        from eol_ros.core.vision.states import TRACKING
-        from eol_ros.core.vision.tracker import Tracker
-        from eol_ros.settings import TrackerSettings, TwinSettings
-
-        s, calibration, table = TwinSettings(), Calibration.ideal(), self._table
-        exposure_s = s.exposure_us * 1e-6
-        options = RenderOptions(s.noise, s.clutter, exposure_s=exposure_s, rate_hz=CAMERA_FPS)
-        renderer = Renderer(options, calibration, seed)
-        tracker = Tracker(TrackerSettings(), calibration)
-        tracker.warm_up()
-        for k, (stamp_s, _, _) in enumerate(self.images()):
-            image = renderer.render(table.x, table.y, table.yaw, k, velocity=table.velocity)
-            found = tracker.update(stamp_s, image)
-            places = np.column_stack([found.world, found.yaw])
-            yield stamp_s, places, found.seen & (found.state == TRACKING)
 
     def images(self) -> Iterator[Image]:
         """Yield the images of the pull."""
@@ -188,3 +173,81 @@ class Hung:
         for u, turned in zip(run.u[1:], run.yaw[1:], strict=True):
             yield self._image(u, turned)
         self._u, self._yaw = run.u[-1].copy(), run.yaw[-1].copy()
+
+
+def of_springs(seed: int) -> dict[str, tuple[float, Measured]]:
+    """Return the true stiffness of a twin, and the measured one."""
+    twin = Hung(seed)
+    return {'stiffness': (twin.stiffness, measured_springs(twin).stiffness)}
+
+
+def measured_springs(twin: Hung) -> springs.Springs:
+    """Return what weights on a twin say."""
+    rests = springs.Rests(twin.block)
+    for image in twin.images():
+        rests.add(*image)
+    return springs.fit(rests.found, twin.weights_kg, twin.block, twin.natural_m)
+
+
+def of_friction(seed: int) -> dict[str, tuple[float, Measured]]:
+    """Return true and measured friction of a twin, and what its nine blocks say, were they known.
+
+    The last is what an interval from nine blocks can do at best: its misses are the draw's.
+    """
+    twin = Pulled(seed)
+    found = measured_friction(twin)
+    return {
+        'mu_static': (twin.coupling.mu_static, found.static),
+        'mu_kinetic': (twin.coupling.mu_kinetic, found.kinetic),
+        'nine, told': (twin.coupling.mu_static, SampleMean(twin.each[friction.INNER, 0])),
+    }
+
+
+def measured_friction(twin: Pulled) -> friction.Friction:
+    """Return what pulling the rim of a twin says."""
+    track = tracked(twin.images())
+    slips = friction.find_slips(track, twin.stiffness.value, twin.mass.value, twin.natural_m)
+    return friction.fit(slips, track, twin.stiffness, twin.mass, twin.natural_m)
+
+
+def tracked(images: Iterable[Image]) -> friction.Track:
+    """Return images as one track."""
+    return friction.Track(*(np.array(part) for part in zip(*images, strict=True)))
+
+
+def of_light(seed: int) -> dict[str, tuple[float, Measured]]:
+    """Return true and measured delay of a light, s."""
+    blinks = Blinks(seed)
+    return {'light_seen_s': (blinks.delay_s, measured_light(blinks).delay)}
+
+
+def measured_light(blinks: Blinks) -> light.Light:
+    """Return what a camera says of blinks."""
+    heard_s = blinks.stamp_s + blinks.heard_s
+    return light.fit(blinks.sent_s, blinks.stamp_s, heard_s, blinks.seen, blinks.exposure_s)
+
+
+PARTS: dict[str, Callable[[int], dict[str, tuple[float, Measured]]]] = {
+    'springs': of_springs, 'friction': of_friction, 'light': of_light,
+}  # fmt: skip
+
+
+def study(part: str, seeds: range) -> list[dict[str, Any]]:
+    """Return a row for each value that `part` measures."""
+    found: dict[str, list[tuple[float, Measured]]] = {}
+    for seed in seeds:
+        with contextlib.suppress(EolError):  # the middle of some hardly slips
+            for name, pair in PARTS[part](seed).items():
+                found.setdefault(name, []).append(pair)
+    return [row(name, pairs) for name, pairs in found.items()]
+
+
+def row(name: str, pairs: list[tuple[float, Measured]]) -> dict[str, Any]:
+    """Return how many were measured, and how often their intervals hold the true value."""
+    held = {
+        level: sum(low <= truth <= high for truth, (low, high) in (
+            (truth, e.interval(0.01 * level)) for truth, e in pairs
+        ))
+        for level in (68, 95)
+    }  # fmt: skip
+    return {'value': name, 'measured': len(pairs), 'held_68': held[68], 'held_95': held[95]}

@@ -1,10 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a node or a verb must not load: one list for `eol bench lean` and test/nodes/test_lean.py.
+"""What a node or a verb must not load, and a probe of what it loads: a test, and `eol bench lean`.
 
 A package is loaded where it is used: a museum without a twin has no solver, a report no ROS.
 """
 
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
 from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from eol_ros import parent_death
+from eol_ros.errors import EolError
+
+ROOT = Path(__file__).parents[2]
+PROBE = Path(__file__).with_name('lean_probe')
 
 ONLY = {  # which nodes may have loaded a package
     'numba': {'twin', 'tracker', 'sound'},
@@ -86,3 +100,38 @@ def node_faults(nodes: Iterable[str], modules: Iterable[str], files: Iterable[st
 def other_faults(allowed: set[str], modules: Iterable[str]) -> list[str]:
     """Return what bringup or a verb has loaded of HEAVY beyond `allowed`."""
     return sorted((set(HEAVY) - allowed) & set(modules))
+
+
+def probed(folder: Path) -> dict[str, str]:
+    """Return the environment in which Python processes tell into `folder` what they load."""
+    paths = [str(PROBE), str(ROOT), *filter(None, [os.environ.get('PYTHONPATH')])]
+    return {'PYTHONPATH': os.pathsep.join(paths), 'EOL_LEAN': str(folder)}
+
+
+def verb_row(words: str) -> dict[str, Any]:
+    """Return what `eol` with `words` loads; it may end as it likes, for devices may be missing."""
+    with tempfile.TemporaryDirectory(prefix='eol-lean-') as place:
+        begin = time.monotonic()
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'eol_ros', *words.split()],
+            cwd=ROOT,
+            env={**os.environ, **probed(Path(place))},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            preexec_fn=parent_death.following(),
+        )
+        _, said = process.communicate(timeout=600)
+        took = time.monotonic() - begin
+        file = Path(place) / f'{process.pid}.json'
+        if not file.exists():
+            raise EolError(f'eol {words} ended by {process.returncode}: {said.decode()[-500:]}')
+        told = json.loads(file.read_text())
+    return {
+        'verb': words,
+        'exit': process.returncode,
+        'seconds': round(took, 2),
+        'pss_mb': round(told['pss_mb'], 1),
+        'modules': len(told['modules']),
+        'threads': told['threads'],
+        'faults': other_faults(VERBS[words], told['modules']),
+    }

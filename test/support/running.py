@@ -311,12 +311,28 @@ class Film:
     def file(self) -> Path:
         """Return the video, rendered on first use; MJPG."""
         if self._file is None:
-            from benchmarks.film import write_film
-
-            self._file = write_film(
-                self.folder / 'film.avi', self.seconds, self.fps, size=self.size
-            )
+            self._file = self._written(self.folder / 'film.avi')
         return self._file
+
+    def _written(self, path: Path, seed: int = 5) -> Path:
+        """Write the twin, visitors at work, with OpenCV's encoder; return `path`."""
+        import cv2
+
+        from eol_ros.core.physics.twin.play import Play
+        from eol_ros.core.vision.calibration.model import Calibration
+        from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+
+        renderer = Renderer(RenderOptions(rate_hz=self.fps), Calibration.ideal(*self.size), seed)
+        play = Play(seed)
+        table, image = play.table, np.empty(self.size[::-1], np.uint8)
+        mjpg = cv2.VideoWriter_fourcc(*'MJPG')
+        writer = cv2.VideoWriter(str(path), mjpg, self.fps, self.size, isColor=False)
+        for index in range(round(self.seconds * self.fps)):
+            play.advance(1 / self.fps)
+            renderer.render(table.x, table.y, table.yaw, index, image, velocity=table.velocity)
+            writer.write(image)
+        writer.release()
+        return path
 
     def scene(self, fps: float) -> Path:
         """Return a scene of camera and tracker, fed from the video at `fps`."""

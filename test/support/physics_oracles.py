@@ -5,12 +5,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks import physics_peers as peers
-from benchmarks import physics_rotating
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import Scene
 from eol_ros.core.physics.stepping import solver as stepping
+from support import physics_rotating, scipy_solver
 
 CAPTURE_MPS, ARM_S = 1e-8, 1e-6  # a hundredth and a tenth of what a peer takes
 
@@ -118,17 +117,17 @@ def sines(scene: Scene, times: np.ndarray) -> np.ndarray:
 
 def events_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
     """Return u by SciPy's DOP853 between its own located events, tolerance 3e-13."""
-    return peers.scipy_run(scene, times, 3e-13, CAPTURE_MPS, ARM_S)[0]
+    return scipy_solver.scipy_run(scene, times, 3e-13, CAPTURE_MPS, ARM_S)[0]
 
 
 def coarse_events_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
     """Return the same with stops as the peers have them, where finer ones do not come to an end."""
-    return peers.scipy_run(scene, times, 3e-13)[0]
+    return scipy_solver.scipy_run(scene, times, 3e-13)[0]
 
 
 def sliding_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
     """Return u by SciPy's DOP853 where all blocks slide from the start on, tolerance 3e-13."""
-    return peers.scipy_sliding(scene, times, 3e-13)
+    return scipy_solver.scipy_sliding(scene, times, 3e-13)
 
 
 def weakening_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
