@@ -79,7 +79,7 @@ TEST = [
     *KIT,
     'python-rtmidi>=1.5; python_version < "3.13"',  # as in MIDI; it has no wheel for 3.13
 ]
-BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy', 'pyo']  # peers, measured in the same run
+BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy']  # peers, measured in the same run
 RENDER = ['mitsuba>=3.9']  # path-traced images, see `make films`; nothing that runs imports it
 MESSAGES = 'msg_defs/eol_msgs'
 # What the firmware of a block does, for the twin's blocks: plain C that is loaded with ctypes, so

@@ -35,9 +35,8 @@ def add_arguments(parser):
 
 def run(args) -> int:
     """Draw the set; images that are there already are drawn again."""
-    from support.relief import films
+    from support.relief import films, path_tracer
 
-    from benchmarks import path_tracer
     from eol_ros import folders
     from eol_ros.errors import UsageError
     from eol_ros.verbs.progress import track

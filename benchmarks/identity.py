@@ -9,18 +9,23 @@ predicted place is.
 """
 
 import argparse
+import json
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numba import njit
+from scipy import stats
+from support.relief import films
 from support.stick_slip import Onlooker, Ours, Table
 
-from benchmarks import cover_library
 from benchmarks.machine import tell
 from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.vision.detect import cover_light
+from eol_ros.errors import ConfigError
 
 HELP = 'Identity failures per simulated hour, ours against nearest neighbour and Hungarian.'
 EXAMPLES = [
@@ -30,7 +35,9 @@ EXAMPLES = [
     'eol bench identity --hours 1 --seeds 100 --methods lattice --keep names.jsonl',
     'eol bench identity --hours 1 --methods lattice --losses 120 --yaw-offset 0',
 ]
+Figures = dict[str, dict[str, float | None]]  # of each method
 LASTING_S = 2.0
+EXPOSURES = 8  # of each path-traced image
 OCCLUDED = (1, 6, 30)  # images out of sight after which a block's place is compared with the truth
 # of one seed, on which its figures depend
 SETTINGS = (
@@ -62,8 +69,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--covers',
         default='relief',
-        choices=('unseen', *cover_library.KINDS),
-        help='covers that are looked at, path-traced or flat; unseen: names by place alone',
+        choices=('relief', 'unseen'),
+        help='path-traced covers, or names by place alone',
     )
     parser.add_argument('--no-taps', action='store_true', help='accelerometers are silent')
     parser.add_argument('--methods', default=','.join(METHODS))
@@ -72,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
-    covers = None if args.covers == 'unseen' else cover_library.patterns(args.covers)
+    covers = None if args.covers == 'unseen' else patterns()
 
     def one(seed: int) -> dict[str, dict[str, float | None]]:
         trackers = {name: make(name, covers) for name in args.methods.split(',')}
@@ -84,9 +91,7 @@ def run(args: argparse.Namespace) -> int:
     if args.seeds == 1 and args.keep is None:
         scores = one(args.seed)
     else:
-        from benchmarks import identity_hours
-
-        scores = identity_hours.measure(
+        scores = measure_seeds(
             one,
             range(args.seed, args.seed + args.seeds),
             {name: getattr(args, name) for name in SETTINGS},
@@ -105,6 +110,25 @@ def _table(scores: dict[str, dict]) -> str:
     for key in next(iter(scores.values())):
         lines.append(f'{key:34}' + ''.join(_cell(of[key]) for of in scores.values()))
     return '\n'.join(lines)
+
+
+def patterns() -> np.ndarray:
+    """Return patterns (m, 25, SIZE) of 25 path-traced covers, each as m images show it.
+
+    The camera is tilted by 4 degrees, the rim in all quarters; what is saturated is NaN.
+    """
+    found = []
+    for film in films.load(films.TURNED):
+        packed = films.calibration(film, False).packed()
+        for k in range(EXPOSURES):
+            image = films.sensed(film.light, k)
+            image.flags.writeable = False
+            shown = np.empty((N_BLOCKS, cover_light.SIZE))
+            for pose, pattern in zip(film.shot.poses, shown, strict=True):
+                if not cover_light.sample(packed, image, *pose, pattern):
+                    pattern[:] = np.nan
+            found.append(shown)
+    return np.array(found)
 
 
 class Slots:
@@ -317,3 +341,69 @@ def measure(
         if images >= 10 and k % (images // 10) == 0 and k:
             print(f'{100 * k // images} %', file=sys.stderr, flush=True)
     return {name: score.figures(hours, images) for name, score in scores.items()}
+
+
+def measure_seeds(
+    one: Callable[[int], Figures], seeds: range, settings: dict[str, Any], kept: Path | None
+) -> Figures:
+    """Return what `one` measures by all `seeds`, together.
+
+    kept: a file of one line for each seed. What stands there for these `settings` is not measured
+    again, and what is measured is added at once. It knows nothing of the program's version.
+
+    Raises:
+        ConfigError: a line of `kept` is none of these.
+    """
+    known = _read(kept) if kept is not None and kept.exists() else []
+    found = {line['seed']: line['figures'] for line in known if line['settings'] == settings}
+    for done, seed in enumerate(seeds, 1):
+        if seed not in found:
+            found[seed] = one(seed)
+            if kept is not None:
+                line = {'seed': seed, 'settings': settings, 'figures': found[seed]}
+                with kept.open('a', encoding='utf-8') as file:
+                    file.write(json.dumps(line) + '\n')
+        lasting = sum(one['lasting_failures_per_hour'] > 0 for one in found[seed].values())
+        said = 'a lasting failure' if lasting else 'no lasting failure'
+        print(f'seed {seed}, {done} of {len(seeds)}: {said}', file=sys.stderr, flush=True)
+    return together([found[seed] for seed in seeds], settings['hours'])
+
+
+def together(pieces: list[Figures], hours: float) -> Figures:
+    """Return means of the figures of `pieces`, each of so many hours, and what failed in all."""
+    total, result = hours * len(pieces), {}
+    for name in pieces[0]:
+        of = [piece[name] for piece in pieces]
+        figures = {key: _mean([one[key] for one in of]) for key in of[0]}
+        lasting = round(figures['lasting_failures_per_hour'] * total)
+        result[name] = figures | {
+            'hours': total,
+            'switches_per_hour_most': max(one['switches_per_hour'] for one in of),
+            'lasting_failures': lasting,
+            # Garwood 1936, one side
+            'lasting_per_hour_below_95': float(stats.chi2.ppf(0.95, 2 * lasting + 2) / 2 / total),
+        }
+    return result
+
+
+def _mean(of: list[float | None]) -> float | None:
+    """Return the mean of those that were measured."""
+    known = [one for one in of if one is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _read(file: Path) -> list[dict[str, Any]]:
+    lines = file.read_text(encoding='utf-8').splitlines()
+    found = []
+    for number, text in enumerate(lines, 1):
+        try:
+            line = json.loads(text)
+            found.append({key: line[key] for key in ('seed', 'settings', 'figures')})
+        except (ValueError, KeyError, TypeError):
+            if number == len(lines):  # cut off while it was written: measured again
+                continue
+            raise ConfigError(
+                f'line {number} of {file} is no result of eol bench identity; name another file '
+                'with --keep'
+            ) from None
+    return found

@@ -52,7 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--scenes', default=','.join(SCENES), help='parted by commas')
     parser.add_argument('--no-verbs', action='store_true', help='scenes only')
     parser.add_argument('--markdown', action='store_true', help='docs/numerics/lean.md')
-    parser.add_argument('--with', dest='earlier', metavar='FILE.json', help='an earlier --json run')
     parser.add_argument('--json', action='store_true')
 
 
@@ -102,18 +101,13 @@ def scene_row(name: str, folder: Path, film: Film, bag: Path | None) -> dict[str
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print; 1 where something is loaded that must not be."""
-    result: dict[str, Any]
-    if args.earlier:
-        result = json.loads(Path(args.earlier).read_text())
-        tell(result, args.json, markdown if args.markdown else table)
-        return 0
     names = [name for name in args.scenes.split(',') if name]
     for name in names:
         if name not in SCENES:
             raise UsageError(f'--scenes {name}: not one of {", ".join(SCENES)}')
     if 'playback' in names and 'rehearsal' not in names:
         raise UsageError('--scenes playback needs a bag: name rehearsal too')
-    result = {'scenes': [], 'verbs': []}
+    result: dict[str, Any] = {'scenes': [], 'verbs': []}
     with tempfile.TemporaryDirectory(prefix='eol-bench-') as place:
         folder = Path(place)
         film = Film(folder)

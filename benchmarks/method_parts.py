@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Curves of `eol bench methods` for what has a benchmark of its own: error against run time there.
+"""Error against run time of one method, and some of the curves of `eol bench methods`.
 
-The automaton against exact fractions, identity, the choice of grains against loops, the mixer
-against a formula.
+The automaton against exact fractions, grains against loops, the mixer against a formula.
 """
 
 import ctypes
+import dataclasses
 import math
 import subprocess
 import tempfile
+import time
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks import identity
-from benchmarks.curve import Curve, milliseconds, rms
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.physics.automaton.ofc import Automaton, ExactAutomaton
 from eol_ros.core.sound.bank import Bank
@@ -27,6 +27,45 @@ from eol_ros.core.sound.select import FORGET_S, Selector
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.errors import DeviceMissing
 from eol_ros.settings import GrainsSettings
+
+
+@dataclasses.dataclass
+class Curve:
+    """Error against run time of one method.
+
+    Args:
+        method, reference: what is measured, against what.
+        unit: of the errors; `per` what a time in ms is of.
+        points: (label, ms, error) of ours; `peers` of others.
+        default: the label of what runs.
+        limit: what is known of the best that can be.
+        breaks: where it does not hold.
+    """
+
+    method: str
+    reference: str
+    unit: str
+    per: str
+    default: str
+    limit: str
+    breaks: str
+    points: list[tuple[str, float, float]] = dataclasses.field(default_factory=list)
+    peers: list[tuple[str, float, float]] = dataclasses.field(default_factory=list)
+
+
+def milliseconds(work: Callable[[], Any], repeat: int = 5) -> float:
+    """Return the least processor time of `work`, in ms."""
+    best = float('inf')
+    for _ in range(repeat):
+        begin = time.process_time()
+        work()
+        best = min(best, time.process_time() - begin)
+    return best * 1e3
+
+
+def rms(values: Any) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(np.asarray(values, float)))))
 
 
 class Rescan:
@@ -83,26 +122,6 @@ def automaton(count: int = 1500) -> Curve:
             differ = (size != exact.size) | (first != exact.first)
             name = f'C, doubles, rescans, {label}'
             curve.peers.append((name, 1e3 * took / topplings, 100 * float(differ.mean())))
-    return curve
-
-
-def names(hours: float = 0.05) -> Curve:
-    """Simulated visitors at several image rates: how often a block takes another's name."""
-    curve = Curve(
-        'names of the blocks', 'truth in code: visitors, false lights, darkness',
-        'identity switches an hour', 'image', '60 images a second',
-        'a judge that knows all slips in sight',
-        'blocks that stand all alike after darkness: `eol bench identity`',
-    )  # fmt: skip
-    for fps in (30.0, 60.0, 120.0):
-        methods = identity.METHODS if fps == 60 else ('lattice',)
-        trackers = {name: identity.make(name) for name in methods}
-        for name, found in identity.measure(trackers, hours, fps, seed=1).items():
-            row = (found['us_per_image'] / 1e3, found['switches_per_hour'])
-            if name == 'lattice':
-                curve.points.append((f'{fps:g} images a second', *row))
-            else:
-                curve.peers.append((name, *row))
     return curve
 
 

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks import method_parts
-from benchmarks.curve import Curve, milliseconds, rms
 from benchmarks.machine import tell
+from benchmarks.method_parts import Curve, milliseconds, rms
 from eol_ros.core.clock_sync import ClockSync
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.motion import onset
@@ -461,7 +461,6 @@ PARTS: dict[str, Callable[[], Curve]] = {
     'slope': spectral_slope,
     'loudness': tone_loudness,
     'automaton': method_parts.automaton,
-    'identity': method_parts.names,
     'selection': method_parts.selection,
     'mixer': method_parts.mixer,
 }

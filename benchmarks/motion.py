@@ -41,8 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         '--minutes', type=float, default=0.0,
-        help='minutes of the twin under visitors, by both definitions of recall, in place of '
-        '--seconds',
+        help='minutes of the twin under visitors, in place of --seconds',
     )  # fmt: skip
     parser.add_argument(
         '--film-seconds',

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The same scores through scsynth, csound and pyo, where they are installed."""
+"""The same scores through scsynth and csound, where they are installed."""
 
 import os
 import shutil
 import struct
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -220,43 +219,9 @@ def csound(folder: Path, s: Score, block: int) -> tuple[float, np.ndarray]:
     return spent[1] - spent[0], soundfile.read(folder / 'cs.wav')[0]
 
 
-# --- pyo ------------------------------------------------------------------------------------------
-
-PYO = """
-import sys, time
-from pyo import *
-folder, span, density, length, block = sys.argv[1], *map(float, sys.argv[2:])
-s = Server(sr=48000, nchnls=2, buffersize=int(block), duplex=0, audio='offline').boot()
-s.recordOptions(dur=span, filename=folder + '/pyo.wav', fileformat=0, sampletype=3)
-table = SndTable(folder + '/source.wav')
-if density:
-    cloud = Particle2(table, HannTable(), dens=density, pitch=1, pos=Noise(mul=table.getSize()
-        * 0.48, add=table.getSize() * 0.49), dur=length, dev=0, pan=Noise(mul=0.5, add=0.5),
-        chnls=2, mul=0.02).out()
-s.start()
-"""
-
-
-def pyo(folder: Path, s: Score, block: int) -> tuple[float, np.ndarray]:
-    """Return CPU seconds and output of Particle2, a cloud of the same density and mean length."""
-    mean_s = s.grain_seconds / len(s.first)
-    spent = []
-    for density in (0, len(s.first) / s.span_s):
-        words = [sys.executable, '-c', PYO, str(folder), str(s.span_s), str(density), str(mean_s)]
-        spent.append(cpu_of([*words, str(block)]))
-    return spent[1] - spent[0], soundfile.read(folder / 'pyo.wav')[0]
-
-
-def _has_pyo() -> bool:
-    import importlib.util
-
-    return importlib.util.find_spec('pyo') is not None
-
-
 # name: (function, whether it plays the very score, whether it reads cubic, installed)
 PEERS = {
     'scsynth PlayBuf': (scsynth_play_buf, True, True, lambda: bool(shutil.which('scsynth'))),
     'scsynth GrainBuf': (scsynth_grain_buf, False, False, lambda: bool(shutil.which('scsynth'))),
     'csound table3': (csound, True, True, lambda: bool(shutil.which('csound'))),
-    'pyo Particle2': (pyo, False, False, _has_pyo),
 }

@@ -20,8 +20,6 @@ camera's STARTs are those of `eol bench motion`.
 
 import argparse
 import sys
-import time
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,9 +33,8 @@ from eol_ros.core.motion.felt import CONFIRMED, PROVISIONAL, RETRACTED, FeltSlip
 from eol_ros.core.motion.motion import Motion, NumberedSlip
 from eol_ros.core.motion.slips import START
 from eol_ros.core.physics.twin.accelerometer import Accelerometers
-from eol_ros.core.physics.twin.play import Play
 from eol_ros.devices.board.block import FELT, TOLD, Detector, defaults
-from eol_ros.devices.board.felt import LEARNT, TRACE, FeltBlocks
+from eol_ros.devices.board.felt import LEARNT, FeltBlocks
 from eol_ros.devices.board.twin import SIGMA_S
 from eol_ros.errors import UsageError
 from eol_ros.settings import MotionSettings, TwinSettings
@@ -48,7 +45,7 @@ EXAMPLES = [
     'eol bench taps --parts told --minutes 10 --seed 11',
     'eol bench taps --drops 0.25 --minutes 60 --json',
 ]
-PARTS = 'curve', 'told', 'sleep', 'cost'
+PARTS = 'curve', 'told', 'sleep'
 CHUNK = 120  # images whose samples are given to the firmware at once
 DROP = TwinSettings.mu_static - TwinSettings.mu_kinetic
 
@@ -86,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
             raise UsageError(f'--parts {part}: there are {", ".join(PARTS)}')
     seconds, drops = 60 * args.minutes, [float(drop) for drop in args.drops.split(',')]
     result: dict[str, Any] = {
-        'default_mg': defaults().threshold / 16, 'curve': [], 'told': [], 'sleep': {}, 'cost': {},
+        'default_mg': defaults().threshold / 16, 'curve': [], 'told': [], 'sleep': {},
     }  # fmt: skip
     for drop in drops:
         print(f'drop {drop:g}, {args.minutes:g} minutes', file=sys.stderr, flush=True)
@@ -96,8 +93,6 @@ def run(args: argparse.Namespace) -> int:
             result['told'].append(told(drop, seconds, settings))
     if 'sleep' in parts:
         result['sleep'] = sleeping(seconds, args.seed)
-    if 'cost' in parts:
-        result['cost'] = cost(args.seed)
     tell(result, args.json, _table)
     return 0
 
@@ -242,23 +237,6 @@ def sleeping(seconds: float, seed: int) -> dict[str, Any]:
     }
 
 
-def cost(seed: int) -> dict[str, float]:
-    """Return CPU time per simulated second, ms: table alone, with its trace, and the blocks."""
-    result = {}
-    for name, hands in (('visitors', True), ('at rest', False)):
-        for what in ('table', 'table traced', 'table and blocks'):
-            play = Play(seed, 0 if what == 'table' else TRACE)
-            blocks = FeltBlocks(replace(TwinSettings(), seed=seed)) if 'blocks' in what else None
-            seconds = 30
-            begun = time.process_time()
-            for _ in range(round(seconds * FPS)):
-                begin_s = play.advance(1 / FPS, hands)
-                if blocks:
-                    blocks.advance(begin_s, play.time_s, play.table.trace, play.rim.velocity)
-            result[f'{name}: {what}'] = 1e3 * (time.process_time() - begun) / seconds
-    return result
-
-
 def _table(result: dict[str, Any]) -> str:
     lines = [
         f'threshold of the firmware: {result["default_mg"]:g} mg; found of slips by length (slips;'
@@ -293,5 +271,4 @@ def _table(result: dict[str, Any]) -> str:
             + ('the same without knocks' if row['camera_the_same'] else 'DIFFER without knocks')
         )
     lines += [f'asleep: {key:18} {value:.4g}' for key, value in result['sleep'].items()]
-    lines += [f'CPU, ms/s: {key:26} {value:.2f}' for key, value in result['cost'].items()]
     return '\n'.join(lines)

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Slips of the twin against what the motion node finds in them, by two definitions of recall.
+"""Slips of the twin against what the motion node finds in them.
 
 The twin's event solver says when each block broke loose and came to rest. Its places are given to
 `Motion` with white noise of NOISE_M, which is what the tracker makes of the twin's images (9 um an
 axis, at rest and in motion alike: `rendered` draws and tracks them instead, and prints it).
 
-`recall` asks for a START of every slip whose rest before it held at least two images.
-`recall_joined` is the definition of before: a slip that begins within 0.1 s of the last stop of its
-block counts as found when that one was. A detection is right when its onset lies within 0.05 s of
-that of a true slip which no other detection has named. Intervals are Wilson's (95 %).
+`recall` asks for a START of every slip whose rest before it held at least two images. A detection
+is right when its onset lies within 0.05 s of that of a true slip which no other detection has
+named. Intervals are Wilson's (95 %).
 """
 
 from collections.abc import Iterator
@@ -29,7 +28,6 @@ NOISE_M = 9e-6
 SLIDING_MPS = 0.3
 NEAR_S = 0.05
 LEARN_S, TAIL_S = 2.0, 1.0  # out of account: the noise is learnt, what begins last is cut off
-JOINED_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -186,11 +184,10 @@ def compare(
             latency.append((stamp_s - slip.onset_s) * fps)
     asked = [s for s in truth if s.rest_images >= 2 and span[0] < s.onset_s < span[1]]
     hits = sum(s in named for s in asked)
-    joined = sum(s in named or s.rest_s < JOINED_S for s in asked)
     right = len(errors)
     return {
         'slips': len(asked), 'recall': hits / len(asked),
-        'recall_low': wilson(hits, len(asked))[0], 'recall_joined': joined / len(asked),
+        'recall_low': wilson(hits, len(asked))[0],
         'precision': right / max(right + false, 1),
         'precision_low': wilson(right, right + false)[0],
         'start_rms_ms': float(np.sqrt(np.mean(np.square(errors)))),

@@ -4,6 +4,8 @@
 import sys
 from pathlib import Path
 
+from eol_ros.errors import UsageError
+
 HELP = 'Position error and run time, beside tuned peers and the Cramer-Rao bound.'
 EXAMPLES = [
     'eol bench vision',
@@ -15,7 +17,6 @@ EXAMPLES = [
     'eol bench vision --hard all --seconds 10 --seeds 3',
     'eol bench vision --hard sleeves --seconds 60 --json',
     'eol bench vision --arms all --seconds 20 --seeds 6 --json',
-    'eol bench vision --levels "" --no-clean --hours 1 --slip-seconds 60 --json',
 ]
 CLUTTER = ('ordinary', 'hard', 'brutal')
 
@@ -29,8 +30,6 @@ def add_arguments(parser):
     parser.add_argument('--no-peers', action='store_true', help='only our own')
     parser.add_argument('--no-clean', action='store_true', help='leave the noise levels out')
     parser.add_argument('--plots', metavar='FOLDER', help='draw vision_*.png there')
-    parser.add_argument('--hours', type=float, default=0.02, help='simulated, of identities')
-    parser.add_argument('--slip-seconds', type=float, default=20.0, help='of slips, 60 and 120 Hz')
     parser.add_argument(
         '--films',
         metavar='FOLDER',
@@ -66,6 +65,8 @@ def run(args) -> int:
     from eol_ros.verbs.progress import track
 
     cv2.setNumThreads(1)
+    if args.plots and (args.films or args.hard or args.arms):
+        raise UsageError('--plots draws noise levels and clutter alone')
     if args.films:
         from support.relief.films import FOLDER
 
@@ -98,20 +99,6 @@ def run(args) -> int:
         result['clutter'].setdefault(level, {})[f'seed {seed}'] = run_film(
             level, 'L2', seed, round(args.seconds * RATE_HZ), not args.no_peers, every=2
         )
-    if args.hours:
-        from benchmarks import identity
-
-        result['identity'] = identity.measure(
-            {name: identity.make(name) for name in identity.METHODS}, args.hours, RATE_HZ, 1
-        )
-    if args.slip_seconds:
-        from benchmarks import motion
-
-        result['motion'] = [
-            motion.measure(rate, px / motion.PX_PER_M, args.slip_seconds, 3)
-            for rate in (60.0, 120.0)
-            for px in (0.007, 0.035)
-        ]
     if args.plots:
         from benchmarks.vision_plots import draw
 
@@ -123,8 +110,6 @@ def run(args) -> int:
 
 def _named(option, given, known) -> list[str]:
     """Return what `given` names, with commas, of those that are `known`; `all` names all."""
-    from eol_ros.errors import UsageError
-
     names = list(known) if given == 'all' else [name for name in given.split(',') if name]
     for name in names:
         if name not in known:
@@ -156,18 +141,4 @@ def _table(result) -> str:
                     f'  false {f["false_per_image"]:.3f}'
                     f'  {f["ms_median"]:.2f} ms p99 {f["ms_p99"]:.2f}'
                 )
-    for name, f in result.get('identity', {}).items():
-        lines.append(
-            f'identity, {name:12s} switches {f["switches_per_hour"]:.0f}/h'
-            f'  mislabelled {f["mislabelled_percent"]:.4f} %'
-            f'  lasting failures {f["lasting_failures_per_hour"]:.1f}/h'
-            f'  undeclared {f["undeclared_per_hour"]:.1f}/h'
-        )
-    for f in result.get('motion', []):
-        lines.append(
-            f'slips at {f["fps"]:g} images/s, {f["noise_um"]:.0f} um:'
-            f' onset {f["onset_rms"]:.2f} ms  start {f["start_rms"]:.2f} ms'
-            f'  latency {f["latency_p50"]:.1f} ms'
-            f'  recall {f["recall"]:.4f}  precision {f["precision"]:.4f}'
-        )
     return '\n'.join(lines)

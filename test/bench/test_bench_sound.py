@@ -45,7 +45,7 @@ def test_error_finds_gain_and_lag_and_nothing_else():
     assert error_db(wanted * 1.001, wanted) == pytest.approx(60, abs=0.1)
 
 
-@pytest.mark.parametrize('words', [['--grains', '400'], ['--peer', 'pyo']])
+@pytest.mark.parametrize('words', [['--grains', '400'], ['--peer', 'csound']])
 def test_draws_no_picture_of_a_part(words, capsys):
     assert cli.main(['bench', 'sound', *words, '--plot', 'x']) == 2
     assert '--plot draws all peers' in capsys.readouterr().err

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.stick_slip import Onlooker, Table
 
-from benchmarks import cover_library, identity, identity_hours
+from benchmarks import identity
 from eol_ros.errors import ConfigError
 
 SETTINGS = {'hours': 0.5, 'rough': 1.0}
@@ -27,10 +27,10 @@ class Hours:
 
 def test_a_run_that_was_cut_off_goes_on_from_what_is_kept(tmp_path):
     kept, hours = tmp_path / 'names.jsonl', Hours({3: 0, 4: 2, 5: 1})
-    identity_hours.measure(hours, range(3, 5), SETTINGS, kept)
+    identity.measure_seeds(hours, range(3, 5), SETTINGS, kept)
     with kept.open('a') as file:
         file.write('{"seed": 5, "sett')  # the power failed
-    found = identity_hours.measure(hours, range(3, 6), SETTINGS, kept)['lattice']
+    found = identity.measure_seeds(hours, range(3, 6), SETTINGS, kept)['lattice']
 
     assert hours.asked == [3, 4, 5]
     assert found['hours'] == 1.5 and found['lasting_failures'] == 3
@@ -38,12 +38,12 @@ def test_a_run_that_was_cut_off_goes_on_from_what_is_kept(tmp_path):
     assert found['switches_per_hour'] == pytest.approx(8.0)
     assert found['switches_per_hour_most'] == 10.0
     # of other visitors nothing is known
-    identity_hours.measure(hours, range(3, 4), SETTINGS | {'rough': 1.4}, kept)
+    identity.measure_seeds(hours, range(3, 4), SETTINGS | {'rough': 1.4}, kept)
     assert hours.asked == [3, 4, 5, 3]
 
 
 def test_without_a_failure_the_rule_of_three_holds():
-    found = identity_hours.together([Hours({0: 0})(0)] * 200, 0.5)['lattice']
+    found = identity.together([Hours({0: 0})(0)] * 200, 0.5)['lattice']
     assert found['hours'] == 100.0
     assert found['lasting_per_hour_below_95'] == pytest.approx(0.03, rel=2e-3)
 
@@ -52,7 +52,7 @@ def test_another_file_is_not_added_to(tmp_path):
     kept = tmp_path / 'notes.txt'
     kept.write_text('buy milk\nand bread\n')
     with pytest.raises(ConfigError, match='line 1 of .*notes.txt is no result'):
-        identity_hours.measure(Hours({0: 0}), range(1), SETTINGS, kept)
+        identity.measure_seeds(Hours({0: 0}), range(1), SETTINGS, kept)
     assert kept.read_text() == 'buy milk\nand bread\n'
 
 
@@ -102,7 +102,7 @@ def test_the_places_of_occluded_blocks_are_compared_while_their_names_were_right
     assert figures['occluded_6_images_median_mm'] == pytest.approx(5.0)
     assert figures['occluded_30_images_99_percent_mm'] is None
     pieces = [{'lattice': figures | {'occluded_30_images_median_mm': far}} for far in (None, 4.0)]
-    found = identity_hours.together(pieces, 1.0)['lattice']
+    found = identity.together(pieces, 1.0)['lattice']
     assert found['occluded_30_images_median_mm'] == 4.0
     assert found['occluded_30_images_99_percent_mm'] is None
 
@@ -119,7 +119,7 @@ def test_the_command_adds_seeds_up(tmp_path, capsys):
     both = json.loads(capsys.readouterr().out)['lattice']
     alone = [
         identity.measure(
-            {'lattice': identity.make('lattice', cover_library.patterns('relief'))},
+            {'lattice': identity.make('lattice', identity.patterns())},
             0.002, 60.0, seed, askew_rad=np.radians(2.9),
         )['lattice']
         for seed in (1, 2)

@@ -7,10 +7,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from support.relief import films, scene
+from support.relief import films, path_tracer, scene
 from support.relief.scene import Shot
 
-from benchmarks import path_tracer, vision_relief
+from benchmarks import vision_relief
 from eol_ros.core import terrain
 from eol_ros.core.geometry import BLOCK_SIDE_M, PLATFORM_SIDE_M
 from eol_ros.core.motion.motion import Motion

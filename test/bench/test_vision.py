@@ -33,10 +33,6 @@ def test_films_and_noise_levels_are_measured(capsys, tmp_path):
                 '1',
                 '--levels',
                 'ordinary',
-                '--hours',
-                '0.0008',
-                '--slip-seconds',
-                '6',
                 '--json',
                 '--plots',
                 str(tmp_path),
@@ -49,9 +45,6 @@ def test_films_and_noise_levels_are_measured(capsys, tmp_path):
     film = result['clutter']['ordinary']['seed 11']
     assert film['eol_ros']['coverage'] == 1
     assert film['eol_ros']['rms_px'] < 0.05
-    assert result['identity']['lattice']['mislabelled_percent'] == 0
-    assert set(result['identity']) == {'lattice', 'nearest', 'hungarian'}
-    assert all(row['recall'] > 0.9 and row['onset_rms'] < 4 for row in result['motion'])
     for entry in result['noise'].values():
         ours = entry['methods']['eol_ros']
         assert ours['false_per_image'] == 0

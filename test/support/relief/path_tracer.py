@@ -16,12 +16,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from support.relief import scene
 
 from eol_ros.core import terrain
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import DeviceMissing, pip_install
 from eol_ros.verbs.progress import track
+from support.relief import scene
 
 PSF_PX = 1.2  # of the lens, as the flat renderer has it
 FACE = 0.9  # of the light that meets a face goes on, one half to each side
