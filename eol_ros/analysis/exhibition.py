@@ -102,7 +102,7 @@ class Reading:
 
     path: str
     made_by: dict[str, str]
-    computes = (f'{__name__}.Reading',)
+    computes = (__name__,)
 
     @property
     def title(self) -> str:

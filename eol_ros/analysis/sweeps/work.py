@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from eol_ros.analysis import sources
 from eol_ros.errors import ConfigError, EolError
 
-COMPUTES = (f'{__name__}.Batch',)  # and what it rests on, by `sources`
+COMPUTES = (__name__,)  # and what it rests on, by `sources`
 THREADS = 'OPENBLAS_NUM_THREADS'
 _ONE_AT_A_TIME = threading.Lock()  # the solvers are no more than one thread's
 
