@@ -233,21 +233,6 @@ def _stiff():
         simulate(from_mapping(scene), ledger=ledger)
 
 
-def _glide():
-    from eol_ros.core.physics import builders
-    from eol_ros.core.physics.choose import simulate
-    from eol_ros.core.physics.scene import from_mapping
-
-    scene = builders.plate(
-        {'kind': 'none'},
-        0.01,
-        k_between=2e7,
-        u0=builders.offsets(25, 1e-8, 3),
-        v0=[[0.1, 0.1]] * 25,
-    )
-    simulate(from_mapping(scene))
-
-
 WORK = {
     'tracker': _tracker,
     'twin': _twin,
@@ -255,7 +240,6 @@ WORK = {
     'ice': _ice,
     'simulate': _simulate,
     'stiff': _stiff,
-    'glide': _glide,
 }
 # To tell how far it is: how many functions each of them compiles or loads (numba's own events), and
 # how many seconds of a processor that took, cold, where it was measured.
@@ -266,7 +250,6 @@ FUNCTIONS = {
     'ice': 1,
     'simulate': 141,
     'stiff': 56,
-    'glide': 58,
 }
 SECONDS = {
     'tracker': 76,
@@ -275,5 +258,4 @@ SECONDS = {
     'ice': 10,
     'simulate': 60,
     'stiff': 33,
-    'glide': 24,
 }

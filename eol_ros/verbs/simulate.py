@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         'step_s': args.step,
         'limits': Limits(args.max_events, args.max_steps),
         'model': model,
-        'on_stiff': lambda part: compile.ensure([part]),
+        'on_stiff': lambda: compile.ensure(['stiff']),
     }
     result = choose.simulate(scene, ledger=True, **options)  # compiles, and keeps the energy ledger
     best = float('inf')
@@ -96,7 +96,6 @@ def run(args: argparse.Namespace) -> int:
         'events': len(result.event_t),
         'steps': result.steps,
         'swept': result.swept,
-        'glided': result.glided,
         'solve_s': best,
         't_reached': result.t_reached,
         'energy': {
@@ -112,8 +111,6 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(report))
     else:
         swept = f' ({result.swept} swept over reversals of friction)' if result.swept else ''
-        if result.glided:
-            swept = f' ({result.glided} by the modes of all blocks)'
         print(
             f'{result.path} path, {result.status}: {len(result.event_t)} events in '
             f'{result.steps} steps{swept}, {best * 1e3:.3g} ms for {result.t_reached:g} s; '

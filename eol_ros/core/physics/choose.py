@@ -69,7 +69,7 @@ def simulate(
     limits: Limits | None = None,
     ledger: bool = True,
     model: Model | None = None,
-    on_stiff: Callable[[str], None] | None = None,
+    on_stiff: Callable[[], None] | None = None,
 ) -> Run:
     """Solve the stick-slip motion of a scene.
 
@@ -92,8 +92,7 @@ def simulate(
     model : Model, optional
         Of `scene`, where it was made before.
     on_stiff : callable, optional
-        Called with 'stiff' or 'glide' when the event path needs one of its kernels for stiff
-        scenes, before it is loaded.
+        Called when the event path needs its kernel for stiff scenes, before that is loaded.
 
     Returns
     -------
@@ -138,7 +137,7 @@ def _solved(
     limits: Limits,
     ledger: bool,
     model: Model,
-    on_stiff: Callable[[str], None] | None,
+    on_stiff: Callable[[], None] | None,
 ) -> Run:
     """Return the run by the path that is asked for, or by the least that is enough."""
     chosen = choose_path(scene, model) if path == 'auto' else path

@@ -59,8 +59,6 @@ class Run:
         (k, n) rad and rad/s, where blocks rotate.
     swept : int
         Of the steps, those of the event path that sweep over reversals of friction.
-    glided : int
-        Of the steps, those of the event path by the modes of all blocks.
     notes : list of str
         For people.
 
@@ -87,7 +85,6 @@ class Run:
     yaw: np.ndarray | None = None  # (k, n) rad, where blocks rotate
     spin: np.ndarray | None = None  # (k, n) rad/s
     swept: int = 0  # of the steps, those of the event path that sweep over reversals of friction
-    glided: int = 0  # and those by the modes of all blocks
     notes: list[str] = field(default_factory=list)
 
 

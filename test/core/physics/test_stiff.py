@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stiff springs in the plane: sweeps over the reversals of friction, and glides, against SciPy."""
+"""Stiff springs in the plane: sweeps over the reversals of friction, against SciPy."""
 
 import numpy as np
 import pytest
@@ -96,53 +96,26 @@ def test_a_sweep_is_no_finer_than_what_its_friction_misses():
     assert np.abs(fine.u - finest.u).max() < 5e-11
 
 
-def trembling(mass, tremble_m, count=3):
-    """A plate with K_C / K_L = 1e5 whose blocks go at 0.6 m/s and tremble."""
-    n = count**2
-    return builders.plate(
-        CIRCLE, 0.05, count, count, k_between=2e6, mass=mass,
-        u0=builders.offsets(n, tremble_m, 3), v0=[[0.5, 0.3]] * n,
-    )  # fmt: skip
-
-
 @pytest.mark.slow
 def test_blocks_that_slide_together_and_vibrate():
-    scene = from_mapping(trembling([0.1, 0.2, 0.3, 0.4, 0.5, 0.4, 0.3, 0.2, 0.1], 1e-7))
+    given = builders.plate(
+        CIRCLE, 0.05, 3, 3, k_between=2e6, mass=[0.1, 0.2, 0.3, 0.4, 0.5, 0.4, 0.3, 0.2, 0.1],
+        u0=builders.offsets(9, 1e-7, 3), v0=[[0.5, 0.3]] * 9,
+    )  # fmt: skip
+    scene = from_mapping(given)
     run = simulate(scene, sample_s=0.0047)
     assert run.status == 'ok' and len(run.event_t) == 0
-    assert run.glided > 12 and run.steps < 150
     assert np.abs(run.u - by_scipy(scene, run.t)).max() < 1e-12
     together = run.u - run.u.mean(1)[:, None]
     assert np.abs(together[-1]).max() > 1e-8  # what trembles is not smoothed away
     assert abs(run.energy.residual_J) < 1e-11
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize('count', [2, 3])
-@pytest.mark.parametrize('tremble_m', [1e-7, 1e-6, 1e-5])
-def test_friction_on_equal_blocks_is_averaged_where_that_is_exact_enough(tremble_m, count):
-    scene = from_mapping(trembling(0.25, tremble_m, count))
-    coarse = simulate(scene, sample_s=0.0047)
-    fine = simulate(scene, sample_s=0.0047, tolerance=1e-14)
-    exact = by_scipy(scene, coarse.t)
-    assert coarse.status == fine.status == 'ok'
-    assert np.abs(fine.u - exact).max() < 1e-12  # times 1e-11
-    assert abs(fine.energy.residual_J) < 1e-10
-    if tremble_m < 1e-5:
-        assert 1 <= coarse.glided < 10 and coarse.steps < 60  # one or two dozen to begin with
-        assert np.abs(coarse.u - exact).max() < 1e-10  # of 0.08 m, times 1e-9
-        assert abs(coarse.energy.residual_J) < 1e-8
-        together = coarse.u - coarse.u.mean(1)[:, None]
-        assert np.abs(together[-1]).max() > 0.1 * tremble_m
-    else:  # what vibrates across would change the mean
-        assert np.abs(coarse.u - exact).max() < 1e-12
-
-
 def test_sweeps_leave_ordinary_scenes_alone():
     scene = builders.table(CIRCLE, 3.0, geometric=True, u0=builders.offsets(25, 0.005, 4))
     run = simulate(from_mapping(scene))
     assert len(run.event_t) > 20
-    assert run.swept == run.glided == 0
+    assert run.swept == 0
 
 
 @pytest.mark.slow

@@ -8,8 +8,6 @@ import numpy as np
 
 from eol_ros.core.physics.drive import NONE
 from eol_ros.core.physics.event.abreast import Abreast, fill_abreast, into_lanes, make_abreast
-from eol_ros.core.physics.event.averaged import averaged_on
-from eol_ros.core.physics.event.glide import WAIT, WORTH, glide_on, would_glide
 from eol_ros.core.physics.event.lanes import (
     CREEPING,
     LEVEL,
@@ -56,7 +54,7 @@ from eol_ros.core.physics.event.taylor import (
 from eol_ros.core.physics.exact.taylor import GAUSS_W, GAUSS_X, ON_LIMIT
 from eol_ros.core.physics.kernel_args import Lattice
 from eol_ros.core.physics.series import add_exactly, drive_series, entry, inlined, uncounted
-from eol_ros.core.physics.status import EVENT_LIMIT, GLIDING, NOT_FINITE, OK, STEP_LIMIT, STIFF
+from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT, STIFF
 
 AFTER_S = 0.1  # for how long what a stop gets wrong goes on to act on the neighbours
 KEPT = 0.1  # of its speed a block keeps at least within a step
@@ -390,16 +388,15 @@ def run(
     counts,
     ws,
     sweeping,
-    glide,
 ):
     """Advance `u`, `v` (n, 2) and `sliding` (n,) to `t_end`; return (status, fields of a Progress).
 
     The fields are a plain tuple: a named one is made by code of Python, in which Ctrl-C raises, and
     numba does not look whether it did. `begin` is a Progress. `counts` (4,): slips begun, stops at
-    the floor against a pull above mu_k, sweeps or glides, springs that passed length zero. Events
+    the floor against a pull above mu_k, sweeps, springs that passed length zero. Events
     are written in the order they are found: a stop may bear a time a little later than a break
-    behind it. Without `sweeping` (None) the run ends with STIFF where sweeps would pay, without
-    `glide` too with GLIDING where glides would; it goes on from the progress returned.
+    behind it. Without `sweeping` (None) the run ends with STIFF where sweeps would pay; it goes on
+    from the progress returned.
     """
     order, far, n, pl = rules.order, 0, at.n, ws.pl
     cx, cy, cc, cs, gx, work = ws.cx, ws.cy, ws.cc, ws.cs, ws.gx, ws.work
@@ -452,80 +449,6 @@ def run(
                     for k in range(0 if crept[i] else order):
                         pl.known_x[c, k] = pl.known_y[c, k] = 0.0
                     gain = gain if crept[i] else 1.0
-        if steady and watching == 0 and calm >= PATIENCE and m == n:
-            if glide is None:
-                if sweeping is None and would_glide(m, v, plain, h, at, pl):
-                    return GLIDING, (t, left, events, steps, sampled)
-            else:
-                span, reached = 0.0, -1
-                if glide.averaged.possible and steps >= glide.due[2]:
-                    top = max(abs(cx[order]), abs(cy[order]), abs(cc[order]), abs(cs[order]))
-                    span = h
-                    if top > 0.0:
-                        span = min(h, (rules.small / top) ** (1.0 / order))
-                    span, reached = averaged_on(
-                        t,
-                        span,
-                        WORTH * plain,
-                        u,
-                        v,
-                        used,
-                        at,
-                        glide.averaged,
-                        cx,
-                        cy,
-                        cc,
-                        cs,
-                        grid,
-                        sampled,
-                        ledger,
-                        energy,
-                        here,
-                        rate,
-                    )
-                    if reached < 0:
-                        glide.due[2] = steps + WAIT
-                        if not glide.ready and would_glide(m, v, plain, h, at, pl):
-                            return GLIDING, (t, left, events, steps, sampled)
-                for p in range(2 if glide.ready else 0):
-                    if reached >= 0 or steps < glide.due[p]:
-                        continue
-                    gl = glide.long if p == 0 else glide.short
-                    span = gl.modes.span
-                    reached = glide_on(
-                        t,
-                        h,
-                        u,
-                        v,
-                        m,
-                        used,
-                        at,
-                        gl,
-                        pl,
-                        cx,
-                        cy,
-                        cc,
-                        cs,
-                        rules.small,
-                        grid,
-                        sampled,
-                        ledger,
-                        energy,
-                        here,
-                        rate,
-                    )
-                    if reached < 0:
-                        glide.due[p] = steps + WAIT
-                if reached >= 0:
-                    sampled = reached
-                    t, left = add_exactly(t, left, span)
-                    steps += 1
-                    counts[2] += 1
-                    if not math.isfinite(u[0, 0] + v[0, 0] + u[0, 1]):
-                        return NOT_FINITE, (t, left, events, steps, sampled)
-                    if steps >= max_steps:
-                        return STEP_LIMIT, (t, left, events, steps, sampled)
-                    continue
         ends = h == t_end - t
         near, o = h, order
         if steady and (eager or calm >= patience):

@@ -5,13 +5,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from eol_ros.core.physics.event import glide, kernel
+from eol_ros.core.physics.event import kernel
 from eol_ros.core.physics.exact.solver import energy_ledger, length_scale
 from eol_ros.core.physics.kernel_args import Grid, empty_log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, Run
 from eol_ros.core.physics.scene import Scene
-from eol_ros.core.physics.status import GLIDING, STIFF, WORDS
+from eol_ros.core.physics.status import STIFF, WORDS
 
 TIGHTEST, LOOSEST = 1e-15, 1e-3
 SMALL = 0.01  # of tolerance and length scale: the error in place that a step may make
@@ -75,7 +75,7 @@ def solve(
     tolerance: float,
     order: int | None = None,
     floor: float | None = None,
-    on_stiff: Callable[[str], None] | None = None,
+    on_stiff: Callable[[], None] | None = None,
 ) -> Run:
     """Return the run of a scene by power series between events, steps bound by `tolerance`.
 
@@ -83,8 +83,7 @@ def solve(
     floor: of the series, and the speed (m/s) that counts as none; None: those of `order_for` and
     `floor_speed`. Where a limit cuts the run short, its `status` says so.
 
-    `on_stiff` is called before sweeps or glides begin, which have kernels of their own, with the
-    name of what is to be compiled: stiff or glide.
+    `on_stiff` is called before sweeps begin, which have a kernel of their own.
     """
     u, v = scene.u0.copy(), scene.v0.copy()
     rules = rules_for(tolerance, length_scale(scene, model), order, floor)
@@ -93,9 +92,7 @@ def solve(
     work_and_heat, counts = np.zeros(2), np.zeros(4, np.int64)
     sliding, done = np.zeros(model.n, bool), kernel.BEGIN
 
-    def advance(
-        order: int, sweeping: kernel.Sweeping | None = None, modes: glide.Glide | None = None
-    ) -> int:
+    def advance(order: int, sweeping: kernel.Sweeping | None = None) -> int:
         nonlocal done
         status, fields = kernel.run(
             u,
@@ -114,24 +111,15 @@ def solve(
             counts,
             kernel.make_workspace(model.lattice, order),
             sweeping,
-            modes,
         )
         done = kernel.Progress(*fields)
         return status
 
     coarse = max(tolerance, min(SWEPT[scene.geometric], COARSER * tolerance))
-    status, glides = advance(rules.order), False
-    if status == GLIDING:
-        if on_stiff is not None:
-            on_stiff('glide')
-        glides = True
-        status = advance(rules.order, modes=glide.make_glide(model.lattice, coarse))
-        if status == GLIDING:  # vibrations are too strong for averages
-            modes = glide.make_glide(model.lattice, coarse, averaged=False)
-            status = advance(rules.order, modes=modes)
+    status = advance(rules.order)
     if status == STIFF:
         if on_stiff is not None:
-            on_stiff('stiff')
+            on_stiff()
         far = max(order_for(coarse) + MORE_IN_SWEEPS, rules.order + 1)
         small = rules.small * coarse / tolerance
         status = advance(far, kernel.make_sweeping(model.lattice, far, small))
@@ -148,8 +136,7 @@ def solve(
         log.start[in_time],
         steps,
         t,
-        swept=0 if glides else int(counts[2]),
-        glided=int(counts[2]) if glides else 0,
+        swept=int(counts[2]),
     )
     if counts[1]:
         run.notes.append(f'{counts[1]} stops ended at the floor of {rules.floor:g} m/s')

@@ -265,7 +265,6 @@ class LiveTable:
             self._counts,
             self._workspace,
             None,
-            None,
         )
         return int(status), int(events)
 
