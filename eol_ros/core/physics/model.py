@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from eol_ros.core.physics.drive import Drive
-from eol_ros.core.physics.kernel_args import Lattice, Rim, lattice_of, rim_of
+from eol_ros.core.physics.kernel_args import Lattice, Rim
 from eol_ros.core.physics.scene import Rotation, Scene
 
 
@@ -69,12 +69,50 @@ class Model:
     @cached_property
     def lattice(self) -> Lattice:
         """The same for the kernels."""
-        return lattice_of(self)
+        n = self.n
+        rim = self.second >= n
+        number = np.arange(len(self.k))
+        a, b, k = self.first[~rim], self.second[~rim], self.k[~rim]
+        ends, others = np.concatenate([a, b]), np.concatenate([b, a])
+        both, spring = np.concatenate([k, k]), np.concatenate([number[~rim], number[~rim]])
+        order = np.lexsort((spring, ends))
+        rim_block = self.first[rim]
+        rim_order = np.argsort(rim_block, kind='stable')
+        pulls = self.k[rim, None] * np.column_stack([np.ones(rim.sum()), self.anchors])
+        drive = np.zeros((n, 3))
+        np.add.at(drive, rim_block, pulls)
+        arms = np.hypot(self.anchors[:, 0], self.anchors[:, 1])
+        return Lattice(
+            n,
+            self.first,
+            self.second,
+            self.k,
+            self.natural,
+            self.rest,
+            self.anchors,
+            np.searchsorted(ends[order], np.arange(n + 1)),
+            others[order],
+            both[order],
+            spring[order],
+            np.searchsorted(rim_block[rim_order], np.arange(n + 1)),
+            number[rim][rim_order],
+            np.bincount(ends, both, n) + np.bincount(rim_block, self.k[rim], n),
+            drive,
+            np.bincount(rim_block, self.k[rim] * arms[self.second[rim] - n], n),
+            float(arms.max(initial=0.0)),
+            self.mass,
+            1.0 / self.mass,
+            self.static,
+            self.kinetic,
+            float(self.weakening),
+            bool(self.geometric),
+            bool(self.rail),
+        )
 
     @cached_property
     def rim(self) -> Rim:
         """The drive for the kernels."""
-        return rim_of(self)
+        return Rim(self.kind, self.par, self.knots, self.cubics)
 
     def tension(self, u: np.ndarray, t: float, yaw: np.ndarray | None = None) -> np.ndarray:
         """Return the force (s, 2) N of each spring on its first end, for displacements u (n, 2).

@@ -7,8 +7,8 @@ from scipy.integrate import solve_ivp
 
 from eol_ros.core.physics import builders, presets
 from eol_ros.core.physics.choose import simulate
-from eol_ros.core.physics.exact.solver import length_scale
 from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.numerics import length_scale
 from eol_ros.core.physics.scene import from_mapping
 
 PULL = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}

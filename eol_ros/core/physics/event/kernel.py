@@ -51,8 +51,8 @@ from eol_ros.core.physics.event.taylor import (
     may_creep,
     settle_directions,
 )
-from eol_ros.core.physics.exact.taylor import GAUSS_W, GAUSS_X, ON_LIMIT
 from eol_ros.core.physics.kernel_args import Lattice
+from eol_ros.core.physics.numerics import GAUSS_W, GAUSS_X, ON_LIMIT
 from eol_ros.core.physics.series import add_exactly, drive_series, entry, inlined, uncounted
 from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT, STIFF
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 import numpy as np
 
 from eol_ros.core.physics.event import kernel
-from eol_ros.core.physics.exact.solver import energy_ledger, length_scale
 from eol_ros.core.physics.kernel_args import Grid, empty_log
 from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.numerics import energy_ledger, length_scale
 from eol_ros.core.physics.result import Limits, Run
 from eol_ros.core.physics.scene import Scene
 from eol_ros.core.physics.status import STIFF, WORDS

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far a step in the plane may go, how blocks stop, and what the energy ledger say of it."""
+"""How far a step in the plane may go, how blocks stop, and what the energy ledger says of it."""
 
 import math
 
@@ -13,7 +13,7 @@ from eol_ros.core.physics.event.taylor import (
     spring_vector,
     to_rim,
 )
-from eol_ros.core.physics.exact.taylor import ON_LIMIT
+from eol_ros.core.physics.numerics import ON_LIMIT
 from eol_ros.core.physics.series import ROOT_ROUNDS, first_root, inlined, uncounted
 
 

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.physics.exact.taylor import ON_LIMIT, force_now
+from eol_ros.core.physics.exact.taylor import force_now
+from eol_ros.core.physics.numerics import ON_LIMIT
 
 MARCH_ROUNDS = 400
 FREE = 1e-12  # of the highest w^2: below it a mode has no spring at all

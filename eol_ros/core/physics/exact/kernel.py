@@ -19,7 +19,6 @@ from eol_ros.core.physics.exact.closed_form import (
 )
 from eol_ros.core.physics.exact.taylor import (
     DENSE,
-    ON_LIMIT,
     Lanes,
     bounds,
     break_root,
@@ -32,11 +31,12 @@ from eol_ros.core.physics.exact.taylor import (
     stop_root,
     weakening_reach,
 )
-from eol_ros.core.physics.kernel_args import LANES
+from eol_ros.core.physics.numerics import ON_LIMIT
 from eol_ros.core.physics.series import UNCOUNTED, add_exactly, drive_series
 from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
 
 FAR = 1e18  # of the truncation error: the distance after which the origin moves along
+LANES = 4  # of a vector: rows of series are padded to it
 STIFF_AFTER = 24  # steps of one segment before its modes pay
 BY_SERIES, BY_ONE, BY_MODES = 0, 1, 2
 # A part of `run`, written into it: handing over its arrays would cost up to 15 % of all.

@@ -7,7 +7,8 @@ from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.exact import kernel
 from eol_ros.core.physics.kernel_args import Grid, empty_log
 from eol_ros.core.physics.model import Model
-from eol_ros.core.physics.result import Energy, Limits, Run
+from eol_ros.core.physics.numerics import energy_ledger, length_scale
+from eol_ros.core.physics.result import Limits, Run
 from eol_ros.core.physics.scene import Scene
 from eol_ros.core.physics.status import WORDS
 
@@ -63,26 +64,3 @@ def solve(
     if ledger:
         run.energy = energy_ledger(scene, model, end, np.column_stack([v, 0 * v]), t, work_and_heat)
     return run
-
-
-def length_scale(scene: Scene, model: Model) -> float:
-    """Return the displacement (m) at which a spring first balances friction, or the offsets."""
-    stiff = model.k.max(initial=0.0)
-    holding = model.static[model.static > 0]
-    hold = float(holding.min()) / stiff if stiff > 0 and len(holding) else 0.0
-    return max(hold, float(np.abs(scene.u0).max()), 1e-12)
-
-
-def energy_ledger(
-    scene: Scene, model: Model, u: np.ndarray, v: np.ndarray, t: float, work_and_heat: np.ndarray
-) -> Energy:
-    """Return the energy ledger, J, between the start and the state at t.
-
-    u, v: (n, 2), m and m/s. work_and_heat: (2,), J, of the drive and of friction.
-    """
-    return Energy(
-        float(work_and_heat[0]),
-        model.kinetic_energy(v) - model.kinetic_energy(scene.v0),
-        model.elastic_energy(u, t) - model.elastic_energy(scene.u0, 0.0),
-        float(work_and_heat[1]),
-    )

@@ -10,15 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eol_ros.core import algebra
 from eol_ros.core.compiled import njit
+from eol_ros.core.physics.numerics import GAUSS_W, GAUSS_X, ON_LIMIT
 from eol_ros.core.physics.series import FAST, first_root
 
-ON_LIMIT = 1e-13  # a force this close to the limit, relative, is on it: simultaneous breaks
 DENSE = 48  # up to so many sliding blocks their stiffness stands as a square matrix
 SPEED_SHARE = 1e-14  # of speed and weakening speed: the error in speed that a step may make
-GAUSS_X, GAUSS_W = algebra.gauss_legendre(10)
-GAUSS_X, GAUSS_W = 0.5 * (GAUSS_X + 1), 0.5 * GAUSS_W
 
 
 class Lanes(NamedTuple):

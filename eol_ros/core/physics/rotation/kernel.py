@@ -9,8 +9,8 @@ import numpy as np
 from eol_ros.core import algebra
 from eol_ros.core.elementary_kernels import exp
 from eol_ros.core.physics.drive import NONE
-from eol_ros.core.physics.exact.taylor import ON_LIMIT
 from eol_ros.core.physics.kernel_args import Lattice
+from eol_ros.core.physics.numerics import ON_LIMIT
 from eol_ros.core.physics.rotation.taylor import (
     RotationArgs,
     Series,

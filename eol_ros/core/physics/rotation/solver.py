@@ -4,9 +4,9 @@
 import numpy as np
 
 from eol_ros.core.physics.event.solver import order_for, rules_for
-from eol_ros.core.physics.exact.solver import length_scale
 from eol_ros.core.physics.kernel_args import Grid, empty_log
 from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.numerics import length_scale
 from eol_ros.core.physics.result import Energy, Limits, Run
 from eol_ros.core.physics.rotation import kernel
 from eol_ros.core.physics.rotation.taylor import LEVER, RotationArgs

@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from eol_ros.core.physics.exact.solver import energy_ledger
 from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.numerics import energy_ledger
 from eol_ros.core.physics.result import Limits, Run
 from eol_ros.core.physics.scene import Scene
 from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT, WORDS

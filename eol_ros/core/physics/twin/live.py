@@ -11,9 +11,9 @@ from eol_ros.core.physics import builders
 from eol_ros.core.physics.drive import POSES
 from eol_ros.core.physics.event.kernel import BEGIN, make_workspace, run
 from eol_ros.core.physics.event.solver import rules_for
-from eol_ros.core.physics.exact.solver import length_scale
 from eol_ros.core.physics.kernel_args import Grid, Rim, empty_log
 from eol_ros.core.physics.model import Model, rotated
+from eol_ros.core.physics.numerics import length_scale
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.status import OK
 from eol_ros.core.physics.twin import rim_springs

@@ -4,9 +4,9 @@
 import numpy as np
 
 from eol_ros.core.physics.event.solver import rules_for
-from eol_ros.core.physics.exact.solver import length_scale
 from eol_ros.core.physics.kernel_args import Grid, Log, Rim
 from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.numerics import length_scale
 from eol_ros.core.physics.rotation import kernel
 from eol_ros.core.physics.rotation.solver import floor_speed, rotation_args
 from eol_ros.core.physics.scene import Scene
