@@ -29,8 +29,8 @@ from eol_ros.errors import ConfigError
 
 ROOT = Path(__file__).parent
 # Nodes with compiled loops; the ice recording, which a scene without a recording needs; and what
-# `eol simulate` needs beyond the twin: its solvers, and a kernel for stiff scenes.
-PARTS = ('tracker', 'twin', 'sound', 'ice', 'simulate', 'stiff')
+# `eol simulate` needs beyond the twin: its solvers.
+PARTS = ('tracker', 'twin', 'sound', 'ice', 'simulate')
 AT_FIRST = ('tracker', 'twin', 'sound', 'ice')  # what a scene may need
 WAIT_S = 120.0  # wait for a process that compiles the same function; then compile here, too
 WAIT_PARTS_S = 1800.0  # for another `eol compile`

@@ -17,7 +17,6 @@ ALLOWED = {
     'core/vision': BASE | {'scipy', 'numba', 'cv2'},
     'core/compiled.py': BASE | {'numba', 'llvmlite'},
     'core/vectors.py': {'numba', 'llvmlite'},
-    'core/physics/event/moments.py': BASE | {'numba', 'llvmlite'},
     'streams': BASE,
     'devices': BASE
     | {

@@ -267,7 +267,7 @@ def setup(extra: str) -> None:
         messages_ready.touch()
     ready.touch()
     # Does nothing if the cache is complete for this version.
-    parts = ['--parts', 'tracker,twin,sound,ice,simulate,stiff'] if extra else []
+    parts = ['--parts', 'tracker,twin,sound,ice,simulate'] if extra else []
     wait(
         Step(
             'kernels',

@@ -14,7 +14,6 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 WIDTH = 8
-TILES = (4, 2)  # rows of a product worked out together, and what is left
 F64, _I32, _I64 = ir.DoubleType(), ir.IntType(32), ir.IntType(64)
 VECTOR = ir.VectorType(F64, WIDTH)
 
@@ -40,9 +39,6 @@ class Code:
         place = self.builder.add(self.builder.mul(row, self.columns(i)), column)
         return self.builder.gep(self.arrays[i].data, [place])
 
-    def number(self, i: int, row: Any, column: Any) -> Any:
-        return self.builder.load(self._at(i, row, column))
-
     def load(self, i: int, row: Any, column: Any) -> Any:
         pointer = self.builder.bitcast(self._at(i, row, column), VECTOR.as_pointer())
         value = self.builder.load(pointer)
@@ -57,13 +53,6 @@ class Code:
         product = self.builder.fmul(a, b, flags=('contract',))
         return self.builder.fadd(product, c, flags=('contract',))
 
-    def sqrt(self, a: Any) -> Any:
-        kind = ir.FunctionType(VECTOR, [VECTOR])
-        name = f'llvm.sqrt.v{WIDTH}f64'
-        return self.builder.call(
-            cgutils.get_or_insert_function(self.builder.module, kind, name), [a]
-        )
-
     def splat(self, number: Any) -> Any:
         empty = ir.Constant(VECTOR, ir.Undefined)
         one = self.builder.insert_element(empty, number, ir.Constant(_I32, 0))
@@ -75,39 +64,6 @@ class Code:
 
     def loop(self, begin: Any, end: Any, step: int = 1) -> Any:
         return cgutils.for_range_slice(self.builder, begin, end, self.constant(step), intp=_I64)
-
-
-def _lane_product(typing: Any, out: Any, table: Any, rows: Any, terms: Any, begin: Any, end: Any):
-    """Write out[r, q] = sum of table[r, k] terms[k, q] over begin <= k < end, r < rows.
-
-    `rows` is even.
-    """
-
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        code = Code(context, builder, signature, values)
-        rows, begin, end = values[2], values[4], values[5]
-        zero = ir.Constant(VECTOR, [0.0] * WIDTH)
-        done = code.constant(0)
-        for tile in TILES:
-            tiled = builder.sub(rows, builder.srem(builder.sub(rows, done), code.constant(tile)))
-            sums = code.sums(tile)
-            with (
-                code.loop(done, tiled, tile) as (r, _),
-                code.loop(code.constant(0), code.columns(0), WIDTH) as (q, _),
-            ):
-                for total in sums:
-                    builder.store(zero, total)
-                with code.loop(begin, end) as (k, _):
-                    term = code.load(3, k, q)
-                    for i, total in enumerate(sums):
-                        share = code.splat(code.number(1, builder.add(r, code.constant(i)), k))
-                        builder.store(code.fma(share, term, builder.load(total)), total)
-                for i, total in enumerate(sums):
-                    code.store(builder.load(total), 0, builder.add(r, code.constant(i)), q)
-            done = tiled
-        return context.get_dummy_value()
-
-    return types.void(out, table, rows, terms, begin, end), generate
 
 
 def _spring_order(
@@ -166,39 +122,4 @@ def _spring_order(
     return types.void(k, x, y, square, inverse, law, px, py), generate
 
 
-def _lane_response(parts: int) -> Any:
-    def lane_response(typing: Any, out: Any, table: Any, terms: Any, count: Any):
-        """Write out[r, q] = sum of table[r count + e, q] terms[e, q] over e < count, r < count.
-
-        With two parts, once more for the `count` rows after those, by the same table.
-        """
-
-        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            code = Code(context, builder, signature, values)
-            count, zero = values[3], ir.Constant(VECTOR, [0.0] * WIDTH)
-            sums, shifts = code.sums(parts), (code.constant(0), count)
-            with (
-                code.loop(code.constant(0), count) as (r, _),
-                code.loop(code.constant(0), code.columns(0), WIDTH) as (q, _),
-            ):
-                for total in sums:
-                    builder.store(zero, total)
-                row = builder.mul(r, count)
-                with code.loop(code.constant(0), count) as (e, _):
-                    share = code.load(1, builder.add(row, e), q)
-                    for total, shift in zip(sums, shifts, strict=False):
-                        term = code.load(2, builder.add(e, shift), q)
-                        builder.store(code.fma(share, term, builder.load(total)), total)
-                for total, shift in zip(sums, shifts, strict=False):
-                    code.store(builder.load(total), 0, builder.add(r, shift), q)
-            return context.get_dummy_value()
-
-        return types.void(out, table, terms, count), generate
-
-    return lane_response
-
-
-lane_product: Any = intrinsic(_lane_product)
-lane_response: Any = intrinsic(_lane_response(1))
-lane_responses: Any = intrinsic(_lane_response(2))
 spring_order: Any = intrinsic(_spring_order)

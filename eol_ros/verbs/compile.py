@@ -222,24 +222,12 @@ def _simulate():
             simulate(from_mapping(scene), path=path, ledger=ledger)
 
 
-def _stiff():
-    from eol_ros.core.physics import builders
-    from eol_ros.core.physics.choose import simulate
-    from eol_ros.core.physics.scene import from_mapping
-
-    aside = builders.offsets(25, 0.005, 3)
-    for ledger in (True, False):
-        scene = builders.table({'kind': 'none'}, 0.1, k=1e6, geometric=True, u0=aside)
-        simulate(from_mapping(scene), ledger=ledger)
-
-
 WORK = {
     'tracker': _tracker,
     'twin': _twin,
     'sound': _sound,
     'ice': _ice,
     'simulate': _simulate,
-    'stiff': _stiff,
 }
 # To tell how far it is: how many functions each of them compiles or loads (numba's own events), and
 # how many seconds of a processor that took, cold, where it was measured.
@@ -249,7 +237,6 @@ FUNCTIONS = {
     'sound': 103,
     'ice': 1,
     'simulate': 141,
-    'stiff': 56,
 }
 SECONDS = {
     'tracker': 76,
@@ -257,5 +244,4 @@ SECONDS = {
     'sound': 45,
     'ice': 10,
     'simulate': 60,
-    'stiff': 33,
 }

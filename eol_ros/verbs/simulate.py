@@ -78,7 +78,6 @@ def run(args: argparse.Namespace) -> int:
         'step_s': args.step,
         'limits': Limits(args.max_events, args.max_steps),
         'model': model,
-        'on_stiff': lambda: compile.ensure(['stiff']),
     }
     result = choose.simulate(scene, ledger=True, **options)  # compiles, and keeps the energy ledger
     best = float('inf')
@@ -95,7 +94,6 @@ def run(args: argparse.Namespace) -> int:
         'status': result.status,
         'events': len(result.event_t),
         'steps': result.steps,
-        'swept': result.swept,
         'solve_s': best,
         't_reached': result.t_reached,
         'energy': {
@@ -110,10 +108,9 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(report))
     else:
-        swept = f' ({result.swept} swept over reversals of friction)' if result.swept else ''
         print(
             f'{result.path} path, {result.status}: {len(result.event_t)} events in '
-            f'{result.steps} steps{swept}, {best * 1e3:.3g} ms for {result.t_reached:g} s; '
+            f'{result.steps} steps, {best * 1e3:.3g} ms for {result.t_reached:g} s; '
             f'energy residual {energy.residual_J:.2g} J of {energy.work_J:.3g} J work'
         )
     for note in result.notes:

@@ -11,10 +11,6 @@ import pytest
 from numba.core import config as settings
 
 from eol_ros.core.compiled import NEEDED, TARGET, fix_target, njit
-from eol_ros.core.physics import builders
-from eol_ros.core.physics.choose import simulate
-from eol_ros.core.physics.event import kernel
-from eol_ros.core.physics.scene import from_mapping
 
 
 @njit(inner=True)
@@ -179,18 +175,6 @@ def test_a_record_that_is_no_longer_there_makes_a_cache_stale(tmp_path, own_cach
         command = [sys.executable, '-B', str(tmp_path / 'caller.py')]
         result = subprocess.run(command, capture_output=True, text=True)
         assert result.stdout == '3.0\n', result.stderr
-
-
-@pytest.mark.slow
-def test_sweeps_are_compiled_for_stiff_scenes_only():
-    """In a process of its own the order of tests would not matter; here signatures are counted."""
-    pull = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}
-    before = set(kernel.run.signatures)
-    given = builders.table(pull, 3.0, geometric=True, u0=builders.offsets(25, 0.005, 3))
-    run = simulate(from_mapping(given), ledger=False)
-    assert run.swept == 0 and len(run.event_t) > 20
-    made = [str(s[-2:]) for s in set(kernel.run.signatures) - before]
-    assert not [kinds for kinds in made if 'Sweep' in kinds or 'Glide' in kinds]
 
 
 def test_the_target_is_fixed_where_the_processor_can_run_it_and_left_alone_elsewhere():

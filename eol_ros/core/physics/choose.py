@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chooses, once, the least that is enough for a scene, and runs it."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from eol_ros.core.physics import modal
@@ -69,7 +67,6 @@ def simulate(
     limits: Limits | None = None,
     ledger: bool = True,
     model: Model | None = None,
-    on_stiff: Callable[[], None] | None = None,
 ) -> Run:
     """Solve the stick-slip motion of a scene.
 
@@ -91,8 +88,6 @@ def simulate(
         Keep the energy ledger, at some cost in time.
     model : Model, optional
         Of `scene`, where it was made before.
-    on_stiff : callable, optional
-        Called when the event path needs its kernel for stiff scenes, before that is loaded.
 
     Returns
     -------
@@ -124,7 +119,7 @@ def simulate(
     model = model or Model.of(scene)
     limits = limits or Limits()
     times = sample_times(scene.duration_s, sample_s)
-    run = _solved(scene, times, path, tolerance, step_s, limits, ledger, model, on_stiff)
+    run = _solved(scene, times, path, tolerance, step_s, limits, ledger, model)
     return cut_short(run, scene.duration_s, limits)
 
 
@@ -137,7 +132,6 @@ def _solved(
     limits: Limits,
     ledger: bool,
     model: Model,
-    on_stiff: Callable[[], None] | None,
 ) -> Run:
     """Return the run by the path that is asked for, or by the least that is enough."""
     chosen = choose_path(scene, model) if path == 'auto' else path
@@ -172,7 +166,7 @@ def _solved(
             from eol_ros.core.physics.rotation.solver import solve as solve_rotation
 
             return solve_rotation(scene, model, times, limits, ledger, tolerance)
-        return event.solve(scene, model, times, limits, ledger, tolerance, on_stiff=on_stiff)
+        return event.solve(scene, model, times, limits, ledger, tolerance)
     if scene.rotation is not None:
         from eol_ros.core.physics.rotation.stepping import solve as step_rotation
 

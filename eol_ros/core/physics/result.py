@@ -57,8 +57,6 @@ class Run:
         Work, kinetic, elastic and friction, in J, and what the ledger misses.
     yaw, spin : ndarray, optional
         (k, n) rad and rad/s, where blocks rotate.
-    swept : int
-        Of the steps, those of the event path that sweep over reversals of friction.
     notes : list of str
         For people.
 
@@ -84,7 +82,6 @@ class Run:
     energy: Energy | None = None
     yaw: np.ndarray | None = None  # (k, n) rad, where blocks rotate
     spin: np.ndarray | None = None  # (k, n) rad/s
-    swept: int = 0  # of the steps, those of the event path that sweep over reversals of friction
     notes: list[str] = field(default_factory=list)
 
 

@@ -2,5 +2,4 @@
 """How a simulation ended."""
 
 OK, STEP_LIMIT, EVENT_LIMIT, NOT_FINITE = range(4)
-STIFF = 4  # no end: a run that goes on by sweeps
 WORDS = ('ok', 'step limit', 'event limit', 'not finite')

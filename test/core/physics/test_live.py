@@ -243,3 +243,13 @@ def test_a_block_that_stands_askew_reaches_further_to_the_rim():
     table.yaw = np.full(N_BLOCKS, np.pi / 4)
     assert table.clearance_m(np.zeros(3)) == pytest.approx(0.132 - 0.042 * np.sqrt(2))
     assert table.clearance_m(np.array([0.0, 0.0, np.pi / 4])) < 0.09
+
+
+def test_light_blocks_on_stiff_springs_do_not_stop_in_their_motion():
+    """At the end of the settings' ranges the solver meets no limit."""
+    stiff = Coupling(2000.0, 0.05, 0.0, rotate=False, block_kg=0.05)
+    play = Play(1, coupling=stiff)
+    for _ in range(600):
+        play.advance(1 / 60)
+    assert play.table.slips > 20
+    assert play.table.faults == 0

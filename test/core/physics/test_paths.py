@@ -418,7 +418,7 @@ def test_springs_that_pass_zero_head_on_keep_the_ledger_and_are_told():
 @pytest.mark.parametrize('tolerance, error_m', [(1e-9, 1e-7), (1e-11, 1e-9), (1e-13, 1e-9)])
 @pytest.mark.parametrize('scene', ['head-on', 'near miss'])
 def test_springs_through_length_zero_are_those_of_scipy(scene, tolerance, error_m):
-    """Near misses, too: their steps are so short that a sweep's velocity would be off."""
+    """Near misses, too."""
     if scene == 'head-on':
         given, seconds = builders.table(AWAY, 0.3, geometric=True), 0.3
     else:

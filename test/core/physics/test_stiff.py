@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stiff springs in the plane: sweeps over the reversals of friction, against SciPy."""
+"""Stiff springs in the plane, against SciPy and a formula."""
 
 import numpy as np
 import pytest
@@ -77,23 +77,9 @@ def test_stiff_springs_in_the_plane(geometric, drive):
     run = simulate(scene, sample_s=0.003, tolerance=1e-10)
     assert run.status == 'ok'
     assert len(run.event_t) == 9
-    assert run.swept > 0.3 * run.steps
-    assert np.abs(run.u - by_scipy(scene, run.t)).max() < 1e-10
+    assert np.abs(run.u - by_scipy(scene, run.t)).max() < 1e-11
     energy = run.energy
-    assert abs(energy.residual_J) < 2e-7 * abs(energy.friction_J)
-
-
-@pytest.mark.slow
-def test_a_sweep_is_no_finer_than_what_its_friction_misses():
-    """Below 1e-9 its series would cost twice the steps, and the motion would be as wrong."""
-    given = builders.table(PULL, 0.05, 3, 3, k=1e6, u0=builders.offsets(9, 0.005, 3))
-    scene = from_mapping(given)
-    plain, fine, finest = (
-        simulate(scene, sample_s=0.01, tolerance=t, ledger=False) for t in (1e-9, 1e-12, 1e-15)
-    )
-    assert 50 < fine.swept < 1.2 * plain.swept
-    assert finest.swept > 1.2 * fine.swept
-    assert np.abs(fine.u - finest.u).max() < 5e-11
+    assert abs(energy.residual_J) < 2e-8 * abs(energy.friction_J)
 
 
 @pytest.mark.slow
@@ -111,13 +97,6 @@ def test_blocks_that_slide_together_and_vibrate():
     assert abs(run.energy.residual_J) < 1e-11
 
 
-def test_sweeps_leave_ordinary_scenes_alone():
-    scene = builders.table(CIRCLE, 3.0, geometric=True, u0=builders.offsets(25, 0.005, 4))
-    run = simulate(from_mapping(scene))
-    assert len(run.event_t) > 20
-    assert run.swept == 0
-
-
 @pytest.mark.slow
 def test_a_light_block_between_heavy_ones():
     """It reverses thousands of times before friction stops it, and the others never move."""
@@ -128,7 +107,6 @@ def test_a_light_block_between_heavy_ones():
     scene = from_mapping(given)
     run = simulate(scene, sample_s=0.01, tolerance=1e-10)
     assert run.status == 'ok'
-    assert run.swept > 0.2 * run.steps
 
     # along a line, by formula: half periods about +-delta, 2 delta shorter each time
     w, start = np.sqrt(160.0 / 1e-5), np.array([0.005, 0.002])
@@ -136,7 +114,7 @@ def test_a_light_block_between_heavy_ones():
     half = np.floor(run.t * w / np.pi)
     wide = size - (2 * half + 1) * delta
     place = (-1.0) ** half * delta + wide * np.cos(run.t * w)
-    assert np.abs(run.u[:, 4] - place[:, None] * start / size).max() < 1e-9
+    assert np.abs(run.u[:, 4] - place[:, None] * start / size).max() < 1e-10
     assert np.all(run.u[:, mass > 1] == 0)
 
 

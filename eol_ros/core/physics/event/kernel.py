@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from eol_ros.core.physics.drive import NONE
-from eol_ros.core.physics.event.abreast import Abreast, fill_abreast, into_lanes, make_abreast
 from eol_ros.core.physics.event.lanes import (
     CREEPING,
     LEVEL,
@@ -20,10 +19,8 @@ from eol_ros.core.physics.event.lanes import (
     fill_plane,
     make_plane,
 )
-from eol_ros.core.physics.event.moments import tables
 from eol_ros.core.physics.event.step import (
     break_root,
-    fastest_rotation,
     pass_zero,
     planar_ledger,
     planar_reach,
@@ -33,16 +30,6 @@ from eol_ros.core.physics.event.step import (
     stop_in_closed_form,
     suspects,
     zero_reach,
-)
-from eol_ros.core.physics.event.sweep import (
-    Sweep,
-    all_fast,
-    fastest,
-    make_sweep,
-    sample,
-    sweep_step,
-    sweep_top,
-    would_pay,
 )
 from eol_ros.core.physics.event.taylor import (
     blocks_series,
@@ -54,18 +41,10 @@ from eol_ros.core.physics.event.taylor import (
 from eol_ros.core.physics.kernel_args import Lattice
 from eol_ros.core.physics.numerics import GAUSS_W, GAUSS_X, ON_LIMIT
 from eol_ros.core.physics.series import add_exactly, drive_series, entry, inlined, uncounted
-from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT, STIFF
+from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
 
 AFTER_S = 0.1  # for how long what a stop gets wrong goes on to act on the neighbours
 KEPT = 0.1  # of its speed a block keeps at least within a step
-PATIENCE = 24  # steps without an event after which a sweep is tried
-MOST_PATIENCE = 96
-PROBE = 32  # sweeps after which a step is taken without, to compare
-PAYS = 2.0  # a sweep costs as much as so many steps without
-# A sweep is right in place, and the shorter the worse in velocity. Where springs rotate
-# at more than ROTATION of their own motion's rate, all but passing length zero, that comes to
-# count: there a sweep has to last LEAST rad of that motion.
-ROTATION, LEAST = 0.1, 0.3
 KICK_MPS = 1e-6  # where mu_s = mu_k a block may be loose with no acceleration, and no growth of it
 CREEP_ROUNDS = 8  # in which the direction of what creeps has to settle,
 CREEP_TOP_S = 1.5e-3  # for a step so long
@@ -130,31 +109,6 @@ class Workspace(NamedTuple):
     gauss: np.ndarray
 
 
-class Sweeping(NamedTuple):
-    """What sweeps are made with: the order of their series, and arrays.
-
-    `small`: the error (m) that one may make where all blocks are fast.
-    """
-
-    order: int
-    small: float
-    ab: Abreast
-    sw: Sweep
-
-
-class Progress(NamedTuple):
-    """How far a run has come: time (s) with the rest of its compensated sum, and counts."""
-
-    t: float
-    left: float
-    events: int
-    steps: int
-    sampled: int
-
-
-BEGIN = Progress(0.0, 0.0, 0, 0, 0)
-
-
 def make_workspace(at: Lattice, order: int) -> Workspace:
     """Return the arrays for a lattice and the order of the series."""
     n, size = at.n, order + 2
@@ -185,13 +139,6 @@ def make_workspace(at: Lattice, order: int) -> Workspace:
     )
 
 
-def make_sweeping(at: Lattice, order: int, small: float) -> Sweeping:
-    """Return what sweeps with series of that order need; their workspace is of that order too."""
-    ab = make_abreast(at, order + 2)
-    sw = make_sweep(tables(order + 2), len(ab.inverse_mass), order + 2)
-    return Sweeping(order, small, ab, sw)
-
-
 @uncounted
 def begin_blocks(v, sliding, at, ws):
     """Let slide what moves or has no friction; forget what the run before left in `ws`."""
@@ -206,14 +153,14 @@ def begin_blocks(v, sliding, at, ws):
 
 @inlined
 def start_slots(m, u, at, ws):
-    """Write how each slot begins its step; return whether none has just broken loose."""
-    steady, pl = True, ws.pl
+    """Write how each slot begins its step."""
+    pl = ws.pl
     for c in range(m):
         i = pl.slots[c]
         pl.start[c] = MOVING
         if not ws.fresh[i]:
             continue
-        steady = ws.fresh[i] = False
+        ws.fresh[i] = False
         pl.start[c] = LOOSE
         x, y = force_on(i, u, at, ws.cx[0], ws.cy[0], ws.cc[0], ws.cs[0])
         force = math.sqrt(x * x + y * y)
@@ -221,7 +168,6 @@ def start_slots(m, u, at, ws):
             pl.start[c] = MOVING
         elif force - at.friction[i] <= WEAKEST * force:
             pl.start[c] = LEVEL if force - at.friction[i] <= NOTHING * force else WEAK
-    return steady
 
 
 @inlined
@@ -284,7 +230,7 @@ def watch_stuck(sliding, driven, at, watched):
 
 
 @inlined
-def first_break(doubtful, h, top, o, used, count, small, u, at, ws):
+def first_break(doubtful, h, top, order, used, count, small, u, at, ws):
     """Return (h, who, hit): the step up to the first of the suspects that breaks in it.
 
     `who` is -1 where none does; without `hit` the step ends before it is sure that it breaks.
@@ -296,7 +242,7 @@ def first_break(doubtful, h, top, o, used, count, small, u, at, ws):
         if force < at.static[j] * (1.0 - ON_LIMIT):
             continue
         x, hit = break_root(
-            j, x, y, o, used, count, h, small, u, at, ws.pl, ws.cx, ws.cy, ws.cc, ws.cs, ws.gx,
+            j, x, y, order, used, count, h, small, u, at, ws.pl, ws.cx, ws.cy, ws.cc, ws.cs, ws.gx,
             ws.gy, ws.work,
         )  # fmt: skip
         if hit or x < h:
@@ -375,7 +321,6 @@ def run(
     u,
     v,
     sliding,
-    begin,
     t_end,
     rules,
     at,
@@ -387,33 +332,25 @@ def run(
     ledger,
     counts,
     ws,
-    sweeping,
 ):
-    """Advance `u`, `v` (n, 2) and `sliding` (n,) to `t_end`; return (status, fields of a Progress).
+    """Advance `u`, `v` (n, 2) and `sliding` (n,) to `t_end`; return (status, t, events, steps).
 
-    The fields are a plain tuple: a named one is made by code of Python, in which Ctrl-C raises, and
-    numba does not look whether it did. `begin` is a Progress. `counts` (4,): slips begun, stops at
-    the floor against a pull above mu_k, sweeps, springs that passed length zero. Events
-    are written in the order they are found: a stop may bear a time a little later than a break
-    behind it. Without `sweeping` (None) the run ends with STIFF where sweeps would pay; it goes on
-    from the progress returned.
+    `counts` (3,): slips begun, stops at the floor against a pull above mu_k, springs that passed
+    length zero. Events are written in the order they are found: a stop may bear a time a little
+    later than a break behind it.
     """
-    order, far, n, pl = rules.order, 0, at.n, ws.pl
+    order, n, pl = rules.order, at.n, ws.pl
     cx, cy, cc, cs, gx, work = ws.cx, ws.cy, ws.cc, ws.cs, ws.gx, ws.work
     watched, found, push = ws.watched, ws.found, ws.push
     slack, spare = ws.slack, ws.spare
     found_x, found_y = ws.found_x, ws.found_y
     crept = ws.crept
     here, rate, gauss = ws.here, ws.rate, ws.gauss
-    if sweeping is not None:
-        far = sweeping.order
     begin_blocks(v, sliding, at, ws)
-    t, left, events, steps, sampled = begin
+    t, left = 0.0, 0.0
+    events = steps = sampled = 0
     m = count = watching = 0
     changed = settle = by_zero = True
-    # stiff springs: steps since an event, how many to wait, sweeps since a plain step
-    calm, patience, sweeps, plain, try_s = 0, PATIENCE, 0, np.inf, 0.0
-    eager, abreast, longest, furthest, swings = False, False, np.inf, np.inf, 0.0
     gain = last = 1.0  # of a round that settles directions; the last change of them
     while True:
         reach, used = drive_series(
@@ -423,7 +360,7 @@ def run(
             settle, before = False, events
             events = break_overloaded(t, events, u, sliding, at, ws, log, counts)
             if events < 0:
-                return EVENT_LIMIT, (t, left, len(log.t), steps, sampled)
+                return EVENT_LIMIT, t, len(log.t), steps
             changed = changed or events > before
         if changed:
             changed = False
@@ -431,13 +368,10 @@ def run(
                 crept[i] = False
             m, count = fill_plane(sliding, at, pl)
             by_zero = at.geometric
-            abreast = False
-            calm, watching = 0, watch_stuck(sliding, rim.kind != NONE, at, watched)
-        steady = m > 0
+            watching = watch_stuck(sliding, rim.kind != NONE, at, watched)
         if by_zero:
-            passing = pass_zero(count, u, v, rules.relative, rules.small, at, pl, cx, cy, cc, cs)
-            steady = steady and passing == 0
-        steady = start_slots(m, u, at, ws) and steady
+            pass_zero(count, u, v, rules.relative, rules.small, at, pl, cx, cy, cc, cs)
+        start_slots(m, u, at, ws)
         h = min(t_end - t, reach)
         creeping = False
         for c in range(m if len(pl.past_x) > 0 else 0):
@@ -450,65 +384,8 @@ def run(
                         pl.known_x[c, k] = pl.known_y[c, k] = 0.0
                     gain = gain if crept[i] else 1.0
         ends = h == t_end - t
-        near, o = h, order
-        if steady and (eager or calm >= patience):
-            # it ends at the next sample: within a sweep the motion is less exact than at its end
-            top = h if sampled >= len(grid.t) else min(h, grid.t[sampled] - t)
-            if top <= PAYS * plain:
-                pass
-            elif sweeping is None:
-                if would_pay(order, m, plain, rules.small, at, pl):
-                    return STIFF, (t, left, events, steps, sampled)
-                calm, patience = 0, min(2 * patience, MOST_PATIENCE)
-            elif sweeps < PROBE:
-                _, used = drive_series(
-                    rim.kind, rim.par, rim.knots, rim.cubics, t, far, cx, cy, cc, cs, gx
-                )
-                if not abreast:
-                    fill_abreast(m, count, at, pl, sweeping.ab)
-                    longest = sweep_top(m, rules.small, at, pl)
-                    furthest = sweep_top(m, sweeping.small, at, pl)
-                    swings = fastest(m, at, pl)
-                    abreast = True
-                fast = all_fast(m, v, at, pl)
-                top = min(top, furthest if fast else longest)
-                near, try_s = sweep_step(
-                    far,
-                    m,
-                    count,
-                    u,
-                    v,
-                    used,
-                    at,
-                    pl,
-                    sweeping.ab,
-                    sweeping.sw,
-                    cx,
-                    cy,
-                    cc,
-                    cs,
-                    sweeping.small if fast else rules.small,
-                    try_s,
-                    top,
-                )
-                eager = near > PAYS * plain
-                if eager and at.geometric and near * near * swings < LEAST * LEAST:
-                    rotation = fastest_rotation(count, u, v, at, pl, cx, cy, cc, cs)
-                    eager = rotation < ROTATION * ROTATION * swings
-                if eager:
-                    o = far
-                    sweeps += 1
-                    counts[2] += 1
-                    into_lanes(o, m, count, False, sweeping.ab, pl)
-                else:
-                    near, try_s, calm = h, 0.0, 0
-                    patience = min(2 * patience, MOST_PATIENCE)
-                    used = min(used, order)
-            else:
-                sweeps = 0
-        if o == far:
-            pass
-        elif m > 0 or count > 0:
+        near = h
+        if m > 0 or count > 0:
             blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
             for p in range(CREEP_ROUNDS if creeping else 0):
                 change = settle_directions(order, m, CREEP_TOP_S, pl)
@@ -526,19 +403,19 @@ def run(
             if kick_level(m, v, ws):
                 blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
             near = planar_reach(order, m, pl, rules.relative, rules.small, h)
-            near = plain = slowing_reach(order, m, pl, near, KEPT, work)
+            near = slowing_reach(order, m, pl, near, KEPT, work)
         if used > 3:
-            top = max(abs(cx[o]), abs(cy[o]), abs(cc[o]), abs(cs[o]))
+            top = max(abs(cx[order]), abs(cy[order]), abs(cc[order]), abs(cs[order]))
             if top > 0.0:
-                near = min(near, (rules.small / top) ** (1.0 / o))
+                near = min(near, (rules.small / top) ** (1.0 / order))
         if near < h:
             h, ends = near, False
         if not h >= 0.0:
-            return NOT_FINITE, (t, left, events, steps, sampled)
+            return NOT_FINITE, t, events, steps
         # the first stuck block to break within the step
         top, who, hit_any, through = h, -1, False, 0
         if h > 0.0:
-            planar_swing(o, m, h, pl)
+            planar_swing(order, m, h, pl)
             rim_far = rim_yaw = 0.0
             power = 1.0
             for q in range(1, used + 1):
@@ -547,7 +424,7 @@ def run(
                 rim_yaw += power * math.sqrt(cc[q] ** 2 + cs[q] ** 2)
             if at.geometric:
                 clear, by_zero, through = zero_reach(
-                    o,
+                    order,
                     used,
                     count,
                     watching,
@@ -586,50 +463,40 @@ def run(
                 at,
                 pl,
             )
-            if sweeping is not None and o == far and doubtful > 0 and at.geometric:
-                into_lanes(o, m, count, True, sweeping.ab, pl)
             if doubtful > 0:
                 h, who, hit_any = first_break(
-                    doubtful, h, top, o, used, count, rules.small, u, at, ws
+                    doubtful, h, top, order, used, count, rules.small, u, at, ws
                 )
                 ends = ends and who < 0
             if h < top and not hit_any:
                 h = max(h, 1e-15 * max(1.0, t))  # a near miss: creep past it, steps are counted
         while sampled < len(grid.t) and (grid.t[sampled] <= t + h or ends):
-            planar_state(o, m, grid.t[sampled] - t, pl, here, rate)
+            planar_state(order, m, grid.t[sampled] - t, pl, here, rate)
             for i in range(n):
                 for q in range(2):
                     grid.u[sampled, i, q] = here[i, q] if sliding[i] else u[i, q]
                     grid.v[sampled, i, q] = rate[i, q] if sliding[i] else 0.0
             sampled += 1
         if ledger:
-            if sweeping is not None and o == far:
-                if h < near:
-                    sample(o, m, h, sweeping.ab, sweeping.sw)
-                for c in range(m):
-                    energy[1] += at.friction[pl.slots[c]] * h * sweeping.sw.path[0, c]
-            planar_ledger(
-                o, m, o != far, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss
-            )
-        planar_state(o, m, h, pl, u, v)
+            planar_ledger(order, m, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss)
+        planar_state(order, m, h, pl, u, v)
         for c in range(m if len(pl.past_x) > 0 else 0):
             crept[pl.slots[c]] = pl.start[c] == CREEPING
             if pl.start[c] == CREEPING:
                 keep_direction(order, c, h, pl)
         t, left = add_exactly(t, left, h)
         steps += 1
-        calm += 1
         if through > 0 and h == top:
-            counts[3] += through
+            counts[2] += through
             settle = True  # the force of these springs has reversed
         if m > 0:
             i = pl.slots[0]
             if not math.isfinite(u[i, 0] + v[i, 0] + u[i, 1]):
-                return NOT_FINITE, (t, left, events, steps, sampled)
+                return NOT_FINITE, t, events, steps
         if ends:
             break
         if steps >= max_steps:
-            return STEP_LIMIT, (t, left, events, steps, sampled)
+            return STEP_LIMIT, t, events, steps
         drive_series(rim.kind, rim.par, rim.knots, rim.cubics, t, 3, cx, cy, cc, cs, gx)
         rim_speed = math.sqrt(cx[1] ** 2 + cy[1] ** 2) + math.sqrt(cc[1] ** 2 + cs[1] ** 2)
         before = events
@@ -637,11 +504,11 @@ def run(
             t, rim_speed, events, u, v, m, rules, at, ws, sliding, log, energy, counts
         )
         if events < 0:
-            return EVENT_LIMIT, (t, left, len(log.t), steps, sampled)
+            return EVENT_LIMIT, t, len(log.t), steps
         changed = changed or events > before
         if hit_any:
             events = break_together(t, who, watching, events, u, sliding, at, ws, log, counts)
             if events < 0:
-                return EVENT_LIMIT, (t, left, len(log.t), steps, sampled)
+                return EVENT_LIMIT, t, len(log.t), steps
             changed = True
-    return OK, (t, left, events, steps, sampled)
+    return OK, t, events, steps

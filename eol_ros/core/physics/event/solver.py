@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The event path: motion in the plane, geometric or linear springs, located breaks and stops."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from eol_ros.core.physics.event import kernel
@@ -11,15 +9,11 @@ from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.numerics import energy_ledger, length_scale
 from eol_ros.core.physics.result import Limits, Run
 from eol_ros.core.physics.scene import Scene
-from eol_ros.core.physics.status import STIFF, WORDS
+from eol_ros.core.physics.status import WORDS
 
 TIGHTEST, LOOSEST = 1e-15, 1e-3
 SMALL = 0.01  # of tolerance and length scale: the error in place that a step may make
 MISSED = 1e-4  # of the work and the heat: more than any tolerance leaves open
-MORE_IN_SWEEPS = 6  # a sweep has so much work besides the series that longer steps pay
-# Where all blocks are fast, what a sweep's friction misses outweighs a finer series:
-SWEPT = {True: 1e-8, False: 1e-9}  # the tolerance of its series, if springs are geometric, or not,
-COARSER = 1e3  # and how much coarser than asked at most
 CAPTURE_MPS = 2e-2  # slower than this, the closed form of a stop is tried
 
 
@@ -75,55 +69,34 @@ def solve(
     tolerance: float,
     order: int | None = None,
     floor: float | None = None,
-    on_stiff: Callable[[], None] | None = None,
 ) -> Run:
     """Return the run of a scene by power series between events, steps bound by `tolerance`.
 
     times: (p,) s, at which it is sampled. ledger: keep the energy ledger, which costs time. order,
     floor: of the series, and the speed (m/s) that counts as none; None: those of `order_for` and
     `floor_speed`. Where a limit cuts the run short, its `status` says so.
-
-    `on_stiff` is called before sweeps begin, which have a kernel of their own.
     """
     u, v = scene.u0.copy(), scene.v0.copy()
     rules = rules_for(tolerance, length_scale(scene, model), order, floor)
     shape = (len(times), model.n, 2)
     grid, log = Grid(times, np.zeros(shape), np.zeros(shape)), empty_log(limits.events)
-    work_and_heat, counts = np.zeros(2), np.zeros(4, np.int64)
-    sliding, done = np.zeros(model.n, bool), kernel.BEGIN
-
-    def advance(order: int, sweeping: kernel.Sweeping | None = None) -> int:
-        nonlocal done
-        status, fields = kernel.run(
-            u,
-            v,
-            sliding,
-            done,
-            float(scene.duration_s),
-            rules,
-            model.lattice,
-            model.rim,
-            grid,
-            log,
-            limits.steps,
-            work_and_heat,
-            ledger,
-            counts,
-            kernel.make_workspace(model.lattice, order),
-            sweeping,
-        )
-        done = kernel.Progress(*fields)
-        return status
-
-    coarse = max(tolerance, min(SWEPT[scene.geometric], COARSER * tolerance))
-    status = advance(rules.order)
-    if status == STIFF:
-        if on_stiff is not None:
-            on_stiff()
-        far = max(order_for(coarse) + MORE_IN_SWEEPS, rules.order + 1)
-        small = rules.small * coarse / tolerance
-        status = advance(far, kernel.make_sweeping(model.lattice, far, small))
-    t, events, steps = done.t, done.events, done.steps
+    work_and_heat, counts = np.zeros(2), np.zeros(3, np.int64)
+    status, t, events, steps = kernel.run(
+        u,
+        v,
+        np.zeros(model.n, bool),
+        float(scene.duration_s),
+        rules,
+        model.lattice,
+        model.rim,
+        grid,
+        log,
+        limits.steps,
+        work_and_heat,
+        ledger,
+        counts,
+        kernel.make_workspace(model.lattice, rules.order),
+    )
     in_time = np.argsort(log.t[:events], kind='stable')
     run = Run(
         'event',
@@ -136,13 +109,12 @@ def solve(
         log.start[in_time],
         steps,
         t,
-        swept=int(counts[2]),
     )
     if counts[1]:
         run.notes.append(f'{counts[1]} stops ended at the floor of {rules.floor:g} m/s')
-    if counts[3]:
+    if counts[2]:
         run.notes.append(
-            f'springs passed length zero, where they have no direction, {counts[3]} times: the '
+            f'springs passed length zero, where they have no direction, {counts[2]} times: the '
             'model knows no contact'
         )
     if ledger:

@@ -131,8 +131,7 @@ def would_pass(e, x, y, vx, vy, inverse, relative, small, at):
 
 @uncounted
 def pass_zero(count, u, v, relative, small, at, pl, cx, cy, cc, cs):
-    """Leave out the force of natural length in lanes about to pass zero; return their number."""
-    passing = 0
+    """Leave out the force of natural length in lanes about to pass zero."""
     for q in range(count):
         e, inverse = pl.act[q], 0.0
         pl.natural[q] = at.natural[e]
@@ -146,8 +145,6 @@ def pass_zero(count, u, v, relative, small, at, pl, cx, cy, cc, cs):
             inverse += at.inverse[at.second[e]]
         if would_pass(e, x, y, vx, vy, inverse, relative, small, at):
             pl.natural[q] = 0.0
-            passing += 1
-    return passing
 
 
 @inlined
@@ -159,17 +156,6 @@ def spring_rate(q, v, at, pl, cx, cy, cc, cs):
     if j < at.n:
         vx, vy = v[j, 0], v[j, 1]
     return vx - v[i, 0], vy - v[i, 1]
-
-
-@uncounted
-def fastest_rotation(count, u, v, at, pl, cx, cy, cc, cs):
-    """Return the square (1/s^2) of the fastest |d'| / |d| of the springs in lanes."""
-    square = 0.0
-    for q in range(count):
-        x, y = spring_vector(pl.act[q], u, at, cx[0], cy[0], cc[0], cs[0])
-        vx, vy = spring_rate(q, v, at, pl, cx, cy, cc, cs)
-        square = max(square, (vx * vx + vy * vy) / max(x * x + y * y, TINY))
-    return square
 
 
 @inlined
@@ -449,17 +435,17 @@ def suspects(
 
 
 @uncounted
-def planar_ledger(order, m, heat, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss):
+def planar_ledger(order, m, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss):
     """Add the drive work and the friction heat (J) of a step h to `energy`.
 
-    `gauss` (2, g): nodes and weights on 0..1; without `heat` the drive work alone.
+    `gauss` (2, g): nodes and weights on 0..1.
     """
     for i in range(at.n):
         here[i, 0], here[i, 1] = u[i, 0], u[i, 1]
     for g in range(gauss.shape[1]):
         s, weight = gauss[0, g] * h, gauss[1, g] * h
         planar_state(order, m, s, pl, here, rate)
-        for c in range(m if heat else 0):
+        for c in range(m):
             i = pl.slots[c]
             speed = math.sqrt(rate[i, 0] ** 2 + rate[i, 1] ** 2)
             energy[1] += weight * at.friction[i] * speed

@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from eol_ros.core.elementary_kernels import sin
-from eol_ros.core.physics.event.abreast import forces_order
+from eol_ros.core.physics.event.taylor import TINY
 from eol_ros.core.physics.kernel_args import Lattice
 from eol_ros.core.physics.series import inlined, uncounted
-from eol_ros.core.vectors import WIDTH
+from eol_ros.core.vectors import WIDTH, spring_order
 
 LEVER = (math.sqrt(2.0) + math.asinh(1.0)) / 6.0  # mean distance in a unit square from its centre
 
@@ -101,6 +101,21 @@ def make_series(at: Lattice, ra: RotationArgs, order: int) -> Series:
         np.zeros((4, size)),
         make_springs(at, ra, size),
     )
+
+
+@inlined
+def forces_order(k, sp):
+    """Write order k of geometric springs' force into sp.px and sp.py, from dx and dy."""
+    if k > 0:
+        spring_order(k, sp.dx, sp.dy, sp.square, sp.inverse, sp.law, sp.px, sp.py)
+        return
+    for q in range(sp.law.shape[1]):
+        length = sp.dx[0, q] * sp.dx[0, q] + sp.dy[0, q] * sp.dy[0, q]
+        sp.square[0, q] = length
+        sp.inverse[0, q] = 1.0 / np.sqrt(length) if length > TINY else 0.0
+    for q in range(sp.law.shape[1]):
+        pull = sp.law[0, q] * (1.0 - sp.law[1, q] * sp.inverse[0, q])
+        sp.px[0, q], sp.py[0, q] = pull * sp.dx[0, q], pull * sp.dy[0, q]
 
 
 @uncounted

@@ -9,7 +9,7 @@ from eol_ros.core import elementary
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.drive import POSES
-from eol_ros.core.physics.event.kernel import BEGIN, make_workspace, run
+from eol_ros.core.physics.event.kernel import make_workspace, run
 from eol_ros.core.physics.event.solver import rules_for
 from eol_ros.core.physics.kernel_args import Grid, Rim, empty_log
 from eol_ros.core.physics.model import Model, rotated
@@ -114,7 +114,7 @@ class LiveTable:
         self._arms = (springs.anchor - springs.rest).view(complex)[:, 0] - self._centres
         self._inward = -side.view(complex)[:, 0]
         self._u, self._v = scene.u0.copy(), scene.v0.copy()
-        self._work_and_heat, self._counts = np.zeros(2), np.zeros(4, np.int64)
+        self._work_and_heat, self._counts = np.zeros(2), np.zeros(3, np.int64)
         self._log = empty_log(MOST_EVENTS)
         self._rotating: Rotating | None = None
         if coupling.rotate:
@@ -248,11 +248,10 @@ class LiveTable:
                 self._counts,
             )  # fmt: skip
         lattice = self._model.lattice
-        status, (_, _, events, _, _) = run(
+        status, _, events, _ = run(
             u,
             v,
             moving,
-            BEGIN,
             span,
             self._rules,
             lattice,
@@ -264,7 +263,6 @@ class LiveTable:
             True,
             self._counts,
             self._workspace,
-            None,
         )
         return int(status), int(events)
 
