@@ -80,7 +80,7 @@ def reference_of(scene: Scene, model: Model, times: np.ndarray) -> np.ndarray:
     """Return displacements to compare with: another order, or a much tighter tolerance."""
     if choose.along_x(scene):
         return exact.solve(scene, model, times, LIMITS, False, order=20).u
-    return event.solve(scene, model, times, LIMITS, False, 1e-14, 22).u
+    return event.solve(scene, model, times, LIMITS, False, 1e-14).u
 
 
 def own_rows(name: str, quick: bool) -> list[dict]:

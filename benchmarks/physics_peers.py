@@ -37,7 +37,7 @@ def mujoco(scene: Scene, times: np.ndarray, step_s: float, stiff: bool) -> np.nd
     world = mj.MjModel.from_xml_string(xml)
     data = mj.MjData(world)
     data.qpos[:] = scene.u0[:, 0]
-    pull, out = lattice.drive[:, 0] * model.par[0], np.zeros((len(times), scene.n, 2))
+    pull, out = lattice.drive[:, 0] * model.drive.par[0], np.zeros((len(times), scene.n, 2))
     for sample in range(len(times)):
         while data.time < times[sample] - 0.5 * step_s:
             data.qfrc_applied[:] = pull * (data.time + 0.5 * step_s)

@@ -26,7 +26,7 @@ def as_one(scene: Scene, times: np.ndarray) -> np.ndarray:
     """
     model = Model.of(scene)
     k, m = model.lattice.drive[0, 0], model.mass[0]
-    speed, w = float(np.hypot(*model.par[:2])), np.sqrt(k / m)
+    speed, w = float(np.hypot(*model.drive.par[:2])), np.sqrt(k / m)
     static, kinetic = model.static[0], model.kinetic[0]
     slip = 2 / w * (np.pi - np.arctan2((static - kinetic) * w, k * speed))
     drop = 2 * (static - kinetic) / k
@@ -37,14 +37,14 @@ def as_one(scene: Scene, times: np.ndarray) -> np.ndarray:
     lag = (static - kinetic) / k
     moved = lag * (1 - np.cos(w * s)) + speed * s - speed / w * np.sin(w * s)
     x = np.where(after < 0, 0.0, cycle * (drop + speed * slip) + moved)
-    way = model.par[:2] / speed
+    way = model.drive.par[:2] / speed
     return np.broadcast_to((x[:, None] * way)[:, None], (len(times), scene.n, 2))
 
 
 def carried(scene: Scene, times: np.ndarray) -> np.ndarray:
     """Return u of one block that always slides: it swings about where the rim drags it."""
     model = Model.of(scene)
-    k, speed = model.lattice.drive[0, 0], model.par[0]
+    k, speed = model.lattice.drive[0, 0], model.drive.par[0]
     w = np.sqrt(k / model.mass[0])
     lag = model.kinetic[0] / k
     a, b = scene.u0[0, 0] + lag, (scene.v0[0, 0] - speed) / w
@@ -135,7 +135,7 @@ def weakening_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
     from scipy.integrate import solve_ivp
 
     model = Model.of(scene)
-    k, m, speed = model.lattice.drive[0, 0], model.mass[0], model.par[0]
+    k, m, speed = model.lattice.drive[0, 0], model.mass[0], model.drive.par[0]
     static, kinetic, weak = model.static[0], model.kinetic[0], scene.weakening_speed
     out = np.zeros((len(times), 1, 2))
     x, t, done = scene.u0[0, 0], 0.0, 0

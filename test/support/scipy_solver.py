@@ -68,7 +68,7 @@ def scipy_run(
     breaks.terminal = stops.terminal = True
     breaks.direction = stops.direction = -1
     w = np.sqrt(8 * model.k.max() / model.mass.min())
-    fastest = max(np.hypot(*model.par[:2]) if scene.drive.kind == VELOCITY else 0.1, 1e-30)
+    fastest = max(np.hypot(*model.drive.par[:2]) if scene.drive.kind == VELOCITY else 0.1, 1e-30)
     while t < times[-1]:
         run = solve_ivp(
             slope,
@@ -159,7 +159,7 @@ def _initial_values(scene: Scene, smooth: bool) -> tuple[np.ndarray, tuple]:
     start = np.concatenate([scene.u0.ravel(), scene.v0.ravel()])
     given = (
         smooth, m.n, m.first, m.second, m.k, m.natural, m.rest, m.anchors, m.geometric, m.mass,
-        m.static, m.kinetic, m.rail, m.kind, m.par, m.knots, m.cubics,
+        m.static, m.kinetic, m.rail, *m.drive,
     )  # fmt: skip
     _slope(0.0, start, *given, *_all_slide(scene))
     return start, given

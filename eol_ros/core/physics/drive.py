@@ -5,8 +5,7 @@ An anchor at A in the rim's frame is displaced by u = c(t) + (R(phi(t)) - 1) A.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,9 +19,8 @@ PARAMETERS = {
 }
 
 
-@dataclass(frozen=True)
-class Drive:
-    """A drive in the form the solvers take.
+class Drive(NamedTuple):
+    """A drive in the form that solvers and their kernels take.
 
     `par` holds (vx, vy, 0, 0) or (R, w, phi0, w2); `knots` (p+1,) s and `cubics` (p, 3, 4) are
     the piecewise cubic of `poses`: coefficients of 1, s, s^2, s^3, s the time since the knot.

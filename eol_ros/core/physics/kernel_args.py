@@ -37,15 +37,6 @@ class Lattice(NamedTuple):
     rail: bool
 
 
-class Rim(NamedTuple):
-    """The drive; see `Drive`."""
-
-    kind: int
-    par: np.ndarray
-    knots: np.ndarray
-    cubics: np.ndarray
-
-
 class Log(NamedTuple):
     """Events: time, block, 1 breaks loose or 0 sticks."""
 

@@ -47,7 +47,9 @@ def solve(scene: Scene, model: Model, times: np.ndarray, ledger: bool) -> Run:
     u_out, v_out = np.zeros((len(times), n, 2)), np.zeros((len(times), n, 2))
     modal = np.zeros((2, 2, n))  # axis, amplitude of cos and sin
     for axis in range(1 if model.rail else 2):
-        rate = (shape.T @ (pull / root)) * (model.par[axis] if model.kind == VELOCITY else 0.0)
+        rate = (shape.T @ (pull / root)) * (
+            model.drive.par[axis] if model.drive.kind == VELOCITY else 0.0
+        )
         at, moving = square > 0, square == 0
         drift = np.divide(rate, square, out=np.zeros(n), where=at)  # particular solution: drift * t
         y0 = shape.T @ (root * scene.u0[:, axis])
@@ -93,13 +95,13 @@ def _work(
     t: float,
 ) -> float:
     """Return the drive work (J): V times the integral of sum k (V t - u), in closed form."""
-    if model.kind != VELOCITY:
+    if model.drive.kind != VELOCITY:
         return 0.0
     root = np.sqrt(model.mass)
     weights = shape.T @ (pull / root)
     total = 0.0
     for axis in range(1 if model.rail else 2):
-        speed = model.par[axis]
+        speed = model.drive.par[axis]
         if speed == 0.0:
             continue
         at = w > 0

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from eol_ros.core.physics.drive import Drive
-from eol_ros.core.physics.kernel_args import Lattice, Rim
+from eol_ros.core.physics.kernel_args import Lattice
 from eol_ros.core.physics.scene import Rotation, Scene
 
 
@@ -32,10 +32,7 @@ class Model:
     geometric: bool
     rail: bool  # y is held
     weakening: float
-    kind: int
-    par: np.ndarray
-    knots: np.ndarray
-    cubics: np.ndarray
+    drive: Drive
     rotation: Rotation | None = None
 
     @classmethod
@@ -44,7 +41,6 @@ class Model:
         between, to_frame = scene.between, scene.to_frame
         first = np.concatenate([between.i, to_frame.i])
         second = np.concatenate([between.j, scene.n + np.arange(len(to_frame.i), dtype=np.int64)])
-        drive = scene.drive
         return cls(
             scene.n,
             first,
@@ -59,10 +55,7 @@ class Model:
             scene.geometric,
             scene.dim1,
             scene.weakening_speed,
-            drive.kind,
-            drive.par,
-            drive.knots,
-            drive.cubics,
+            scene.drive,
             scene.rotation,
         )
 
@@ -109,11 +102,6 @@ class Model:
             bool(self.rail),
         )
 
-    @cached_property
-    def rim(self) -> Rim:
-        """The drive for the kernels."""
-        return Rim(self.kind, self.par, self.knots, self.cubics)
-
     def tension(self, u: np.ndarray, t: float, yaw: np.ndarray | None = None) -> np.ndarray:
         """Return the force (s, 2) N of each spring on its first end, for displacements u (n, 2).
 
@@ -150,8 +138,7 @@ class Model:
         return float(0.5 * np.sum(self.mass[:, None] * v**2))
 
     def _along(self, u: np.ndarray, t: float, yaw: np.ndarray | None) -> np.ndarray:
-        drive = Drive(self.kind, self.par, self.knots, self.cubics)
-        ends = np.concatenate([u, drive.displacement(t, self.anchors)])
+        ends = np.concatenate([u, self.drive.displacement(t, self.anchors)])
         d = ends[self.second] - ends[self.first]
         if yaw is None or self.rotation is None:
             return d

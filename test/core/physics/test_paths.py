@@ -178,7 +178,7 @@ def test_plan_takes_the_least_that_is_enough():
 def oracle_1d(scene):
     """Event-driven modes in NumPy, with eigenvectors per segment and brackets on a fine grid."""
     model = Model.of(scene)
-    n, speed = model.n, model.par[0]
+    n, speed = model.n, model.drive.par[0]
     stiff, pull = np.zeros((n, n)), np.zeros(n)
     for i, j, k in zip(model.first, model.second, model.k, strict=True):
         stiff[i, i] += k

@@ -49,7 +49,11 @@ def floor_speed(tolerance: float) -> float:
 def rules_for(
     tolerance: float, scale_m: float, order: int | None = None, floor: float | None = None
 ) -> kernel.Rules:
-    """Return the kernel's rules for a tolerance and the scene's length scale, m; see `solve`."""
+    """Return the kernel's rules for a tolerance and the scene's length scale, m.
+
+    order, floor: of the series, and the speed (m/s) that counts as none; None: those of `order_for`
+    and `floor_speed`.
+    """
     order = order or order_for(tolerance)
     return kernel.Rules(
         order,
@@ -67,17 +71,14 @@ def solve(
     limits: Limits,
     ledger: bool,
     tolerance: float,
-    order: int | None = None,
-    floor: float | None = None,
 ) -> Run:
     """Return the run of a scene by power series between events, steps bound by `tolerance`.
 
-    times: (p,) s, at which it is sampled. ledger: keep the energy ledger, which costs time. order,
-    floor: of the series, and the speed (m/s) that counts as none; None: those of `order_for` and
-    `floor_speed`. Where a limit cuts the run short, its `status` says so.
+    times: (p,) s, at which it is sampled. ledger: keep the energy ledger, which costs time. Where a
+    limit cuts the run short, its `status` says so.
     """
     u, v = scene.u0.copy(), scene.v0.copy()
-    rules = rules_for(tolerance, length_scale(scene, model), order, floor)
+    rules = rules_for(tolerance, length_scale(scene, model))
     shape = (len(times), model.n, 2)
     grid, log = Grid(times, np.zeros(shape), np.zeros(shape)), empty_log(limits.events)
     work_and_heat, counts = np.zeros(2), np.zeros(3, np.int64)
@@ -88,7 +89,7 @@ def solve(
         float(scene.duration_s),
         rules,
         model.lattice,
-        model.rim,
+        model.drive,
         grid,
         log,
         limits.steps,

@@ -35,7 +35,7 @@ def solve(
         order,
         small,
         model.lattice,
-        model.rim,
+        model.drive,
         grid,
         log,
         limits.steps,
@@ -44,8 +44,8 @@ def solve(
         state,
         kernel.make_lanes(model.n, order),
     )
-    if model.kind == VELOCITY:
-        u += model.par[0] * base
+    if model.drive.kind == VELOCITY:
+        u += model.drive.par[0] * base
     u_out, v_out = grid.u, grid.v
     held = np.broadcast_to(scene.u0[:, 1], u_out.shape)
     end = np.column_stack([u, scene.u0[:, 1]])

@@ -71,7 +71,7 @@ class _Linear:
         np.add.at(self.stiff, (second, second), model.k[inner])
         np.subtract.at(self.stiff, (model.first[inner], second), model.k[inner])
         np.subtract.at(self.stiff, (second, model.first[inner]), model.k[inner])
-        self.speed = float(model.par[0]) if model.kind == VELOCITY else 0.0
+        self.speed = float(model.drive.par[0]) if model.drive.kind == VELOCITY else 0.0
         self.drive = model.lattice.drive[:, 0] * self.speed  # N/s of the moving rim
         self.at_zero = model.force(np.zeros((n, 2)), 0.0)[:, 0]
         self._modes: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
@@ -153,7 +153,7 @@ def tangent(scene: Scene, du: np.ndarray, dv: np.ndarray, limits: Limits | None 
     from eol_ros.core.physics.choose import along_x
 
     model = Model.of(scene)
-    if not along_x(scene) or model.weakening > 0 or model.kind not in (NONE, VELOCITY):
+    if not along_x(scene) or model.weakening > 0 or model.drive.kind not in (NONE, VELOCITY):
         raise ConfigError(
             'the tangent is that of blocks along x with linear springs and constant friction, '
             'behind a rim that is still or goes at constant speed'

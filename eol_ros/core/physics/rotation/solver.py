@@ -59,7 +59,7 @@ def solve(
         rules,
         model.lattice,
         ra,
-        model.rim,
+        model.drive,
         grid,
         log,
         limits.steps,

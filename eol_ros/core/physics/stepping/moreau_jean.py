@@ -78,47 +78,18 @@ def spring_forces(ends, force, first, second, k, natural, rest, geometric):
 
 
 @njit(cache=True)
-def step_many(
-    ends,
-    v,
-    moving,
-    force,
-    work,
-    counts,
-    t0,
-    steps,
-    h,
-    n,
-    first,
-    second,
-    k,
-    natural,
-    rest,
-    anchors,
-    mass,
-    static,
-    kinetic,
-    geometric,
-    rail,
-    weakening,
-    kind,
-    par,
-    knots,
-    cubics,
-    log_t,
-    log_block,
-    log_start,
-    logged,
-):
+def step_many(ends, v, moving, force, work, t0, steps, h, at, rim, log, logged):
     """Take `steps` steps of h from t0, in place; return how many events were logged.
 
-    `ends` (n + a, 2), `v` (n, 2), `moving` (n,) bool; `work`: drive work and friction heat (J);
-    `counts[0]` counts slips begun. When the log is full, newer events are counted, not written.
+    `ends` (n + a, 2), `v` (n, 2), `moving` (n,) bool; `work`: drive work and friction heat (J).
+    When the log is full, newer events are counted, not written.
     """
+    n, anchors, weakening = at.n, at.anchors, at.weakening
+    mass, static, rail = at.mass, at.static, at.rail
     before = np.empty((len(anchors), 2))
     for step in range(steps):
         t = t0 + step * h
-        x, y, phi = rim_pose(kind, par, knots, cubics, t)
+        x, y, phi = rim_pose(rim.kind, rim.par, rim.knots, rim.cubics, t)
         place_anchors(ends, n, anchors, x, y, phi)
         for a in range(len(before)):
             before[a, 0], before[a, 1] = ends[n + a, 0], ends[n + a, 1]
@@ -126,10 +97,10 @@ def step_many(
             if moving[i]:
                 ends[i, 0] += 0.5 * h * v[i, 0]
                 ends[i, 1] += 0.5 * h * v[i, 1]
-        x, y, phi = rim_pose(kind, par, knots, cubics, t + 0.5 * h)
+        x, y, phi = rim_pose(rim.kind, rim.par, rim.knots, rim.cubics, t + 0.5 * h)
         place_anchors(ends, n, anchors, x, y, phi)
-        spring_forces(ends, force, first, second, k, natural, rest, geometric)
-        x, y, phi = rim_pose(kind, par, knots, cubics, t + h)
+        spring_forces(ends, force, at.first, at.second, at.k, at.natural, at.rest, at.geometric)
+        x, y, phi = rim_pose(rim.kind, rim.par, rim.knots, rim.cubics, t + h)
         place_anchors(ends, n, anchors, x, y, phi)
         for a in range(len(anchors)):
             work[0] -= force[n + a, 0] * (ends[n + a, 0] - before[a, 0])
@@ -142,16 +113,13 @@ def step_many(
                 if fx * fx + fy * fy <= static[i] * static[i]:
                     continue
                 moving[i] = True
-                counts[0] += 1
-                if logged < len(log_t):
-                    log_t[logged] = t + 0.5 * h
-                    log_block[logged] = i
-                    log_start[logged] = 1
+                if logged < len(log.t):
+                    log.t[logged], log.block[logged], log.start[logged] = t + 0.5 * h, i, 1
                 logged += 1
             vx = v[i, 0] + h * fx / mass[i]
             vy = v[i, 1] + h * fy / mass[i]
             speed = math.sqrt(vx * vx + vy * vy)
-            hold = kinetic[i]
+            hold = at.friction[i]
             if weakening > 0.0:
                 hold /= 1.0 + speed / weakening
             loss = h * hold / mass[i]
@@ -164,10 +132,8 @@ def step_many(
                 v[i, 1] = 0.0
                 if fx * fx + fy * fy <= static[i] * static[i]:
                     moving[i] = False
-                    if logged < len(log_t):
-                        log_t[logged] = t + 0.5 * h
-                        log_block[logged] = i
-                        log_start[logged] = 0
+                    if logged < len(log.t):
+                        log.t[logged], log.block[logged], log.start[logged] = t + 0.5 * h, i, 0
                     logged += 1
             ends[i, 0] += 0.5 * h * v[i, 0]
             ends[i, 1] += 0.5 * h * v[i, 1]

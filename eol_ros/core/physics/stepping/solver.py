@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from eol_ros.core.physics.kernel_args import empty_log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.numerics import energy_ledger
 from eol_ros.core.physics.result import Limits, Run
@@ -18,12 +19,7 @@ def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s:
     place_anchors(ends, m.n, m.anchors, *scene.drive.pose(0.0))
     v, force = scene.v0.copy(), np.zeros_like(ends)
     moving = np.any(v != 0, axis=1) | (m.static == 0)
-    work_and_heat, counts = np.zeros(2), np.zeros(1, np.int64)
-    log = (
-        np.empty(limits.events),
-        np.empty(limits.events, np.int64),
-        np.empty(limits.events, np.int8),
-    )
+    work_and_heat, log = np.zeros(2), empty_log(limits.events)
     u_out, v_out = np.zeros((len(times), m.n, 2)), np.zeros((len(times), m.n, 2))
     u_out[0], v_out[0] = scene.u0, v
     logged = steps = 0
@@ -36,35 +32,9 @@ def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s:
             status = STEP_LIMIT
             break
         logged = step_many(
-            ends,
-            v,
-            moving,
-            force,
-            work_and_heat,
-            counts,
-            times[sample - 1],
-            count,
-            span / count,
-            m.n,
-            m.first,
-            m.second,
-            m.k,
-            m.natural,
-            m.rest,
-            m.anchors,
-            m.mass,
-            m.static,
-            m.kinetic,
-            m.geometric,
-            m.rail,
-            m.weakening,
-            m.kind,
-            m.par,
-            m.knots,
-            m.cubics,
-            *log,
-            logged,
-        )
+            ends, v, moving, force, work_and_heat, times[sample - 1], count, span / count,
+            m.lattice, m.drive, log, logged,
+        )  # fmt: skip
         steps += count
         reached = sample
         u_out[sample], v_out[sample] = ends[: m.n], v
@@ -81,9 +51,9 @@ def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s:
         times[done],
         u_out[done],
         v_out[done],
-        log[0][:logged].copy(),
-        log[1][:logged].copy(),
-        log[2][:logged].copy(),
+        log.t[:logged].copy(),
+        log.block[:logged].copy(),
+        log.start[:logged].copy(),
         steps,
         float(times[reached]),
     )

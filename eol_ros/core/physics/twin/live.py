@@ -8,10 +8,10 @@ import numpy as np
 from eol_ros.core import elementary
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.physics import builders
-from eol_ros.core.physics.drive import POSES
+from eol_ros.core.physics.drive import POSES, Drive
 from eol_ros.core.physics.event.kernel import make_workspace, run
 from eol_ros.core.physics.event.solver import rules_for
-from eol_ros.core.physics.kernel_args import Grid, Rim, empty_log
+from eol_ros.core.physics.kernel_args import Grid, empty_log
 from eol_ros.core.physics.model import Model, rotated
 from eol_ros.core.physics.numerics import length_scale
 from eol_ros.core.physics.scene import from_mapping
@@ -241,7 +241,7 @@ class LiveTable:
     def _solve(
         self, u: np.ndarray, v: np.ndarray, moving: np.ndarray, span: float
     ) -> tuple[int, int]:
-        rim = Rim(POSES, self._par, self._knots, self._cubics)
+        rim = Drive(POSES, self._par, self._knots, self._cubics)
         if self._rotating:
             return self._rotating.solve(
                 u, v, moving, span, rim, self._grid, self._log, MOST_STEPS, self._work_and_heat,

@@ -3,8 +3,9 @@
 
 import numpy as np
 
+from eol_ros.core.physics.drive import Drive
 from eol_ros.core.physics.event.solver import rules_for
-from eol_ros.core.physics.kernel_args import Grid, Log, Rim
+from eol_ros.core.physics.kernel_args import Grid, Log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.numerics import length_scale
 from eol_ros.core.physics.rotation import kernel
@@ -56,7 +57,7 @@ class Rotating:
         v: np.ndarray,
         moving: np.ndarray,
         span: float,
-        rim: Rim,
+        rim: Drive,
         grid: Grid,
         log: Log,
         most_steps: int,
