@@ -9,7 +9,7 @@ The next event starts at the greatest stress. Finding it is the work of a queue 
 (Grassberger 1994 held all sites in boxes; here there is one box): a bucket of all sites at or above
 `floor`, kept as a maximum tree (binary heap). Whoever rises into the bucket is pushed; an entry
 whose site has changed since is dropped when it comes up. When the bucket is empty a sweep of the
-lattice fills it anew, with a floor so much lower that sweeps and pushes cost about the same.
+lattice fills it again, with a floor so much lower that sweeps and pushes cost about the same.
 
 Lattice: rows of L sites with one sink before each and a row of sinks above and below, flat; a sink
 lies so deep that it never topples, which makes the open boundary free of tests.

@@ -55,12 +55,7 @@ class Plane(NamedTuple):
 
 
 def _root(lanes: int, size: int) -> Root:
-    return Root(
-        np.zeros((lanes, size)),
-        np.zeros((lanes, size)),
-        np.zeros((lanes, size)),
-        np.zeros((lanes, size)),
-    )
+    return Root(*(np.zeros((lanes, size)) for _ in range(4)))
 
 
 def make_plane(at: Lattice, order: int) -> Plane:
