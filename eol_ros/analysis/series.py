@@ -79,7 +79,8 @@ def ask(series: Series | Absent) -> one_over_f.Answer:
         return one_over_f.Answer(series.name, 'undecided', doubts=[series.why])
     return one_over_f.ask(
         series.name, series.values, RATE_HZ, series.high_hz, np.random.default_rng(1),
-        window_s=series.window_s, drive_s=one_over_f.GESTURE_S, times_s=series.times_s, rest=series.rest,
+        window_s=series.window_s, drive_s=one_over_f.GESTURE_S, times_s=series.times_s,
+        rest=series.rest,
     )  # fmt: skip
 
 

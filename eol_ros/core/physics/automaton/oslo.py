@@ -2,10 +2,10 @@
 """The rice pile: the Oslo model, Christensen and others, Phys. Rev. Lett. 77 (1996) 107.
 
 One grain after another is put on the wall end of a row of L heaps. A heap whose slope to the next
-is greater than its own limit, 1 or 2 by the toss of a coin, loses a grain downhill and tosses again.
-The grain that leaves the last heap is gone. Rice itself was measured by Frette et al., Nature 379
-(1996) 49. Here z_i is the slope; a topple takes 2 from it and gives 1 to either side, at the end 1
-and 1 uphill.
+is greater than its own limit, 1 or 2 by the toss of a coin, loses a grain downhill and tosses
+again. The grain that leaves the last heap is gone. Rice itself was measured by Frette et al.,
+Nature 379 (1996) 49. Here z_i is the slope; a topple takes 2 from it and gives 1 to either side, at
+the end 1 and 1 uphill.
 """
 
 import numpy as np
