@@ -36,7 +36,7 @@ ONSET_TOPICS = (
 )  # fmt: skip
 ALONE: dict[str, dict[str, Any]] = {  # settings with which knocks count for nothing but onsets
     'leds': {'trigger': 'slips'},
-    'motion': {'felt_probability': 1.0},
+    'motion': {'tap_probability': 1.0},
 }
 NEAR_S = 0.05  # an onset that far from any true one is another's
 FELT_S = 0.01  # from the onset to the moment of the knock, at most: eol bench taps

@@ -197,7 +197,7 @@ class Loops:
 
 def selection(images: int = 150) -> Curve:
     """Blocks that stick and slip over 128 to 8192 grains: triggers that loops do not find."""
-    settings = GrainsSettings(mode='fence', choose='all', bed_rate=0.0)
+    settings = GrainsSettings(mode='fence', choose='all', ambience_rate=0.0)
     places, seen = _walk(images)
     still = np.zeros(25)
     curve = Curve(

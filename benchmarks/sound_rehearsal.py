@@ -4,7 +4,7 @@
 The twin is led by its seed and the stamps of its images alone, so it is simulated a second time
 from what `truth` says, which must agree to the last bit, and gives the instants at which blocks
 broke loose. A sound begins `latency_s` after the stamp of its image, where it was felt
-`felt_latency_s` after that of the knock, or, if its trigger came too late for that, at the latest
+`tap_latency_s` after that of the knock, or, if its trigger came too late for that, at the latest
 with the block of samples after its arrival. Where the output was silent before, the samples
 themselves say when it began; that is held against the reckoning. Slips that their block felt are
 told apart from those that only the camera saw, and among them those that come so soon after the
@@ -137,7 +137,7 @@ def _played(watch, sound) -> tuple[list[tuple[int, int, int, bool]], int]:
     came = []
     for topic, latency_s in (
         ('grain_triggers', sound.latency_s),
-        ('felt_triggers', sound.felt_latency_s),
+        ('felt_triggers', sound.tap_latency_s),
     ):
         came += [
             (arrival, stamp, stamp + round(latency_s * NS), message, topic == 'felt_triggers')

@@ -316,13 +316,14 @@ class MotionSettings:
     cascade_gap_s: float = setting(
         0.05, 'longest pause between two slips of one cascade', 's', 0, 1, live=True
     )
-    felt_probability: float = setting(
+    tap_probability: float = setting(
         0.99,
         'share of earlier taps confirmed by images from which a tap is reported as a slip '
         'before an image shows it; 1: never reported',
         '',
         0,
         1,
+        was='felt_probability',
     )
 
 
@@ -348,13 +349,14 @@ class LedsSettings:
         choices=('blocks', 'slips', 'both'),
         live=True,
     )
-    knock_threshold_mg: float = setting(
+    tap_threshold_mg: float = setting(
         16.0,
         'mean acceleration over 12 ms from which a block reports a tap',
         'mg',
         4,
         500,
         live=True,
+        was='knock_threshold_mg',
     )
     frame_hz: float = setting(
         100.0, 'rate at which light levels are sent while any block is lit', 'Hz', 10, 500
@@ -607,7 +609,7 @@ class GrainsSettings:
     edge_jitter: float = setting(
         0.3, 'random variation of attack_s and release_s, as a share', '', 0, 1, live=True
     )
-    bed_rate: float = setting(
+    ambience_rate: float = setting(
         2.0,
         'ambience layer: rate of creaks of a block at rest whose springs pull as hard as its '
         'friction holds; proportional to the square of the stress; 0: off',
@@ -615,11 +617,18 @@ class GrainsSettings:
         0,
         100,
         live=True,
+        was='bed_rate',
     )
-    bed_gain: float = setting(
-        0.05, 'gain of a creak of the ambience layer at full stress', '', 0, 8, live=True
+    ambience_gain: float = setting(
+        0.05,
+        'gain of a creak of the ambience layer at full stress',
+        '',
+        0,
+        8,
+        live=True,
+        was='bed_gain',
     )
-    bed_speed: float = setting(
+    ambience_playback_rate: float = setting(
         0.25,
         'playback rate of creaks of the ambience layer, varied at random by an octave in '
         'either direction',
@@ -627,14 +636,16 @@ class GrainsSettings:
         0.0625,
         16,
         live=True,
+        was='bed_speed',
     )
-    bed_break_m: float = setting(
+    ambience_break_m: float = setting(
         0.03,
         'elongation of one spring that moves a block at rest, mu_static m g / k (docs/science.md)',
         'm',
         0.001,
         1,
         live=True,
+        was='bed_break_m',
     )
     crossfade_s: float = setting(
         0.0,
@@ -667,13 +678,14 @@ class SoundSettings:
     latency_s: float = setting(
         0.025, 'delay between the stamp of an image and its sound', 's', 0, 1, live=True
     )
-    felt_latency_s: float = setting(
+    tap_latency_s: float = setting(
         0.0195,
         'delay between the tap of a slip that an accelerometer reported and its sound',
         's',
         0,
         1,
         live=True,
+        was='felt_latency_s',
     )
     gain_db: float = setting(-6.0, 'master gain', 'dB', -90, 24, live=True)
     interpolation: str = setting(
@@ -779,13 +791,14 @@ class SoundSettings:
         60,
         live=True,
     )
-    rupture_gap_s: float = setting(
+    cascade_gap_s: float = setting(
         0.15,
         'longest pause after which a block joins the cascade in which it or a neighbour sounded',
         's',
         0.01,
         2,
         live=True,
+        was='rupture_gap_s',
     )
     filter: str = setting(
         'off',

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from eol_ros import cli
 from eol_ros import scene as scenes
 from eol_ros.errors import ConfigError
+from eol_ros.ros import presets
 from eol_ros.settings import MotionSettings
 from eol_ros.streams.graph import NODES
 
@@ -428,3 +429,15 @@ def test_a_broken_scene_is_told_in_a_line_and_nothing_is_started(name, verb, tmp
         line, *count = capsys.readouterr().err.splitlines()
         assert said in line and str(path) in line
         assert count in (['1 error. Nothing was started.'], [])
+
+
+def test_settings_renamed_since_the_last_release_are_read_everywhere(tmp_path):
+    """In a scene with a warning; in presets and recordings without."""
+    old = {'grains': {'bed_rate': 3.0, 'bed_speed': 0.5}, 'sound': {'felt_latency_s': 0.1}}
+    path = write(tmp_path, f'include: rehearsal\nnodes: {old}')
+    scene = scenes.load(path)
+
+    assert (scene.nodes['grains'].ambience_rate, scene.nodes['sound'].tap_latency_s) == (3.0, 0.1)
+    assert len(scene.warnings) == 3
+    path.write_text(f'nodes: {old}')
+    assert presets.load(path)['grains'] == {'ambience_rate': 3.0, 'ambience_playback_rate': 0.5}

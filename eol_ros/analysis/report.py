@@ -18,9 +18,9 @@ from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import alternatives, catalogue, powerlaw, quiescent
 from eol_ros.core.science.one_over_f import Answer
 from eol_ros.errors import writing
-from eol_ros.settings import TwinSettings
+from eol_ros.settings import TwinSettings, by_today
 from eol_ros.streams import felt
-from eol_ros.streams.graph import topic_of
+from eol_ros.streams.graph import NODES, topic_of
 from eol_ros.streams.slips import START, STOP
 
 # Kept in memory of a bag that is read once: what the report asks for (nothing named: all).
@@ -301,7 +301,7 @@ def _onset_latencies(bag: Bag) -> dict[str, dict[str, float]]:
     the block felt it and lit itself, from the moment of the knock (`own_light`). Sound: to
     the first sample of the first grain of the block for an image from the onset on, which is due
     `latency_s` after the stamp of that image, or as late as its trigger came; or for its knock,
-    after `felt_latency_s`. `felt_slips` are told from the moment of the knock.
+    after `tap_latency_s`. `felt_slips` are told from the moment of the knock.
     """
     slips = _table(bag, 'slips')
     if slips is None:
@@ -327,7 +327,7 @@ def _onset_latencies(bag: Bag) -> dict[str, dict[str, float]]:
         (table['block'], seconds(table['stamp']) + early_s,
          np.maximum(seconds(table['stamp']) + latency_s, seconds(table['publish_time'])))
         for topic, setting, early_s in (
-            ('grain_triggers', 'latency_s', 0.0), ('felt_triggers', 'felt_latency_s', ONSET_S),
+            ('grain_triggers', 'latency_s', 0.0), ('felt_triggers', 'tap_latency_s', ONSET_S),
         )
         if (table := _table(bag, topic)) is not None
         and (latency_s := _setting(bag, 'sound', setting)) is not None
@@ -369,7 +369,7 @@ def _first_packets(bag: Bag, own: bool = False) -> np.ndarray | None:
 def _setting(bag: Bag, node: str, name: str) -> Any:
     """Return a setting that the bag was recorded with; None where the scene lacks that node."""
     nodes = (yaml.safe_load(bag.about.get('settings', '')) or {}).get('nodes', {})
-    return (nodes.get(node) or {}).get(name)
+    return by_today(NODES[node].settings, nodes.get(node) or {}).get(name)
 
 
 def _summary(late_ms: np.ndarray) -> dict[str, float]:

@@ -17,7 +17,7 @@ from eol_ros.core.sound.voicing import Voicing, new_mixer
 from eol_ros.devices.audio.bank import load_bank
 from eol_ros.devices.corpus.corpus_build import of_this_machine
 from eol_ros.errors import ConfigError
-from eol_ros.settings import SoundSettings
+from eol_ros.settings import SoundSettings, by_today
 from eol_ros.streams import corpus, triggers
 
 BLOCK = 1 << 16  # frames
@@ -28,7 +28,7 @@ LATE_S = 10.0  # by which a trigger may be received after it was due
 def settings_of(bag: Bag) -> SoundSettings:
     """Return the settings of sound that the bag was recorded with; defaults where it is silent."""
     nodes = (yaml.safe_load(bag.about.get('settings', '')) or {}).get('nodes', {})
-    said = nodes.get('sound') or {}
+    said = by_today(SoundSettings, nodes.get('sound') or {})
     known = {field.name for field in dataclasses.fields(SoundSettings)}
     return SoundSettings(**{key: value for key, value in said.items() if key in known})
 
@@ -82,7 +82,7 @@ def bag_triggers(
     rate = settings.sample_rate
     second_ns = bag.start_ns // 10**9 * 10**9
     begin_s = math.floor((bag.start_ns - second_ns) * 1e-9 * rate) / rate
-    earlier_s = (round(settings.latency_s * rate) - round(settings.felt_latency_s * rate)) / rate
+    earlier_s = (round(settings.latency_s * rate) - round(settings.tap_latency_s * rate)) / rate
     seen = bag.table('grain_triggers', end_s=until_s)
     told = [(row, False) for row in triggers.RECORD.each(seen)]
     if bag.count('felt_triggers'):

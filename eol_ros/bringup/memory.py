@@ -17,7 +17,7 @@ from eol_ros import folders
 from eol_ros.devices.bag.disk import DISK, Disk
 from eol_ros.errors import ConfigError
 from eol_ros.scene import Scene, check_value, plain, public
-from eol_ros.settings import live_fields
+from eol_ros.settings import by_today, live_fields
 from eol_ros.streams.requests import LEARNT
 
 Kept = dict[str, dict[str, Any]]  # by node
@@ -94,7 +94,7 @@ class Memory:
         kind = type(self._scene.nodes[node])
         fields = {f: kind.__dataclass_fields__[f] for f in live_fields(kind)}
         settings = {}
-        for name, value in kept.get('settings', {}).items():
+        for name, value in by_today(kind, kept.get('settings', {})).items():
             with contextlib.suppress(ConfigError, KeyError):
                 check_value(fields[name], value)
                 settings[name] = value

@@ -133,7 +133,7 @@ class SoundNode(EolNode):
         self.mixer.set(cubic, new.gain_db, new.loudness_lufs, new.governor_db)
         # Whole frames: the grains then start as far apart as without it, as `eol render` has them.
         self.latency_s = round(new.latency_s * new.sample_rate) / new.sample_rate
-        self.felt_latency_s = round(new.felt_latency_s * new.sample_rate) / new.sample_rate
+        self.tap_latency_s = round(new.tap_latency_s * new.sample_rate) / new.sample_rate
 
     def on_corpus(self, message) -> None:
         from_ns = to_ns(message.header.stamp)
@@ -208,7 +208,7 @@ class SoundNode(EolNode):
 
     def on_felt(self, message) -> None:
         self.felt += 1
-        self.play(message, to_ns(message.header.stamp), self.felt_latency_s, felt=True)
+        self.play(message, to_ns(message.header.stamp), self.tap_latency_s, felt=True)
 
     def play(self, message, stamp_ns: int, latency_s: float, felt: bool = False) -> None:
         came_ns = time.time_ns()

@@ -16,7 +16,7 @@ from eol_ros import folders
 from eol_ros.core.sound.midi import Mapping
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
 from eol_ros.scene import check_value
-from eol_ros.settings import live_fields
+from eol_ros.settings import by_today, live_fields
 from eol_ros.streams.graph import INSTRUMENT, NODES
 
 NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9_-]{0,63}')
@@ -56,6 +56,7 @@ def load(path: Path) -> Preset:
         known = {f.name: f for f in dataclasses.fields(kind) if f.name in live_fields(kind)}
         if not isinstance(values, dict):
             raise ConfigError(f'{path}: {node}: no settings')
+        found[node] = values = by_today(kind, values)
         for name, value in values.items():
             if name not in known:
                 raise ConfigError(f'{path}: {node} has no live setting {name}')

@@ -204,7 +204,9 @@ def _friction(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
         ' (standard deviation)'
     )
     break_m = found.static.value * mass.value * GRAVITY / stiffness.value
-    _say(f'one spring lets a block go at {1e3 * break_m:.1f} mm: grains.bed_break_m {break_m:.4f}')
+    _say(
+        f'one spring moves a block at {1e3 * break_m:.1f} mm: grains.ambience_break_m {break_m:.4f}'
+    )
     about['break_m'] = break_m
     return values, about, found
 

@@ -135,7 +135,7 @@ def test_a_slip_is_followed_to_its_first_sample():
     watch = SimpleNamespace(seen=seen, messages=lambda topic: felt.get(topic) or messages(topic))
     figures = sound_rehearsal.figures(watch, 0, scene)
     (by_knock,), (by_image,) = figures['ms']['felt'], figures['ms']['seen']
-    assert by_knock == pytest.approx(0.1 + 1e3 * sound.felt_latency_s + 1e3 / FS, abs=0.01)
+    assert by_knock == pytest.approx(0.1 + 1e3 * sound.tap_latency_s + 1e3 / FS, abs=0.01)
     assert by_image == pytest.approx(too_late, abs=0.01)
     assert (figures['late_at_most'], figures['felt_ms']['count']) == (1, 1)
     assert figures['felt_not_barred_ms']['count'] == 1

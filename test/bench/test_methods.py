@@ -38,7 +38,7 @@ def test_the_automaton_in_c_has_the_same_events():
 
 
 def test_loops_choose_the_same_grains():
-    settings = GrainsSettings(bed_rate=0.0)
+    settings = GrainsSettings(ambience_rate=0.0)
     corpus = method_parts._corpus(128)
     selector, loops = Selector(settings, corpus), method_parts.Loops(settings, corpus)
     places, seen = method_parts._walk(60)

@@ -355,7 +355,7 @@ def test_the_blocks_of_the_twin_do_what_their_board_says(make_lights):
     assert lamps.advance(0.0, 1.0, [(0.9, 3)])[0][3] == pytest.approx(
         math.exp(-0.1 / 4.0), rel=1e-3
     )
-    lights = make_lights(decay_s=0.5, knock_threshold_mg=20, peak=0.8)
+    lights = make_lights(decay_s=0.5, tap_threshold_mg=20, peak=0.8)
     assert wait_until(lambda: len(lights.board.blocks) == 26)
     told = []
 

@@ -122,7 +122,7 @@ def test_grains_that_people_ask_for_are_counted(graph, tmp_path):
 def test_a_slip_that_is_told_twice_sounds_once_and_as_soon_as_it_was_felt(graph, tmp_path):
     """`latency_s` is 0.3 s here; the knock sounds 0.2 s after its stamp, 20 ms before the image."""
     node, probe, turn, close = graph
-    node.on_settings(dataclasses.replace(node.settings, felt_latency_s=0.2))
+    node.on_settings(dataclasses.replace(node.settings, tap_latency_s=0.2))
     probe.corpus.publish(corpus_of(tmp_path))
     assert turn(lambda: node.banks.at(now_ns()))
     stamp_ns = now_ns()

@@ -25,7 +25,7 @@ FS = 48000
 def scene(folder):
     """A rehearsal without lights and walls; a latency that no machine is too slow for."""
     nodes = {
-        'twin': {'hands': 'nobody'}, 'tracker': {}, 'grains': {'gain': 2.0, 'bed_rate': 3.0},
+        'twin': {'hands': 'nobody'}, 'tracker': {}, 'grains': {'gain': 2.0, 'ambience_rate': 3.0},
         'sound': {'device': 'wav', 'wav': str(folder / 'live.wav'), 'latency_s': 1.0,
                   'fade_in_s': 0.0, 'fade_out_s': 0.0, 'gain_db': 6.0, 'governor_db': 0.0,
                   'rate_scaling': 0.5, 'corner_hz': 6000, 'dynamics_db': 4, 'onset_duck_db': 4,

@@ -16,7 +16,7 @@ CHAIN = {
     'motion': {}, 'leds': {'port': 'twin'}, 'grains': {}, 'sound': {'device': 'wav'},
 }  # fmt: skip
 # Sound waits for so long at least: at a quarter of the speed as shipped, four times as long.
-SHIPPED, WAITS = {}, {'latency_s': 0.1, 'felt_latency_s': 0.1}
+SHIPPED, WAITS = {}, {'latency_s': 0.1, 'tap_latency_s': 0.1}
 SECONDS = 2.5  # recorded after the first slip
 RESULTS = ('slips', 'cascades', 'grain_triggers')
 BY_KNOCK = {'felt_slips': ('kind', 'block', 'onset'), 'felt_triggers': ('grain', 'block', 'stamp')}

@@ -38,7 +38,7 @@ def test_a_preset_is_kept_recalled_and_glided_to(grains, tmp_path, capfd):
     path = tmp_path / 'state' / 'presets' / 'calm.yaml'
     assert capfd.readouterr().out == f'{path}\n'
     kept = yaml.safe_load(path.read_text())['nodes']
-    assert set(kept) == {'grains'} and kept['grains']['radius'] == 0.07
+    assert set(kept) == {'grains'} and kept['grains']['radius'] == 0.045
     assert main(['preset', 'list']) == 0 and capfd.readouterr().out == 'calm\n'
     storm = tmp_path / 'storm.yaml'
     storm.write_text('nodes: {grains: {radius: 0.28, mode: chain, match: [flatness 1 x]}}\n')
@@ -49,7 +49,7 @@ def test_a_preset_is_kept_recalled_and_glided_to(grains, tmp_path, capfd):
     assert node.settings.match == ('flatness 1 x',) and len(seen) == 1
     assert main(['preset', 'recall', 'calm', '--over', '0.8']) == 0
     reaches = [settings.radius for settings in seen[1:]]
-    assert reaches == sorted(reaches, reverse=True) and reaches[-1] == 0.07
+    assert reaches == sorted(reaches, reverse=True) and reaches[-1] == 0.045
     assert len(set(reaches)) >= 3  # it glided
     assert node.settings == seen[-1] and node.settings.match == ()
     assert [s.mode for s in seen] == sorted(s.mode for s in seen)  # chain, then fence, once

@@ -75,7 +75,7 @@ class Motion:
     def __init__(self, settings: MotionSettings):
         self.detector = SlipDetector(settings)
         self.cascades = Cascades(settings)
-        self.felt = Felt(settings.felt_probability)
+        self.felt = Felt(settings.tap_probability)
         self.taps: list[Knock] = []  # whose time has not come
         self._begun: list[_Begun] = []
         self._told: list[FeltSlip] = []  # in the newest image

@@ -18,7 +18,7 @@ Where `match` says so, the nearest are those most like the block in weighted des
 place. Where `weights` says so, a block can play only a share of the grains of a sound: always the
 same ones, other ones for each block.
 
-Beside that, where `bed_rate` is set, blocks at rest under stress creak: grains of nobody, quiet and
+Ambience: with `ambience_rate` set, blocks at rest under stress creak: grains of nobody, quiet and
 slow, by chance and the oftener the greater the stress (`stress.py`). No rule above holds for them.
 
 Everything follows from the sequence of images alone: chance is a hash of seed, stamp, block and
@@ -70,7 +70,7 @@ class Selector:
     >>> from eol_ros.core.sound.corpus import GRAIN, Source
     >>> grains = np.zeros(1, GRAIN)
     >>> grains['x'], grains['y'], grains['duration_s'] = 0.5, 0.5, 0.25
-    >>> settings = GrainsSettings(bed_rate=0.0)
+    >>> settings = GrainsSettings(ambience_rate=0.0)
     >>> selector = Selector(settings, Corpus((Source('ice.wav', 48000, 1.0, ''),), grains))
     >>> x, y = rest_lattice().T.copy()
     >>> found = []
@@ -201,7 +201,7 @@ class Selector:
         if not len(self._grains):
             return np.zeros(0, TRIGGER)
         found = self._of_moving(time_s, before_s, np.nonzero(self.moving & seen)[0])
-        if s.bed_rate and span_s <= FORGET_S:
+        if s.ambience_rate and span_s <= FORGET_S:
             found = np.concatenate([found, self._creaks(time_s, span_s)])
         return found
 
@@ -494,9 +494,9 @@ class Selector:
     def _creaks(self, time_s: float, span_s: float) -> np.ndarray:
         """Return what blocks at rest under stress sound in the `span_s` up to now."""
         s = self.settings
-        strain = np.minimum(stress(self._at, s.bed_break_m), 1.0)
+        strain = np.minimum(stress(self._at, s.ambience_break_m), 1.0)
         u = chance(s.seed, time_s, np.arange(N_BLOCKS)[:, None], 0, salt=np.arange(5, 8))
-        likely = 1 - elementary.exp(-s.bed_rate * span_s * np.nan_to_num(strain) ** 2)
+        likely = 1 - elementary.exp(-s.ambience_rate * span_s * np.nan_to_num(strain) ** 2)
         rows = np.nonzero(~self.moving & (u[:, 0] < likely))[0]
         if not len(rows):
             return np.zeros(0, TRIGGER)
@@ -508,8 +508,10 @@ class Selector:
         out = np.zeros(len(rows), TRIGGER)
         out['time_s'], out['block'] = time_s, -1
         out['grain'] = self._grains[np.argmin(far, axis=1)]
-        out['gain'] = s.bed_gain * strain[rows] * (0.5 + 0.5 * u[rows, 1])
-        out['rate'] = np.clip(s.bed_speed * elementary.exp2(2 * u[rows, 2] - 1), MIN_RATE, MAX_RATE)
+        out['gain'] = s.ambience_gain * strain[rows] * (0.5 + 0.5 * u[rows, 1])
+        out['rate'] = np.clip(
+            s.ambience_playback_rate * elementary.exp2(2 * u[rows, 2] - 1), MIN_RATE, MAX_RATE
+        )
         out['pan'] = np.clip(s.pan_width * self._at[rows, 0] / (s.space_m / 2), -1, 1)
         out['attack_s'] = out['release_s'] = BED_EDGE_S
         return out

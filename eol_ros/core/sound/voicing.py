@@ -122,7 +122,7 @@ class Voicing:
 
     def __init__(self, settings: SoundSettings):
         self.settings = settings
-        self._ruptures = Ruptures(settings.rupture_gap_s)
+        self._ruptures = Ruptures(settings.cascade_gap_s)
         self._ring = Ring(parse(settings.speakers)) if settings.speakers else None
 
     @property
@@ -197,7 +197,7 @@ class Voicing:
 
     def _grown(self, triggers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (n,) area so far, seconds since the onset, and whether the rupture grew."""
-        self._ruptures.gap_s = self.settings.rupture_gap_s
+        self._ruptures.gap_s = self.settings.cascade_gap_s
         found = [
             self._ruptures.add(time_s, block) if 0 <= block < N_BLOCKS else (1, 10**6, False)
             for time_s, block in zip(

@@ -299,7 +299,7 @@ class Lights:
             flags |= protocol.BY_ITSELF
         self.board.configure(
             protocol.Lighting(flags, round(255 * s.peak), round(1000 * s.decay_s)),
-            protocol.Detector(threshold=round(16 * s.knock_threshold_mg)),
+            protocol.Detector(threshold=round(16 * s.tap_threshold_mg)),
         )
 
     def _light(

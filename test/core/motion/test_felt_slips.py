@@ -41,7 +41,7 @@ def run(knocks, count, delay_s=0.007, level=0.99, slips=True, lost=(), hidden=()
     hidden: images in which block 7 is not seen.
     """
     random = np.random.default_rng(0)
-    motion = Motion(MotionSettings(felt_probability=level))
+    motion = Motion(MotionSettings(tap_probability=level))
     delays = np.broadcast_to(delay_s, len(knocks)).tolist()
     waiting = sorted((k.stamp_s + d, k) for k, d in zip(knocks, delays, strict=True))
     told, found = [], []

@@ -11,7 +11,7 @@ from eol_ros.settings import GrainsSettings, SoundSettings, live_fields
 START = GRAINS
 END = GrainsSettings(
     radius=0.2, k=9, mode='chain', gain=0.25, bow_period_s=1.28, playback_rate=0.25, blend=0.0,
-    rearm_at_rest=False, weights=('ice 0.5',), bed_rate=4.0,
+    rearm_at_rest=False, weights=('ice 0.5',), ambience_rate=4.0,
 )  # fmt: skip
 
 
@@ -41,7 +41,7 @@ def test_on_the_way_everything_is_a_setting_and_lies_between(share):
     assert found['bow_period_s'] == pytest.approx(0.08 * 16**share)
     assert found['playback_rate'] == pytest.approx(0.25**share)
     assert found['radius'] == pytest.approx(0.07 + 0.13 * share)
-    assert found['bed_rate'] == pytest.approx(4 * share)  # from 0: no logarithm
+    assert found['ambience_rate'] == pytest.approx(4 * share)  # from 0: no logarithm
     assert found['k'] == round(3 + 6 * share)
 
 

@@ -14,7 +14,7 @@ from eol_ros.core.sound.select import Selector
 from eol_ros.core.sound.stress import stress
 
 SEEN = np.ones(N_BLOCKS, bool)
-BED = replace(GRAINS, bed_rate=4.0, bed_break_m=0.02)
+BED = replace(GRAINS, ambience_rate=4.0, ambience_break_m=0.02)
 
 
 def corpus(side=8):
@@ -51,7 +51,7 @@ def sounded(at, settings, seconds=60.0):
 def test_rest_is_silent_and_off_is_off():
     assert not len(sounded(rest_lattice(), BED, 10))
     at = rest_lattice() + np.random.default_rng(1).normal(0, 0.01, (N_BLOCKS, 2))
-    assert not len(sounded(at, replace(BED, bed_rate=0.0), 10))
+    assert not len(sounded(at, replace(BED, ambience_rate=0.0), 10))
 
 
 @pytest.mark.slow
@@ -62,7 +62,7 @@ def test_creaks_come_as_often_as_the_stress_says():
     assert abs(len(found) - wanted) < 4 * math.sqrt(wanted)
     assert (found['block'] == -1).all()
     assert (found['rate'] >= 0.125).all() and (found['rate'] <= 0.5).all()
-    assert (found['gain'] <= BED.bed_gain).all()
+    assert (found['gain'] <= BED.ambience_gain).all()
     again = sounded(at, BED)
     assert again.tobytes() == found.tobytes()  # by chance, and the same chance
 
@@ -79,7 +79,7 @@ def test_what_slips_sound_does_not_hang_on_the_bed():
     pace = 0.004 * (random.random((600, N_BLOCKS, 1)) < 0.1)  # mostly at rest
     steps = np.cumsum(pace * random.standard_normal((600, N_BLOCKS, 2)), axis=0) + rest_lattice()
     outs = []
-    for settings in (replace(BED, bed_rate=0.0), BED):
+    for settings in (replace(BED, ambience_rate=0.0), BED):
         selector = Selector(settings, corpus())
         found = [selector.update(k / 60, *at.T, SEEN, np.zeros(25)) for k, at in enumerate(steps)]
         outs.append(np.concatenate(found))
