@@ -206,7 +206,7 @@ class Stage:
                     body = ((STATIC if folder == 'static' else STAGE) / name).read_bytes()
                 elif folder == 'media':
                     found = teller.pictures.file(name)
-                    body = found.read_bytes() if found else b''
+                    path, body = f'/{found}', found.read_bytes() if found else b''
                 else:
                     path, body = '.json', teller.documents.get(folder, b'{}')
                 kind, encoding = mimetypes.guess_type('name' + path)

@@ -207,6 +207,10 @@ def test_the_set_that_ships_is_whole():
     assert all(len(pair.rights) == 4 for pair in media.pairs)
     shown = {name for pair in media.pairs for name in pair.images}
     assert shown | {LIST} == {path.name for path in media.path.iterdir()}
+    pictures = Pictures()
+    for name in ('00-left.svg', '00-left.svgz'):  # the first as bags of version 0.2 have it
+        assert pictures.file(name) == media.path / '00-left.svgz'
+        assert pictures.look(name, [name])['caption_zh'] == media.pairs[0].caption_zh
     files = [media.path / name for name in shown]
     assert sum(file.stat().st_size for file in files) < 3e6
     for file in files:  # images, nothing that acts or loads

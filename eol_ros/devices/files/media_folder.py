@@ -202,9 +202,14 @@ class Pictures:
         for pair in listed:
             for name in pair.images:
                 pairs.setdefault(name, []).append(pair)
+        names = {name for pair in listed for name in pair.files}
+        files = {name: folder / name for name in names if not _forbidden(folder, name)}
+        for name in [name for name in files if name.endswith('.svgz')]:
+            plain = name[:-1]  # as bags of version 0.2 name the drawings that ship
+            pairs.setdefault(plain, pairs.get(name, []))
+            files.setdefault(plain, files[name])
         self._pairs = pairs
-        files = {name for pair in listed for name in pair.files}
-        return {name: folder / name for name in files if not _forbidden(folder, name)}
+        return files
 
 
 DEFAULT_LOOK = ['cover', 0.5, 0.5]
