@@ -46,8 +46,8 @@ def add_arguments(parser):
     check.add_argument('--json', action='store_true', help='as one JSON object')
     recover = command(
         'recover',
-        'Make a bag whole that was cut short: in place, or with --output what can be read as a new '
-        'one. A bag that is damaged elsewhere needs --output.',
+        'Repair a truncated bag, or with --output write what can be read as a new one. A bag that '
+        'is damaged elsewhere needs --output.',
     )
     recover.add_argument('bag', help=source)
     recover.add_argument('-o', '--output', metavar='OUT', help=out)
@@ -73,7 +73,8 @@ def run(args):
 
 
 def _info(args) -> int:
-    from eol_ros.devices.bag.reader import BagReader, Unreadable
+    from eol_ros.devices.bag.damage import Unreadable
+    from eol_ros.devices.bag.reader import BagReader
     from eol_ros.verbs.progress import track
 
     bag = BagReader(args.bag)
@@ -157,12 +158,10 @@ def _recover(args) -> int:
         print(f'{args.output}: {count} messages', file=sys.stderr)
         return _tell(bag)
     cut = [file for file in bag.files if not file.indexed]
-    if any(not place.chunk for file in cut for place in file.places):
-        raise UsageError(f'{bag.path}: has no chunks: --output OUT writes it as a new bag')
     lost = 0
     for file in cut:
         try:
-            done = repair(file.path, beside=True)
+            done = repair(file.path, known=file)
         except BlockingIOError:
             raise UsageError(
                 f'{file.path}: is being recorded; --output OUT writes what there is of it so far'
@@ -172,7 +171,7 @@ def _recover(args) -> int:
         if done.aside:
             print(f'{file.path.name}: the file as it was is {done.aside}', file=sys.stderr)
         for line in done.damage:
-            print(f'{file.path.name}: damaged at {line}', file=sys.stderr)
+            print(line, file=sys.stderr)
     if cut:
         return 1 if lost else 0
     metadata, count = bag.path / 'metadata.yaml', sum(bag.counts.values())

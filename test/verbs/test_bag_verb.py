@@ -307,16 +307,15 @@ def test_recover_deletes_nothing_of_which_it_saves_nothing(tmp_path, capsys, k):
 
 def test_recover_keeps_the_file_until_its_copy_has_been_read_back(tmp_path, capsys, monkeypatch):
     path = cut_at(tmp_path / 'run', 1.0)
-    before, make_whole = path.read_bytes(), recover._make_whole
+    before, copy = path.read_bytes(), recover._copy
 
-    def broken(work, *words):
-        count = make_whole(work, *words)
+    def broken(old, work, breathe):
+        copy(old, work, breathe)
         data = bytearray(work.read_bytes())
         data[BagReader(work).files[0].places[0].offset + 60] ^= 4  # as by a bad disk
         work.write_bytes(data)
-        return count
 
-    monkeypatch.setattr(recover, '_make_whole', broken)
+    monkeypatch.setattr(recover, '_copy', broken)
     assert cli.main(['bag', 'recover', str(tmp_path / 'run')]) == 1
     assert 'left as it is' in capsys.readouterr().err
     assert [p.name for p in (tmp_path / 'run').iterdir()] == [path.name]

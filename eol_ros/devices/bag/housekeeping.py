@@ -88,6 +88,6 @@ class Housekeeper(threading.Thread):
 
 
 def _told(done: Repaired) -> str:
-    damage = f', damaged at {"; at ".join(done.damage)}' if done.damage else ''
+    damage = f'; {"; ".join(done.damage)}' if done.damage else ''
     aside = f'; the file as it was is {done.aside}' if done.aside else ''
     return f'{done.part.name}: {done.message_count} messages saved{damage}{aside}'

@@ -18,7 +18,7 @@ from typing import Protocol
 from eol_ros import folders
 from eol_ros.devices.bag.mcap_file import BagFile
 from eol_ros.devices.bag.reader import BagReader
-from eol_ros.devices.bag.recover import STATE, in_use, rewrite_metadata
+from eol_ros.devices.bag.recover import BESIDE, in_use, rewrite_metadata
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, RUN_METADATA
 from eol_ros.errors import EolError
 from eol_ros.streams.graph import namespace_of, relative_name
@@ -236,7 +236,7 @@ class Folder:
 
 def _parts(folder: Path) -> list[Path]:
     """Return the files of a bag: what the recorder made in its folder, and nothing else."""
-    names = ('*.mcap', f'*.mcap{PART}', f'*.mcap{STATE}', f'*.mcap{THIN}', 'metadata.yaml', KEPT)
+    names = ('*.mcap', f'*.mcap{PART}', f'*.mcap{BESIDE}', f'*.mcap{THIN}', 'metadata.yaml', KEPT)
     return [path for name in names for path in folder.glob(name)]
 
 

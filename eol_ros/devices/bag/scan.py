@@ -1,67 +1,62 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walks through an MCAP file that may be cut or damaged anywhere, and leaves out nothing unsaid.
+"""What the `mcap` package lacks: proof of each record and chunk, and reading on behind damage.
 
-The `mcap` package reads up to the first broken byte. Here a record is taken only where its lengths
-agree to the byte (and its checksum, where it has one); behind a stretch that makes no sense the
-next chunk with a right checksum is searched, and the stretch is yielded as what it is.
+The package parses records, and takes what it finds. Here a record counts only if the bytes that it
+stands for are those of the file, and a chunk only with its checksum. Behind bytes that are no
+record, `walk` continues at the next chunk that proves itself, and yields the stretch as damage.
 """
 
 import io
+import itertools
 import os
 import re
 import struct
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import Any, BinaryIO, NamedTuple
 
 import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, MessageIndex, Metadata, Schema
+from mcap.records import Channel, Chunk, DataEnd, McapRecord, MessageIndex, Metadata, Schema
+from mcap.stream_reader import StreamReader
 
 from eol_ros.errors import pip_install
 
 MAGIC = b'\x89MCAP0\r\n'
-WITHOUT_MESSAGES = (
-    Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA, Opcode.MESSAGE_INDEX,
-)  # fmt: skip
-BLANK = 0xFF  # private record: a stretch that was found damaged; no flip of one bit makes it
+BLANK = 0xFF  # private record: damage that a repair in place (v0.2.0) has marked
 CRC_KEY = 'crc32'  # in the metadata that this project writes: of all the other pairs
 NEAR = 6  # so many of the eight first bytes must be right for a file to be a damaged bag
 MOST_BYTES = 1 << 30  # of a chunk: more is a damaged length
 WINDOW = 1 << 20
 HEAD = struct.Struct('<BQ')  # of a record: opcode, length
+LENGTH = struct.Struct('<Q')
 MESSAGE_HEAD = struct.Struct('<HIQQ')  # channel, sequence, log time, publish time
-CHUNK = struct.Struct('<QQQII')  # start, end, uncompressed size, its crc, length of compression
-_ANCHOR = re.compile(rb'(?=[\x06\x0c\x0f][\s\S]{4}\0{4})')  # a record of less than 4 GB
+CHUNK = struct.Struct('<BQQQQII')  # a record, its times, uncompressed size, crc, length of a name
+WITHOUT_MESSAGES = (
+    Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA, Opcode.MESSAGE_INDEX,
+)  # fmt: skip
+_READ = (*WITHOUT_MESSAGES, Opcode.DATA_END)
+_ANCHOR = re.compile(rb'(?=[\x06\x0c][\s\S]{4}\0{4})')  # chunk or metadata of less than 4 GB
+Index = dict[int, list[tuple[int, int]]]  # (log time, offset) of the messages, by channel
 
 
 class DamagedRecord(Exception):
     """The bytes are not what a record of this kind can be; says why."""
 
 
-class ChunkHead(NamedTuple):
-    """What a chunk says of itself, unprotected but for its data: times in ns, offsets in bytes."""
-
-    start_ns: int
-    end_ns: int
-    size: int
-    crc: int
-    compression: str
-    data_at: int
-    data_bytes: int
-
-
 class Found(NamedTuple):
-    """A record from `offset` to `end`; `body` is a ChunkHead or a record of mcap, None if neither.
+    """What lies from `offset` to `end`: a record of mcap and its bytes, None where nobody reads it.
 
     With `why`, a stretch that is damaged; `framed` where it is one record, of a kind that holds no
     messages, and the next one follows where it should.
     """
 
     offset: int
-    end: int
-    opcode: int
-    body: Any = None
+    end: int  # 0: cannot be known
+    raw: bytes = b''
+    record: Any = None
     why: str = ''
     framed: bool = False
 
@@ -76,42 +71,11 @@ class ChunkMessage(NamedTuple):
     data: bytes
 
 
-class Body:
-    """The bytes of one record, taken apart from the front."""
-
-    def __init__(self, data: bytes):
-        self.data, self.at = data, 0
-
-    def take(self, count: int) -> bytes:
-        end = self.at + count
-        if end > len(self.data):
-            raise DamagedRecord('a length within it goes beyond its end')
-        got = self.data[self.at : end]
-        self.at = end
-        return got
-
-    def number(self, count: int) -> int:
-        return int.from_bytes(self.take(count), 'little')
-
-    def text(self) -> str:
-        try:
-            return self.take(self.number(4)).decode()
-        except UnicodeDecodeError:
-            raise DamagedRecord('a text in it is not UTF-8') from None
-
-    def pairs(self) -> dict[str, str]:
-        end = self.number(4) + self.at
-        pairs = {}
-        while self.at < end:
-            key = self.text()
-            pairs[key] = self.text()
-        if self.at != end:
-            raise DamagedRecord('a length within it goes beyond its end')
-        return pairs
-
-    def done(self) -> None:
-        if self.at != len(self.data):
-            raise DamagedRecord('lengths within it do not agree')
+def packed(record: McapRecord) -> bytes:
+    """Return the bytes of a record."""
+    builder = RecordBuilder()
+    record.write(builder)
+    return builder.end()
 
 
 def pairs_crc(pairs: dict[str, str]) -> str:
@@ -120,37 +84,14 @@ def pairs_crc(pairs: dict[str, str]) -> str:
     return str(zlib.crc32('\0'.join(texts).encode()))
 
 
-def parse(opcode: int, data: bytes) -> Any:
-    """Return the record of `data`, None for a kind that nobody here reads; raise DamagedRecord."""
-    body = Body(data)
-    record: Any = None
-    if opcode == Opcode.HEADER:
-        record = Header(body.text(), body.text())
-    elif opcode == Opcode.SCHEMA:
-        number, name, encoding = body.number(2), body.text(), body.text()
-        record = Schema(id=number, name=name, encoding=encoding, data=body.take(body.number(4)))
-        if not number:
-            raise DamagedRecord('a schema cannot have number 0')
-    elif opcode == Opcode.CHANNEL:
-        number, schema, topic, encoding = body.number(2), body.number(2), body.text(), body.text()
-        record = Channel(
-            id=number, schema_id=schema, topic=topic, message_encoding=encoding,
-            metadata=body.pairs(),
-        )  # fmt: skip
-    elif opcode == Opcode.METADATA:
-        record = Metadata(name=body.text(), metadata=body.pairs())
-    elif opcode == Opcode.MESSAGE_INDEX:
-        channel, count = body.number(2), body.number(4)
-        places = body.take(count)
-        if count % 16:
-            raise DamagedRecord('a part of an entry is missing')
-        record = MessageIndex(channel, list(struct.iter_unpack('<QQ', places)))
-    elif opcode == Opcode.MESSAGE:
-        channel, sequence, log_ns, publish_ns = MESSAGE_HEAD.unpack(body.take(22))
-        return ChunkMessage(channel, sequence, log_ns, publish_ns, data[22:])
-    else:
-        return None
-    body.done()
+def parse(raw: bytes) -> Any:
+    """Return the record that `raw` is, to the byte; raise DamagedRecord."""
+    try:
+        record = next(StreamReader(io.BytesIO(raw), skip_magic=True).records)
+    except (McapError, struct.error, ValueError, OverflowError):
+        record = None
+    if record is None or packed(record) != raw:
+        raise DamagedRecord('lengths within it do not agree')
     return record
 
 
@@ -161,54 +102,54 @@ def near_magic(magic: bytes) -> bool:
 
 def size_of(file: BinaryIO) -> int:
     """Return how long an open file is."""
-    return file.seek(0, io.SEEK_END)
+    return os.fstat(file.fileno()).st_size
 
 
 def read_at(file: BinaryIO, offset: int, count: int) -> bytes:
     """Return `count` bytes from `offset`; raise DamagedRecord where the file ends before."""
     # Both may be any number that a damaged file holds: nothing is allocated before they are proved.
-    if count < 0 or offset + count > os.fstat(file.fileno()).st_size:
+    if count < 0 or offset + count > size_of(file):
         raise DamagedRecord('the file ends within it')
     file.seek(offset)
     return file.read(count)
 
 
-def chunk_head(file: BinaryIO, offset: int, end: int) -> ChunkHead:
-    """Return the head of the chunk from `offset` to `end`; raise DamagedRecord if it is none."""
-    head = read_at(file, offset + HEAD.size, min(CHUNK.size + 24, end - offset - HEAD.size))
+def chunk_at(file: BinaryIO, offset: int, end: int) -> Chunk:
+    """Return the chunk from `offset` to `end`, whatever its opcode; raise DamagedRecord.
+
+    Its lengths agree; `unpack` proves its data, and nothing proves its times.
+    """
+    head = read_at(file, offset, min(CHUNK.size + 24, end - offset))
     if len(head) < CHUNK.size + 8:
         raise DamagedRecord('too short for a chunk')
-    start_ns, end_ns, size, crc, count = CHUNK.unpack_from(head)
-    kind = head[CHUNK.size : CHUNK.size + count]
-    data_at = offset + HEAD.size + CHUNK.size + count + 8
-    if count > 16 or int.from_bytes(head[CHUNK.size + count :][:8], 'little') != end - data_at:
+    _, _, start_ns, end_ns, size, crc, count = CHUNK.unpack_from(head)
+    data_at, kind = CHUNK.size + count + 8, head[CHUNK.size : CHUNK.size + count]
+    stored = end - offset - data_at
+    if count > 16 or int.from_bytes(head[data_at - 8 : data_at], 'little') != stored:
         raise DamagedRecord('lengths within the chunk do not agree')
-    return ChunkHead(start_ns, end_ns, size, crc, kind.decode('latin-1'), data_at, end - data_at)
+    data = read_at(file, offset + data_at, stored)
+    return Chunk(kind.decode('latin-1'), data, end_ns, start_ns, crc, size)
 
 
-def unpack(head: ChunkHead, data: bytes) -> bytes:
-    """Return the records in a chunk, from its stored `data`; raise DamagedRecord."""
-    if head.compression == 'zstd':
+def unpack(chunk: Chunk) -> bytes:
+    """Return the records in a chunk; raise DamagedRecord."""
+    data = chunk.data
+    if chunk.compression == 'zstd':
         try:
             size = zstandard.frame_content_size(data)
-            size = head.size if size < 0 else size
+            size = chunk.uncompressed_size if size < 0 else size
             if size > MOST_BYTES:
                 raise DamagedRecord('says that it is larger than any chunk')
             data = zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
         except zstandard.ZstdError:
             raise DamagedRecord('cannot be decompressed') from None
-    elif head.compression == 'lz4':
+    elif chunk.compression == 'lz4':
         data = _unlz4(data)
-    elif head.compression:
-        raise DamagedRecord(f'compressed with {head.compression!r}, which is not known here')
-    if head.crc and zlib.crc32(data) != head.crc:
+    elif chunk.compression:
+        raise DamagedRecord(f'compressed with {chunk.compression!r}, which is not known here')
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
         raise DamagedRecord('wrong checksum')
     return data
-
-
-def chunk_data(file: BinaryIO, head: ChunkHead) -> bytes:
-    """Return the records in a chunk of `file`; raise DamagedRecord."""
-    return unpack(head, read_at(file, head.data_at, head.data_bytes))
 
 
 def _unlz4(data: bytes) -> bytes:
@@ -222,142 +163,143 @@ def _unlz4(data: bytes) -> bytes:
         raise DamagedRecord('cannot be decompressed') from None
 
 
-def records_in(data: bytes) -> Iterator[tuple[int, int, bytes]]:
-    """Yield (offset, opcode, body) of the records in a chunk; raise DamagedRecord."""
-    at = 0
-    while at < len(data):
-        if at + HEAD.size > len(data):
-            raise DamagedRecord('ends within a record')
-        opcode, length = HEAD.unpack_from(data, at)
-        begin = at + HEAD.size
-        if begin + length > len(data):
-            raise DamagedRecord('ends within a record')
-        yield at, opcode, data[begin : begin + length]
-        at = begin + length
+def edges_in(data: bytes) -> list[int]:
+    """Return where the records in a chunk or summary begin, and its end; raise DamagedRecord."""
+    edges, at, size = [0], 0, len(data)
+    try:
+        while at < size:
+            length = LENGTH.unpack_from(data, at + 1)[0]
+            if length < MESSAGE_HEAD.size and data[at] == Opcode.MESSAGE:
+                raise DamagedRecord('ends within a message')
+            at += HEAD.size + length
+            edges.append(at)
+    except struct.error:
+        at = -1
+    if at != size:
+        raise DamagedRecord('ends within a record')
+    return edges
 
 
-def messages_in(data: bytes, channels: Collection[int] | None = None) -> Iterator[ChunkMessage]:
-    """Yield the messages of a chunk, of these `channels` (None: all); raise DamagedRecord.
+def messages_in(data: bytes, channels: Collection[int]) -> Iterator[ChunkMessage]:
+    """Yield the messages of a chunk that are of these `channels`; raise DamagedRecord."""
+    for at, end in itertools.pairwise(edges_in(data)):
+        if data[at] == Opcode.MESSAGE:
+            channel, sequence, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(data, at + HEAD.size)
+            if channel in channels:
+                body = data[at + HEAD.size + MESSAGE_HEAD.size : end]
+                yield ChunkMessage(channel, sequence, log_ns, publish_ns, body)
 
-    Most of a chunk is skipped where few topics are wanted, so nothing is made of what is skipped.
-    """
-    at, size = 0, len(data)
-    while at < size:
-        if at + HEAD.size > size:
-            raise DamagedRecord('ends within a record')
-        opcode, length = HEAD.unpack_from(data, at)
-        begin = at + HEAD.size
-        at = begin + length
-        if at > size:
-            raise DamagedRecord('ends within a record')
-        if opcode != Opcode.MESSAGE:
-            continue
-        if length < MESSAGE_HEAD.size:
-            raise DamagedRecord('ends within a message')
-        channel, sequence, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(data, begin)
-        if channels is None or channel in channels:
-            body = data[begin + MESSAGE_HEAD.size : at]
-            yield ChunkMessage(channel, sequence, log_ns, publish_ns, body)
+
+def index_of(data: bytes, define: Callable[[Schema | Channel], None] | None = None) -> Index:
+    """Return the index of a chunk; `define` gets the definitions in it. Raise DamagedRecord."""
+    found: Index = {}
+    for at, end in itertools.pairwise(edges_in(data)):
+        if data[at] == Opcode.MESSAGE:
+            channel, _, log_ns, _ = MESSAGE_HEAD.unpack_from(data, at + HEAD.size)
+            found.setdefault(channel, []).append((log_ns, at))
+        elif define and data[at] in (Opcode.SCHEMA, Opcode.CHANNEL):
+            define(parse(data[at:end]))
+    return {channel: sorted(entries) for channel, entries in found.items()}
+
+
+def definitions_at(file: BinaryIO, at: int, end: int) -> Iterator[Schema | Channel]:
+    """Yield the schemas and channels with which the summary at `at` begins."""
+    found = record_at(file, at, end)
+    while isinstance(found.record, (Schema, Channel)) and not found.why:
+        yield found.record
+        found = record_at(file, found.end, end)
+
+
+def span_of(index: Index) -> tuple[int, int]:
+    """Return the first and the last log time in the index of a chunk; (0, 0) without messages."""
+    stamps = [log_ns for entries in index.values() for log_ns, _ in (entries[0], entries[-1])]
+    return (min(stamps), max(stamps)) if stamps else (0, 0)
+
+
+def message_indexes(index: Index) -> Iterator[tuple[int, bytes]]:
+    """Yield the channel and the record of each message index of a chunk."""
+    for channel, entries in index.items():
+        yield channel, packed(MessageIndex(channel, entries))
 
 
 def walk(file: BinaryIO, start: int, end: int, ours: bool = False) -> Iterator[Found]:
     """Yield all that lies in `file` from `start` to `end`, or to the end of its data section.
 
-    What is cut off, or damaged up to the end, is not yielded: the last `end` tells. Chunks are not
-    unpacked. `ours`: a kind of record that this project does not write is damage, too.
+    What is cut off, or damaged up to the end, is not yielded: the last `end` tells. `ours`: a kind
+    of record that this project does not write is damage, too.
     """
     at = start
     while at + HEAD.size <= end:
         found = record_at(file, at, end, ours)
         if found.why:
-            begin = anchor(file, at + 1, end)
-            follows = (
-                0 < found.end <= end - HEAD.size and not record_at(file, found.end, end, ours).why
-            )
+            begin = _anchor(file, at + 1, end)
+            follows = bool(found.end) and not record_at(file, found.end, end, ours).why
             if begin is None and not follows:
                 return
             if begin is not None and not (follows and found.end <= begin):
                 found = found._replace(end=begin)
-            elif found.opcode in WITHOUT_MESSAGES:
+            elif found.raw[0] in WITHOUT_MESSAGES:
                 found = found._replace(framed=True)
         yield found
-        if found.opcode == Opcode.DATA_END and not found.why:
+        if isinstance(found.record, DataEnd) and not found.why:
             return
         at = found.end
 
 
-def definitions_behind(file: BinaryIO, at: int, end: int) -> Iterator[Schema | Channel]:
-    """Yield the schemas and channels in the summary of a file whose data section ends at `at`."""
-    found = record_at(file, at, end)
-    while not found.why and (found.opcode == Opcode.DATA_END or found.body is not None):
-        if isinstance(found.body, (Schema, Channel)):
-            yield found.body
-        found = record_at(file, found.end, end)
-
-
 def record_at(file: BinaryIO, at: int, end: int, ours: bool = False) -> Found:
-    """Return the record at `at`, or the damage there; `end` 0 where it cannot be known."""
-    if at + HEAD.size > end:
-        return Found(at, 0, 0, why='the file ends within it')
+    """Return the record at `at`, or the damage there."""
     try:
-        opcode, length = HEAD.unpack(read_at(file, at, HEAD.size))
-    except DamagedRecord as error:
-        return Found(at, 0, 0, why=str(error))
+        head = read_at(file, at, min(HEAD.size, end - at))
+        opcode, length = HEAD.unpack(head)
+    except (DamagedRecord, struct.error):
+        return Found(at, 0, why='the file ends within it')
     after = at + HEAD.size + length
     if after > end:
-        return Found(at, 0, opcode, why='the file ends within it')
+        return Found(at, 0, head, why='the file ends within it')
+    foreign = opcode == Opcode.ATTACHMENT or opcode >= 0x80
+    if opcode == BLANK or (foreign and not ours):
+        return Found(at, after, head)
     try:
-        if opcode == Opcode.CHUNK:
-            return Found(at, after, opcode, chunk_head(file, at, after))
-        if opcode == BLANK:
-            return Found(at, after, opcode)
-        if opcode == Opcode.DATA_END:
-            return Found(at, after, opcode, why='' if length == 4 else 'wrong length')
-        if opcode in WITHOUT_MESSAGES or (opcode == Opcode.MESSAGE and not ours):
+        if opcode in _READ or (opcode == Opcode.MESSAGE and not ours):
             if length > MOST_BYTES:
                 raise DamagedRecord('too long')
-            return Found(at, after, opcode, parse(opcode, read_at(file, at + HEAD.size, length)))
-        foreign = opcode in (Opcode.ATTACHMENT,) or opcode >= 0x80
-        if foreign and not ours:
-            return Found(at, after, opcode)
-        raise DamagedRecord(f'no record is of kind {opcode:#04x}')
-    except (DamagedRecord, struct.error) as error:
-        try:  # a chunk whose opcode is damaged is a chunk
-            return Found(at, after, opcode, chunk_head(file, at, after))
-        except DamagedRecord:
-            return Found(at, after, opcode, why=str(error))
+            raw = head + file.read(length)
+            if opcode != Opcode.MESSAGE_INDEX:
+                return Found(at, after, raw, parse(raw))
+            if len(raw) < 15 or len(raw) - 15 != int.from_bytes(raw[11:15], 'little'):
+                raise DamagedRecord('lengths within it do not agree')
+            return Found(at, after, raw)
+        if opcode != Opcode.CHUNK:
+            raise DamagedRecord(f'no record is of kind {opcode:#04x}')
+    except DamagedRecord as error:
+        why = str(error)
+    try:  # a chunk whose opcode is damaged is a chunk
+        return Found(at, after, head, chunk_at(file, at, after))
+    except DamagedRecord as error:
+        return Found(at, after, head, why=str(error) if opcode == Opcode.CHUNK else why)
 
 
-def anchor(file: BinaryIO, start: int, end: int) -> int | None:
+def anchored(file: BinaryIO) -> bool:
+    """Return whether anything in the file proves itself."""
+    return _anchor(file, 0, size_of(file)) is not None
+
+
+def _anchor(file: BinaryIO, start: int, end: int) -> int | None:
     """Return where the next record begins that proves itself, None if there is none."""
-    base = start
-    while base < end:
+    for base in range(start, end, WINDOW):
         file.seek(base)
         window = file.read(min(WINDOW + HEAD.size, end - base))
         for match in _ANCHOR.finditer(window):
-            at = base + match.start()
-            if at >= base + WINDOW:
-                break
-            if _proves_itself(file, at, end):
-                return at
-        base += WINDOW
+            if match.start() < WINDOW and _proves_itself(file, base + match.start(), end):
+                return base + match.start()
     return None
 
 
 def _proves_itself(file: BinaryIO, at: int, end: int) -> bool:
-    found = record_at(file, at, end)
-    if found.why:
+    record = record_at(file, at, end).record
+    if isinstance(record, Metadata):
+        return record.metadata.get(CRC_KEY) == pairs_crc(record.metadata)
+    try:
+        return isinstance(record, Chunk) and bool(unpack(record))
+    except DamagedRecord:
         return False
-    if isinstance(found.body, ChunkHead):
-        try:
-            chunk_data(file, found.body)
-        except DamagedRecord:
-            return False
-        return True
-    if isinstance(found.body, Metadata):
-        pairs = found.body.metadata
-        return pairs.get(CRC_KEY) == pairs_crc(pairs)
-    if found.opcode == Opcode.DATA_END:  # the summary begins behind it
-        after = record_at(file, found.end, end)
-        return isinstance(after.body, Schema) and not after.why
-    return False

@@ -2,24 +2,23 @@
 """Proves a bag to the last byte: every checksum, every index entry, every count."""
 
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from mcap.opcode import Opcode
-from mcap.records import Channel, MessageIndex, Schema
+from mcap.records import Channel, Chunk, Schema
 
 from eol_ros.devices.bag import scan
-from eol_ros.devices.bag.reader import (
-    BagFileReader,
-    BagReader,
-    information,
-    loads,
-    metadata_fault,
-)
-from eol_ros.devices.bag.recover import ProvedChunk, metadata_of
-from eol_ros.devices.bag.scan import MAGIC, ChunkHead, DamagedRecord
+from eol_ros.devices.bag.damage import Place
+from eol_ros.devices.bag.file import BagFileReader
+from eol_ros.devices.bag.reader import BagReader, information, loads, metadata_fault
+from eol_ros.devices.bag.recover import metadata_of
+from eol_ros.devices.bag.scan import MAGIC, DamagedRecord
 from eol_ros.errors import BagDamaged
+
+Expected = tuple[list[bytes], bool] | None  # message indexes of a chunk; whether they must be there
 
 
 def verify(
@@ -32,9 +31,7 @@ def verify(
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', BagDamaged)
         bag = BagReader(path)
-        found = []
-        for file in through(bag.files):
-            found += _messages(file) + _records(file)
+        found = [line for file in through(bag.files) for line in _faults(file)]
     found = [*bag.cut_short, *bag.damage, *found]
     return bag, list(dict.fromkeys([*found, *metadata_faults(bag)]))
 
@@ -66,55 +63,62 @@ def _by_name(value: Any) -> Any:
     return value
 
 
-def _messages(file: BagFileReader) -> list[str]:
-    """Read all messages, as a user would, and count them."""
-    counts = dict.fromkeys(file.counts, 0)
-    for message in file.messages(None, 0, None):
-        counts[message.topic] += 1
-    if file.damage or counts == file.counts:
-        return []
-    wrong = [f'{t}: {n} of {file.counts[t]}' for t, n in counts.items() if n != file.counts[t]]
-    return [f'{file.path.name}: messages that the index counts are not there: {", ".join(wrong)}']
-
-
-def _records(file: BagFileReader) -> list[str]:
-    """Compare what is written twice: chunks and their heads and indexes, definitions."""
-    wrong: list[str] = []
-    places = {p.offset: p for p in file.places}
-    chunk: ProvedChunk | None = None
-
-    def close() -> None:
-        place = places.get(chunk.found.offset) if chunk else None
-        left_out = place is not None and not place.channels and chunk and not chunk.indexes
-        if chunk and not chunk.right() and not left_out:  # a repair leaves wrong ones out
-            wrong.append(f'{file.path.name}: byte {chunk.found.end}: wrong message index')
-
+def _faults(file: BagFileReader) -> Iterator[str]:
+    """Go through a file, and compare what is written twice: chunks, heads, indexes, definitions."""
+    said, counts = file.contents.counts, Counter[int]()
+    at, expected = len(MAGIC), None
     with open(file.path, 'rb') as stream:
-        for found in scan.walk(stream, len(MAGIC), scan.size_of(stream), file.ours):
-            at = f'{file.path.name}: byte {found.offset}'
-            if chunk and isinstance(found.body, MessageIndex):
-                chunk.indexes.append(found)
-                continue
-            close()
-            chunk = None
-            if found.why:
-                wrong.append(f'{at}: {found.why}')
-            elif isinstance(found.body, ChunkHead):
-                head = found.body
-                try:
-                    data = scan.chunk_data(stream, head)
-                    chunk = ProvedChunk(found, data)
-                except DamagedRecord as error:
-                    wrong.append(f'{at}: {error}')
-                    continue
-                place = places.get(found.offset)
-                said = (head.start_ns, head.end_ns)
-                if found.opcode != Opcode.CHUNK or said != chunk.span or head.size != len(data):
-                    wrong.append(f'{at}: the head of the chunk does not fit what is in it')
-                if place and (place.start_ns, place.end_ns) != chunk.span:
-                    wrong.append(f'{at}: the index has other times than the chunk')
-            elif isinstance(found.body, (Schema, Channel)) and not file.defines(found.body):
-                wrong.append(f'{at}: a definition that differs from its copies')
-        if file.cut_at is None:  # else it was cut between a chunk and its index
-            close()
-    return wrong
+        for place in sorted(file.places, key=lambda p: p.offset):
+            yield from _between(file, stream, at, place.offset, expected)
+            at, expected = place.end, None
+            found = file.read(stream, place, lambda chunk, data: (chunk, scan.index_of(data)))
+            if found is None:
+                continue  # damaged, and told
+            chunk, index = found
+            counts.update({k: len(entries) for k, entries in index.items()})
+            if place.chunk:
+                where = f'{file.path.name}: byte {place.offset}'
+                if not _head_is_right(stream, place, chunk, index):
+                    yield f'{where}: the head of the chunk does not fit what is in it'
+                if (place.start_ns, place.end_ns) != scan.span_of(index):
+                    yield f'{where}: the index has other times than the chunk'
+                expected = [raw for _, raw in scan.message_indexes(index)], bool(place.channels)
+        cut = file.cut_at is not None  # between a chunk and its indexes, maybe
+        yield from _between(file, stream, at, file.contents.data_end, None if cut else expected)
+    wrong = [
+        f'{channel.topic}: {counts[k]} of {said[k]}'
+        for k, channel in file.contents.channels.items()
+        if counts[k] != said[k]
+    ]
+    if wrong and not file.damage:
+        yield f'{file.path.name}: messages that the index counts are not there: {", ".join(wrong)}'
+
+
+def _head_is_right(stream: BinaryIO, place: Place, chunk: Chunk, index: dict) -> bool:
+    head = scan.HEAD.pack(Opcode.CHUNK, place.end - place.offset - scan.HEAD.size)
+    said = chunk.message_start_time, chunk.message_end_time
+    return said == scan.span_of(index) and scan.read_at(stream, place.offset, len(head)) == head
+
+
+def _between(
+    file: BagFileReader, stream: BinaryIO, at: int, end: int, expected: Expected
+) -> Iterator[str]:
+    """Look at what lies between two places, the message indexes of the first among them."""
+    begin, found_indexes, name = at, [], file.path.name
+    for found in scan.walk(stream, at, end, file.ours):
+        where, record, at = f'{name}: byte {found.offset}', found.record, found.end
+        if found.why:
+            yield f'{where}: {found.why}'
+        elif found.raw[0] == Opcode.MESSAGE_INDEX:
+            found_indexes.append(found.raw)
+        elif isinstance(record, Chunk):
+            try:
+                scan.unpack(record)
+            except DamagedRecord as error:
+                yield f'{where}: {error}'
+        elif isinstance(record, (Schema, Channel)) and not file.contents.defines(record):
+            yield f'{where}: a definition that differs from its copies'
+    if at != end:
+        yield f'{name}: byte {at}: no record'
+    if expected and (found_indexes or expected[1]) and sorted(found_indexes) != sorted(expected[0]):
+        yield f'{name}: byte {begin}: wrong message index'

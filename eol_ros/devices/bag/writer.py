@@ -205,7 +205,7 @@ class BagWriter:
         assert file is not None
         name = file.path.name.removesuffix(PART)
         file.add_metadata(GAPS_METADATA, self.gaps)
-        counts = {t.name: n for t, n in zip(self._topics, file.counts, strict=True)}
+        counts = dict(zip(self._channel, file.counts.values(), strict=True))
         summary = FileSummary(name, file.start_ns, file.end_ns, counts)
         text = metadata_text(self._topics, [*self.files, summary], self._about | self.gaps)
         file.add_metadata('rosbag2', {'serialized_metadata': text})

@@ -1,0 +1,391 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads one MCAP file of a bag, whole, cut or damaged; no ROS.
+
+What cannot be read is skipped and said (`damage`, and a warning): never passed on, and never the
+end of the reading. An index is used where its checksum is right; else the file is walked through
+once and each chunk proved (see `scan`).
+"""
+
+import heapq
+import itertools
+import struct
+import warnings
+import zlib
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple, TypeVar
+
+import yaml
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, DataEnd, Header, Message, Metadata, Schema, Statistics
+
+from eol_ros.devices.bag import scan
+from eol_ros.devices.bag.damage import Damage, Place, span
+from eol_ros.devices.bag.mcap_file import LIBRARY, BagTopic
+from eol_ros.devices.bag.scan import HEAD, MAGIC, ChunkMessage, DamagedRecord, Found
+from eol_ros.devices.bag.writer import GAPS_METADATA, PART, RUN_METADATA
+from eol_ros.errors import BagDamaged, ConfigError, DeviceMissing
+
+if TYPE_CHECKING:
+    from eol_ros.devices.bag.batches import Batch
+
+FOOTER = struct.Struct('<BQQQI')  # opcode, length, start of the summary, of its offsets, crc
+_INDEX = struct.Struct('<QQQQI')  # start, end, offset, length, bytes of the map that follows
+_T = TypeVar('_T')
+
+
+class BagMessage(NamedTuple):
+    """One recorded message: serialised data, reception and sending time in ns since the epoch."""
+
+    topic: str
+    log_ns: int
+    publish_ns: int
+    sequence: int
+    data: bytes
+
+
+@dataclass
+class Contents:
+    """What is in a file, and where: as its index says, or as it was found."""
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    places: list[Place] = field(default_factory=list)
+    counts: Counter[int] = field(default_factory=Counter)  # messages of each channel
+    metadata: list[tuple[int, Metadata]] = field(default_factory=list)  # with their offsets
+    start_ns: int = 0
+    end_ns: int = 0
+    data_end: int = len(MAGIC)
+    complete: bool = False  # nothing is cut off of the data
+    holes: list[tuple[int, Found]] = field(default_factory=list)  # by number of places before
+
+    def define(self, record: Schema | Channel, trusted: bool) -> None:
+        """Take a definition; one with a checksum holds against one without."""
+        if trusted or record.id not in self._of(record):
+            self._of(record)[record.id] = record
+
+    def defines(self, record: Schema | Channel) -> bool:
+        """Return whether a schema or channel is the one that holds for its number."""
+        return self._of(record).get(record.id) == record
+
+    def add(self, found: Found) -> None:
+        """Take what was found in the file; a chunk is proved."""
+        record, messages = found.record, {}
+        if found.why:
+            self.holes.append((len(self.places), found))
+        elif isinstance(record, (Schema, Channel)):
+            self.define(record, trusted=False)
+        elif isinstance(record, Metadata):
+            self.metadata.append((found.offset, record))
+        elif isinstance(record, Message):
+            messages = {record.channel_id: [(record.log_time, 0)]}
+        elif isinstance(record, Chunk):
+            trusted = bool(record.uncompressed_crc)
+            try:
+                messages = scan.index_of(scan.unpack(record), lambda d: self.define(d, trusted))
+            except DamagedRecord as error:
+                self.add(found._replace(why=str(error)))
+        if messages:
+            self.counts.update({k: len(entries) for k, entries in messages.items()})
+            channels, chunk = frozenset(messages), isinstance(record, Chunk)
+            times = scan.span_of(messages)
+            self.places.append(Place(*times, found.offset, found.end, channels, chunk))
+
+    def _of(self, record: Schema | Channel) -> dict:
+        return self.schemas if isinstance(record, Schema) else self.channels
+
+
+class BagFileReader:
+    """One MCAP file: what is in it, and its messages.
+
+    `breathe` is called for each record of a file that has no index, which takes a while to read.
+    `quiet`: damage is in `damage`, and no warning.
+    """
+
+    def __init__(
+        self, path: Path, breathe: Callable[[], object] = lambda: None, quiet: bool = False
+    ):
+        self.path, self._quiet = path, quiet
+        self.topics: dict[str, BagTopic] = {}
+        self.counts: dict[str, int] = {}
+        self.metadata: dict[str, dict[str, str]] = {}
+        self.damage: list[Damage] = []
+        self.cut_at: int | None = None  # bytes that could be read of a file cut short
+        self.indexed = False  # it has an index, and that is right
+        self.ours = False  # this project wrote it, with checksums
+        self.size = 0
+        self.contents = Contents()
+        try:
+            with open(path, 'rb') as file:
+                self._read(file, breathe)
+        except OSError as error:
+            raise DeviceMissing(f'{path}: {error.strerror}') from None
+
+    @property
+    def start_ns(self) -> int:
+        """When the first message was received."""
+        return self.contents.start_ns
+
+    @property
+    def end_ns(self) -> int:
+        """When the last message was received."""
+        return self.contents.end_ns
+
+    @property
+    def places(self) -> list[Place]:
+        """Where messages lie, in order of time."""
+        return self.contents.places
+
+    def messages(
+        self, topics: Collection[str] | None, start_ns: int, end_ns: int | None
+    ) -> Iterator[BagMessage]:
+        """Yield the messages in order of reception; skip and tell what cannot be read."""
+        names = self._names(topics)
+        waiting: list[tuple[int, int, int, ChunkMessage]] = []
+
+        def first() -> BagMessage:
+            m = heapq.heappop(waiting)[3]
+            return BagMessage(names[m.channel], m.log_ns, m.publish_ns, m.sequence, m.data)
+
+        with open(self.path, 'rb') as file:
+            for place in self._places(names, start_ns, end_ns):
+                while waiting and waiting[0][0] < place.start_ns:
+                    yield first()
+                found = self.read(file, place, lambda _, d: list(scan.messages_in(d, names)))
+                for count, m in enumerate(found or ()):
+                    if m.log_ns >= start_ns and (end_ns is None or m.log_ns < end_ns):
+                        heapq.heappush(waiting, (m.log_ns, place.offset, count, m))
+            while waiting:
+                yield first()
+
+    def batches(
+        self, topics: Collection[str], start_ns: int, end_ns: int | None
+    ) -> Iterator[tuple[str, 'Batch']]:
+        """Yield what `messages` yields, some of one topic at a time; each topic in its order."""
+        from eol_ros.devices.bag.batches import batches_in, joined  # NumPy, which few need
+
+        names = self._names(topics)
+        waiting: dict[str, Batch] = {}  # may lie behind messages of the next chunk
+        with open(self.path, 'rb') as file:
+            for place in self._places(names, start_ns, end_ns):
+                for topic, batch in list(waiting.items()):
+                    ready, waiting[topic] = batch.split(place.start_ns)
+                    if ready.data:
+                        yield topic, ready
+                found = self.read(file, place, lambda _, data: batches_in(data, names))
+                for number, batch in (found or {}).items():
+                    topic = names[number]
+                    _, batch = batch.split(start_ns)
+                    if end_ns is not None:
+                        batch, _ = batch.split(end_ns)
+                    before = waiting.get(topic)
+                    waiting[topic] = joined([before, batch]) if before else batch
+            for topic, batch in waiting.items():
+                if batch.data:
+                    yield topic, batch
+
+    def prove(self, breathe: Callable[[], object] = lambda: None) -> int:
+        """Read every chunk against its checksum, and return how many messages can be read.
+
+        `damage` then has all that `messages` would skip.
+        """
+        if not self.indexed:  # each has been proved
+            return sum(self.counts.values())
+        count, known = 0, self.contents.channels.keys()
+        with open(self.path, 'rb') as file:
+            for place in self.places:
+                breathe()
+                found = self.read(file, place, lambda _, data: scan.index_of(data)) or {}
+                count += sum(len(entries) for k, entries in found.items() if k in known)
+        return count
+
+    def read(self, file: BinaryIO, place: Place, take: Callable[[Chunk, bytes], _T]) -> _T | None:
+        """Return what `take` makes of a chunk and its records; None, and tell, if it is damaged."""
+        try:
+            if place.chunk:
+                chunk = scan.chunk_at(file, place.offset, place.end)
+            else:  # one message by itself: taken for a chunk of one
+                raw = scan.read_at(file, place.offset, place.end - place.offset)
+                chunk = Chunk('', raw, place.end_ns, place.start_ns, 0, len(raw))
+            return take(chunk, scan.unpack(chunk))
+        except DamagedRecord as error:
+            self._damaged(place.offset, place.end, str(error), place.start_ns, place.end_ns)
+            return None
+
+    def _names(self, topics: Collection[str] | None) -> dict[int, str]:
+        channels = self.contents.channels.values()
+        return {c.id: c.topic for c in channels if topics is None or c.topic in topics}
+
+    def _places(
+        self, wanted: Collection[int], start_ns: int, end_ns: int | None
+    ) -> Iterator[Place]:
+        for place in self.places:
+            if place.end_ns < start_ns or (end_ns is not None and place.start_ns >= end_ns):
+                continue
+            if not place.channels or not place.channels.isdisjoint(wanted):
+                yield place
+
+    def _damaged(self, start: int, end: int, why: str, start_ns: int = 0, end_ns: int = 0) -> None:
+        damage = Damage(self.path.name, start, end, why, start_ns, end_ns)
+        if damage not in self.damage:
+            self.damage.append(damage)
+            if not self._quiet:
+                warnings.warn(damage.text(self.start_ns), BagDamaged, stacklevel=2)
+
+    def _read(self, file: BinaryIO, breathe: Callable[[], object]) -> None:
+        self.size = scan.size_of(file)
+        if not self._begins(file):
+            return
+        self.ours = by_this_project(file)
+        size = self.size
+        right_end = scan.read_at(file, max(size - len(MAGIC), 0), min(len(MAGIC), size)) == MAGIC
+        try:
+            found, index_wrong = from_index(file, size, self.ours), False
+        except (DamagedRecord, struct.error):
+            found, index_wrong = None, True  # and not just left out
+        self.indexed = found is not None
+        self.contents = contents = found or walked(file, size, self.ours, breathe)
+        for k, hole in contents.holes:
+            times = span(hole, contents.places[:k], contents.places[k:])
+            self._damaged(hole.offset, hole.end, hole.why, *times)
+        if self.indexed and not right_end:
+            self._damaged(size - len(MAGIC), size, 'the last bytes')
+        elif not self.indexed and not (contents.complete and right_end):
+            self.cut_at = contents.data_end
+        elif not self.indexed and (self.ours or index_wrong):
+            self._damaged(contents.data_end, size, 'the index')
+        contents.places.sort()
+        for channel in contents.channels.values():
+            self._add(channel, contents.schemas.get(channel.schema_id))
+            self.counts[channel.topic] += contents.counts[channel.id]
+        self._check_metadata()
+
+    def _begins(self, file: BinaryIO) -> bool:
+        """Return whether there is anything; raise ConfigError where it is no bag."""
+        magic = file.read(len(MAGIC))
+        if magic == MAGIC:
+            return True
+        part = self.path.name.endswith(PART)
+        known = part or self.path.name.endswith('.mcap')
+        if not scan.near_magic(magic) and not (known and scan.anchored(file)):
+            if part:
+                self.cut_at = 0  # the power failed before the first bytes were on the disk
+                return False
+            if not magic:
+                raise ConfigError(f'{self.path}: not a bag: the file is empty')
+            raise ConfigError(f'{self.path}: not a bag: begins with {magic!r}, not {MAGIC!r}')
+        self._damaged(0, len(MAGIC), f'the beginning is lost: begins with {magic!r}')
+        return True
+
+    def _check_metadata(self) -> None:
+        """Keep what has the right checksum; the copy in rosbag2's own record stands in."""
+        broken = []
+        for offset, record in self.contents.metadata:
+            pairs = dict(record.metadata)
+            crc = pairs.pop(scan.CRC_KEY, None)
+            if crc == scan.pairs_crc(pairs):
+                self.metadata[record.name] = pairs
+            elif self.ours:
+                broken.append((offset, record.name))
+            else:
+                self.metadata[record.name] = record.metadata
+        for offset, name in broken:
+            self._damaged(offset, offset + HEAD.size, f'metadata {name}')
+        custom = _custom_data(self.metadata.get('rosbag2', {})) if self.ours else {}
+        for name, other in ((RUN_METADATA, GAPS_METADATA), (GAPS_METADATA, RUN_METADATA)):
+            if custom and name not in self.metadata:
+                known = self.metadata.get(other, {})
+                self.metadata[name] = {k: v for k, v in custom.items() if k not in known}
+                return
+
+    def _add(self, channel: Channel, schema: Schema | None) -> None:
+        self.counts.setdefault(channel.topic, 0)
+        self.topics[channel.topic] = BagTopic(
+            channel.topic,
+            schema.name if schema else '',
+            schema.data.decode(errors='replace') if schema else '',
+            channel.metadata.get('topic_type_hash', ''),
+            channel.metadata.get('offered_qos_profiles', ''),
+        )
+
+
+def by_this_project(file: BinaryIO) -> bool:
+    """Return whether the header of a file says that this project wrote it."""
+    first = next(scan.walk(file, len(MAGIC), scan.size_of(file)), None)
+    return bool(first and isinstance(first.record, Header) and first.record.library == LIBRARY)
+
+
+def from_index(file: BinaryIO, size: int, ours: bool) -> Contents | None:
+    """Return what the index of a file says, None without one; raise DamagedRecord if it is wrong.
+
+    It must have its checksum, where this project wrote it.
+    """
+    tail = FOOTER.size + len(MAGIC)
+    if size < 2 * tail:
+        return None
+    footer = scan.read_at(file, size - tail, FOOTER.size)
+    opcode, length, start, _, crc = FOOTER.unpack(footer)
+    if opcode != Opcode.FOOTER or length != 20 or not len(MAGIC) < start < size - tail:
+        return None
+    data = scan.read_at(file, start, size - tail - start)
+    if (crc or ours) and crc != zlib.crc32(footer[:-4], zlib.crc32(data)):
+        raise DamagedRecord('wrong checksum')
+    found, statistics = Contents(data_end=start, complete=True), None
+    for at, end in itertools.pairwise(scan.edges_in(data)):
+        kind = data[at]
+        if kind == Opcode.CHUNK_INDEX:
+            _add_place(found, data[at + HEAD.size : end])
+        elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
+            found.define(scan.parse(data[at:end]), trusted=True)
+        elif kind == Opcode.METADATA_INDEX:
+            _add_metadata(found, file, *struct.unpack_from('<QQ', data, at + HEAD.size))
+        elif kind == Opcode.STATISTICS:
+            statistics = scan.parse(data[at:end])
+    if not isinstance(statistics, Statistics):
+        return None
+    if statistics.message_count and not found.places:
+        return None
+    found.counts.update(statistics.channel_message_counts)
+    found.start_ns, found.end_ns = statistics.message_start_time, statistics.message_end_time
+    return found
+
+
+def _add_place(found: Contents, body: bytes) -> None:
+    start_ns, end_ns, offset, length, count = _INDEX.unpack_from(body)
+    channels = frozenset(k for k, _ in struct.iter_unpack('<HQ', body[36 : 36 + count]))
+    if end_ns or channels:  # else definitions only
+        found.places.append(Place(start_ns, end_ns, offset, offset + length, channels))
+
+
+def _add_metadata(found: Contents, file: BinaryIO, offset: int, length: int) -> None:
+    there = scan.record_at(file, offset, offset + length)
+    if not isinstance(there.record, Metadata) or there.end != offset + length:
+        why = there.why or 'no metadata there'
+        there = Found(offset, offset + length, why=why, framed=True)
+    found.add(there)
+
+
+def walked(file: BinaryIO, size: int, ours: bool, breathe: Callable[[], object]) -> Contents:
+    """Return what is in a file without an index; each chunk is proved."""
+    contents = Contents()
+    for found in scan.walk(file, len(MAGIC), size, ours):
+        breathe()
+        contents.add(found)
+        contents.data_end = found.end
+        contents.complete = isinstance(found.record, DataEnd) and not found.why
+    if contents.complete:
+        for known in scan.definitions_at(file, contents.data_end, size):
+            contents.define(known, trusted=False)
+    contents.start_ns = min((p.start_ns for p in contents.places), default=0)
+    contents.end_ns = max((p.end_ns for p in contents.places), default=0)
+    return contents
+
+
+def _custom_data(rosbag2: dict[str, str]) -> dict[str, str]:
+    try:
+        information = yaml.safe_load(rosbag2.get('serialized_metadata', '')) or {}
+        return information['rosbag2_bagfile_information']['custom_data'] or {}
+    except (yaml.YAMLError, KeyError, TypeError):
+        return {}
