@@ -13,9 +13,9 @@ REQUESTS, RESULTS = 'requests', 'request_results'
 def heeded(bag: BagReader) -> list[Heeded]:
     """Return the requests of a bag, in order of recording."""
     requests, results = map(bag.name, (REQUESTS, RESULTS))
-    if requests in bag.topics and results in bag.topics:
-        return recorded(_columns(bag, requests), _columns(bag, results))
-    return []
+    if not {requests, results} <= bag.topics.keys():
+        return []
+    return recorded(_columns(bag, requests), _columns(bag, results))
 
 
 def _columns(bag: BagReader, name: str) -> dict[str, np.ndarray]:
