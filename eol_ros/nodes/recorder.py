@@ -155,7 +155,7 @@ class RecorderNode(EolNode):
         health.values.update(
             messages=count, lost=recording.lost, bag=str(recording.folder or ''),
             dropped=sum(recording.dropped.values()), queue_mb=recording.queued_mb,
-            images_gb=round(recording.image_bytes / 1e9, 3),
+            images_gb=round(recording.budget.bytes / 1e9, 3),
         )  # fmt: skip
         dropped = sum(recording.dropped.values())
         if dropped != self._dropped:
@@ -169,7 +169,7 @@ class RecorderNode(EolNode):
                     cause=recording.drop_cause, count=dropped,
                 )
             )  # fmt: skip
-        elif recording.image_budget_spent:
+        elif recording.budget.spent:
             limit = f'{self.settings.images_max_gb:g}'
             health.ok(
                 said(

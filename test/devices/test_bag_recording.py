@@ -227,7 +227,7 @@ def test_the_budget_of_pictures_is_one_of_the_day_not_of_the_run(tmp_path):
     assert [run().message_count for _ in range(3)] == [6, 4, 0]
     day[0] = '2026-11-22'
     last = run()
-    assert last.message_count == 6 and not last.image_budget_spent
+    assert last.message_count == 6 and not last.budget.spent
 
 
 def test_what_is_too_old_goes_while_the_recorder_runs(tmp_path, monkeypatch):

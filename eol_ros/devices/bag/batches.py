@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of a bag, many at a time: of each topic its times as columns, and its data."""
 
-from collections.abc import Collection, Iterable
-from typing import NamedTuple, Protocol
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from mcap.opcode import Opcode
 
 from eol_ros.devices.bag.scan import HEAD, MESSAGE_HEAD, edges_in
+
+if TYPE_CHECKING:
+    from eol_ros.devices.bag.file import BagMessage
 
 MESSAGE_DTYPE = np.dtype(
     [('channel', '<u2'), ('sequence', '<u4'), ('log_ns', '<u8'), ('publish_ns', '<u8')]
@@ -45,20 +48,8 @@ def joined(batches: list[Batch]) -> Batch:
     return Batch(log_ns, publish_ns, data)
 
 
-class Message(Protocol):
-    """What has been read of a bag one by one."""
-
-    @property
-    def log_ns(self) -> int: ...
-    @property
-    def publish_ns(self) -> int: ...
-    @property
-    def data(self) -> bytes: ...
-
-
-def batch_of(messages: Iterable[Message]) -> Batch:
+def batch_of(some: Sequence['BagMessage']) -> Batch:
     """Return messages of one topic, in order of reception, as a batch."""
-    some = list(messages)
     times = ([m.log_ns for m in some], [m.publish_ns for m in some])
     log_ns, publish_ns = (np.array(column, np.int64) for column in times)
     return Batch(log_ns, publish_ns, [m.data for m in some])

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags out of bags: a stretch of one, several as one, what can be read of a damaged one."""
 
+import contextlib
 import heapq
 import json
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -17,7 +19,7 @@ DAMAGED = 'damaged'  # in GAPS_METADATA: what of them could not be read
 
 def copy(
     out: Path,
-    topics: Sequence[BagTopic],
+    topics: Collection[BagTopic],
     messages: Iterator[BagMessage],
     about: Mapping[str, str],
     gaps: dict[str, str],
@@ -35,22 +37,37 @@ def copy(
         lines = damage()
         return gaps | ({DAMAGED: json.dumps(lines)} if lines else {})
 
-    if out.suffix != '.mcap':
-        bag = BagWriter(out, topics, about)
-        for m in messages:
-            bag.write(m.topic, m.data, m.log_ns, m.publish_ns, m.sequence)
-        bag.gaps = found()
-        bag.close()
-        return bag.message_count
-    if not out.absolute().parent.is_dir():
-        raise ConfigError(f'{out}: there is no such folder')
+    if out.suffix == '.mcap':
+        if not out.absolute().parent.is_dir():
+            raise ConfigError(f'{out}: there is no such folder')
+        return write_file(out, topics, messages, about, found)
+    bag = BagWriter(out, topics, about)
+    for m in messages:
+        bag.write(m.topic, m.data, m.log_ns, m.publish_ns, m.sequence)
+    bag.gaps = found()
+    bag.close()
+    return bag.message_count
+
+
+def write_file(
+    out: Path,
+    topics: Collection[BagTopic],
+    messages: Iterator[BagMessage],
+    about: Mapping[str, str],
+    gaps: Callable[[], Mapping[str, str]],
+) -> int:
+    """Write `messages` to a new file; `gaps` is called when all are written. Count them."""
     file = BagFile(out, topics)
     channel = {topic.name: number for number, topic in enumerate(topics, 1)}
-    file.add_metadata(RUN_METADATA, about)
-    for m in messages:
-        file.write(channel[m.topic], m.data, m.log_ns, m.publish_ns, m.sequence)
-    file.add_metadata(GAPS_METADATA, found())
-    file.close()
+    try:
+        file.add_metadata(RUN_METADATA, about)
+        for m in messages:
+            file.write(channel[m.topic], m.data, m.log_ns, m.publish_ns, m.sequence)
+        file.add_metadata(GAPS_METADATA, gaps())
+        file.close()
+    except BaseException:
+        file.abandon()
+        raise
     return file.message_count
 
 
@@ -88,15 +105,9 @@ def merged(bags: Sequence[BagReader]) -> Iterator[BagMessage]:
 
 def merged_gaps(bags: Sequence[BagReader]) -> dict[str, str]:
     """Return what was lost of all bags together: counts are added up."""
-    total: dict[str, dict] = {}
-    for bag in bags:
-        for name, text in bag.gaps.items():
-            try:
-                value = json.loads(text)
-            except ValueError:
-                continue
-            if isinstance(value, dict):
-                counts = total.setdefault(name, {})
-                for key, number in value.items():
-                    counts[key] = counts.get(key, 0) + number
+    total: dict[str, Counter] = {}
+    for name, text in (item for bag in bags for item in bag.gaps.items()):
+        with contextlib.suppress(ValueError):
+            if isinstance(counts := json.loads(text), dict):
+                total.setdefault(name, Counter()).update(counts)
     return {name: json.dumps(counts, sort_keys=True) for name, counts in total.items()}

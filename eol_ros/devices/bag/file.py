@@ -117,26 +117,13 @@ class BagFileReader:
         self.ours = False  # this project wrote it, with checksums
         self.size = 0
         self.contents = Contents()
+        self.places: list[Place] = []  # of messages, in order of time
+        self.start_ns = self.end_ns = 0  # when the first and the last message was received
         try:
             with open(path, 'rb') as file:
                 self._read(file, breathe)
         except OSError as error:
             raise DeviceMissing(f'{path}: {error.strerror}') from None
-
-    @property
-    def start_ns(self) -> int:
-        """When the first message was received."""
-        return self.contents.start_ns
-
-    @property
-    def end_ns(self) -> int:
-        """When the last message was received."""
-        return self.contents.end_ns
-
-    @property
-    def places(self) -> list[Place]:
-        """Where messages lie, in order of time."""
-        return self.contents.places
 
     def messages(
         self, topics: Collection[str] | None, start_ns: int, end_ns: int | None
@@ -247,6 +234,7 @@ class BagFileReader:
             found, index_wrong = None, True  # and not just left out
         self.indexed = found is not None
         self.contents = contents = found or walked(file, size, self.ours, breathe)
+        self.start_ns, self.end_ns = contents.start_ns, contents.end_ns
         for k, hole in contents.holes:
             times = span(hole, contents.places[:k], contents.places[k:])
             self._damaged(hole.offset, hole.end, hole.why, *times)
@@ -256,7 +244,7 @@ class BagFileReader:
             self.cut_at = contents.data_end
         elif not self.indexed and (self.ours or index_wrong):
             self._damaged(contents.data_end, size, 'the index')
-        contents.places.sort()
+        self.places = sorted(contents.places)
         for channel in contents.channels.values():
             self._add(channel, contents.schemas.get(channel.schema_id))
             self.counts[channel.topic] += contents.counts[channel.id]

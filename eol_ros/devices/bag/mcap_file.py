@@ -9,7 +9,7 @@ smaller, and images would lie among the small messages. A repair writes chunks a
 import os
 import struct
 import zlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -102,7 +102,7 @@ class BagFile:
     def __init__(
         self,
         path: Path,
-        topics: Sequence[BagTopic],
+        topics: Collection[BagTopic],
         level: int = ZSTD_LEVEL,
         disk: Disk = DISK,
         definitions: Definitions | None = None,
@@ -268,27 +268,14 @@ class BagFile:
         )
 
 
-def describe_topics(topics: Sequence[BagTopic]) -> tuple[list[Schema], list[Channel]]:
+def describe_topics(topics: Collection[BagTopic]) -> tuple[list[Schema], list[Channel]]:
     """Return the definitions of `topics`: a schema for each type, channel i + 1 for topic i."""
     schemas: dict[str, Schema] = {}
-    channels = []
-    for number, topic in enumerate(topics, 1):
-        schema = schemas.setdefault(
-            topic.type,
-            Schema(
-                id=len(schemas) + 1,
-                data=topic.definition.encode(),
-                encoding='ros2msg',
-                name=topic.type,
-            ),
-        )
-        channels.append(
-            Channel(
-                id=number,
-                topic=topic.name,
-                message_encoding='cdr',
-                metadata=topic.metadata(),
-                schema_id=schema.id,
-            )
-        )
+    for t in topics:
+        number = len(schemas) + 1
+        schemas.setdefault(t.type, Schema(number, t.definition.encode(), 'ros2msg', t.type))
+    channels = [
+        Channel(number, t.name, 'cdr', t.metadata(), schemas[t.type].id)
+        for number, t in enumerate(topics, 1)
+    ]
     return list(schemas.values()), channels

@@ -19,28 +19,19 @@ import shutil
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from eol_ros.devices.bag.backlog import Backlog, Waiting
 from eol_ros.devices.bag.disk import DISK, Disk
 from eol_ros.devices.bag.housekeeping import Housekeeper
 from eol_ros.devices.bag.mcap_file import BagTopic
-from eol_ros.devices.bag.selection import (
-    AroundSlips,
-    Dropped,
-    Gaps,
-    Item,
-    RateLimiter,
-    Slipping,
-    StampGaps,
-)
+from eol_ros.devices.bag.selection import Dropped, Item, Losses, Selection, Slipping
 from eol_ros.devices.bag.writer import BagExists, BagWriter
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import ConfigError, EolError
 from eol_ros.settings import RecorderSettings
-from eol_ros.streams.cdr import stamp_ns
 
 FLUSH_S = 1.0
 RETRY_S = 3.0
@@ -53,6 +44,58 @@ STUCK = 'the disk does not answer'
 CALM_BYTES = 4 << 20  # with more than this waiting, earlier bags are not cared for
 HURRY_BYTES = QUEUE_BYTES // 4  # with more than this waiting, images are not compressed
 GB = 1e9
+
+
+class ImageBudget:
+    """Counts the bytes of raw images that are kept in a day, over the runs of that day."""
+
+    def __init__(self, root: Path, most_gb: float, today: Callable[[], str]):
+        self.bytes, self.spent = 0, False
+        self._file, self._most_gb, self._today = root / BUDGET, most_gb, today
+        self._day = today()
+        with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
+            kept = json.loads(self._file.read_text(encoding='utf-8'))
+            if kept['day'] == self._day:
+                self.bytes = int(kept['bytes'])
+        self._told = self._day, self.bytes
+
+    def take(self, size: int) -> bool:
+        """Return whether there is room for an image, and count it."""
+        self.spent = self.bytes + size > self._most_gb * GB
+        self.bytes += 0 if self.spent else size
+        return not self.spent
+
+    def keep(self) -> None:
+        """Start over with a new day, and note what was kept, for a run after this one."""
+        day = self._today()
+        if day != self._day:
+            self._day, self.bytes, self.spent = day, 0, False
+        if self._told != (day, self.bytes):
+            self._told = day, self.bytes
+            with contextlib.suppress(OSError):
+                part = self._file.with_name(f'{BUDGET}.tmp')
+                part.write_text(json.dumps({'day': day, 'bytes': self.bytes}))
+                part.replace(self._file)
+
+
+class Sync(threading.Thread):
+    """Has the disk keep what is in a file so far, in a thread of its own: it may take seconds."""
+
+    def __init__(self, writer: BagWriter, file: BinaryIO, disk: Disk, done: Callable[[], None]):
+        super().__init__(name='bag-sync', daemon=True)
+        self.writer, self.ended = writer, False
+        self.error: OSError | None = None
+        self._file, self._disk, self._done = file, disk, done
+
+    def run(self) -> None:
+        """Do it; `done` is called when `ended` and `error` are known."""
+        try:
+            with self._file:
+                self._disk.sync(self._file)
+        except OSError as error:
+            self.error = error
+        self.ended = True
+        self._done()
 
 
 class Recording:
@@ -82,40 +125,29 @@ class Recording:
         today: Callable[[], str] = lambda: time.strftime('%Y-%m-%d'),
     ):
         self.root = root
-        self.sync_s = 0.0  # how long the disk took when it was last told to keep what it has
+        self.rounds = Rounds()  # of the writing thread; a round ends when its bytes are written
         self.folder: Path | None = None
         self.trouble = ''  # why nothing is recorded now; empty while all is well
         self.drop_cause = ''  # of the newest messages that were dropped
         self.time_jump_s = 0.0  # by which the system clock was set where this bag ends
+        self.sync_s = 0.0  # how long the disk took when it was last told to keep what it has
         self.repaired: list[str] = []
-        self.image_bytes = 0  # of raw images, today
-        self._budget_spent = False
-        self._told_bytes = 0
-        self._today, self._day = today, today()
+        self.budget = ImageBudget(root, settings.images_max_gb, today)
         self._name = re.sub(r'[^\w+-]+', '-', name) or 'run'
         self._topics, self._about, self._settings = tuple(topics), dict(about), settings
-        self._pictures = {images, infos} - {''}
-        self._images, self._rhythm = images, {topic: StampGaps(rate_hz) for topic in rhythm}
-        self._thinned = frozenset(thinned)
-        self._gaps = Gaps()
-        self._unwritten: Counter[str] = Counter()  # for which there was no disk
-        self._unstamped: Counter[str] = Counter()  # too short for a stamp, recorded unchanged
-        self._ring = AroundSlips(settings.before_s, settings.after_s)
-        self._limiter = RateLimiter(settings.display_period_s)
+        self._images = images
+        self._selection = Selection(settings, {images, infos} - {''}, thinned, self.budget.take)
+        self._losses = Losses(images, rhythm, rate_hz)
         self._queue = Backlog(QUEUE_BYTES, images, MOST_BYTES)
         self._written = 0  # messages of bags already closed
-        self.rounds = Rounds()  # of the writing thread; a round ends when its bytes are written
         self._ready = threading.Condition()
         self._closing = False
         self._stop, self._kept = threading.Event(), threading.Event()
         self._writer: BagWriter | None = None
-        self._syncing: threading.Thread | None = None
-        self._sync_ended = False
-        self._sync_error: tuple[BagWriter, OSError] | None = None
+        self._syncing: Sync | None = None
         self._clock, self._disk, self._threaded = clock, disk, threaded
         self._next_flush = self._next_try = self._synced_s = clock()
         self._unsaved_s: float | None = None  # since when the oldest message is not on the disk
-        self._read_budget()
         self._open()
         if not threaded:
             return
@@ -132,7 +164,7 @@ class Recording:
         """Hand over a message; never waits."""
         with self._ready:
             if self._closing:
-                self._unwritten[item.topic] += 1
+                self._losses.unwritten[item.topic] += 1
                 return
             before = self._queue.dropped.total()
             self._queue.put(self._clock(), item)
@@ -176,27 +208,22 @@ class Recording:
     @property
     def lost(self) -> int:
         """Messages that were sent and are not in the bag though they should be."""
-        return Counter(self._gaps.lost).total() + self.dropped.total()
+        return self._losses.gaps.lost.total() + self.dropped.total()
 
     @property
     def dropped(self) -> Counter[str]:
         """Messages that came and were not written, per topic."""
-        return self._queue.dropped + self._unwritten
+        return self._queue.dropped + self._losses.unwritten
 
     @property
     def received(self) -> Counter[str]:
         """Messages that came out of the queue so far, per topic."""
-        return Counter(self._gaps.received)
+        return self._losses.gaps.received
 
     @property
     def queued_mb(self) -> float:
         """What waits to be written now."""
         return round(self._queue.bytes / 1e6, 1)
-
-    @property
-    def image_budget_spent(self) -> bool:
-        """Whether `images_max_gb` of raw images were kept today, and no more will be."""
-        return self._budget_spent
 
     def housekeeping(self) -> int | None:
         """Return the completed rounds of the care for earlier bags; None: no work is due."""
@@ -204,20 +231,7 @@ class Recording:
 
     def gaps(self) -> dict[str, str]:
         """Return what was lost, per topic, as it goes into the metadata of the bag."""
-        counts: dict[str, Mapping[str, float]] = {
-            'received': self._gaps.received,
-            'lost_before_recorder': +Counter(self._gaps.lost),
-            'dropped_in_recorder': dict(self.dropped),
-            'stamp_gaps': {topic: gaps.missing for topic, gaps in self._rhythm.items()},
-        }
-        if self._images in self._rhythm:  # those that are known to be lost were taken
-            missing = self._rhythm[self._images].missing - self._gaps.lost[self._images]
-            counts['stamp_gaps'] = {**counts['stamp_gaps'], self._images: max(missing, 0)}
-        if self._unstamped:
-            counts['without_stamp'] = dict(self._unstamped)
-        if self.time_jump_s:
-            counts['time_jump_s'] = {'system clock': self.time_jump_s}
-        return {name: json.dumps(value, sort_keys=True) for name, value in counts.items()}
+        return self._losses.said(self.dropped, self.time_jump_s)
 
     def _run(self) -> None:
         try:
@@ -247,7 +261,7 @@ class Recording:
 
     def _lose(self, entry: Waiting | None) -> None:
         if entry and isinstance(entry.item, Item):
-            self._unwritten[entry.item.topic] += 1
+            self._losses.unwritten[entry.item.topic] += 1
 
     def _step(self, entry: Waiting | None = None) -> None:
         """Write what has waited, and do what is due."""
@@ -264,9 +278,9 @@ class Recording:
             return
         self._next_flush = now + FLUSH_S
         self._kept.set()
-        self._keep_budget()
+        self.budget.keep()
         if self._writer:
-            self._guarded(self._writer.flush)
+            self._guarded('flush')
             self._check_space()
             self._next_try = now + RETRY_S
         elif now >= self._next_try:
@@ -279,120 +293,56 @@ class Recording:
         A disk that is slower than that is not asked all the time.
         """
         if self._syncing is not None:
-            return 0.0 if self._sync_ended else math.inf
+            return 0.0 if self._syncing.ended else math.inf
         every_s = self._settings.sync_s
         if not every_s or self._unsaved_s is None:
             return math.inf
         return max(self._unsaved_s + every_s - self.sync_s, self._synced_s + every_s / 4)
 
     def _sync(self) -> None:
-        """Sync the written data in a separate thread: a disk may take seconds."""
+        """Begin to sync what is written, or end what has been begun."""
         if self._syncing is not None:
             self._end_sync()
             return
         begun_s, self._unsaved_s = self._clock(), None
+
+        def done() -> None:
+            with self._ready:
+                self._synced_s = self._clock()
+                self.sync_s = self._synced_s - begun_s
+                self._ready.notify()
+
         if not self._threaded:
-            if self._writer:
-                self._guarded(self._writer.sync)
-            self._synced(begun_s)
-            return
-        try:
-            handle = self._writer.second_handle() if self._writer else None
-        except OSError as error:
-            self._pause(self._refused(error), whole=False)
-            return
-        if handle is not None:
-            words, self._sync_ended = (self._writer, handle, begun_s), False
-            self._syncing = threading.Thread(target=self._synchronise, args=words, daemon=True)
+            self._guarded('sync')
+            done()
+        elif (writer := self._writer) and (handle := self._guarded('second_handle')):
+            self._syncing = Sync(writer, handle, self._disk, done)
             self._syncing.start()
-
-    def _synchronise(self, writer: BagWriter, handle: BinaryIO, begun_s: float) -> None:
-        try:
-            with handle:
-                self._disk.sync(handle)
-        except OSError as error:
-            self._sync_error = writer, error
-        self._synced(begun_s)
-        with self._ready:
-            self._sync_ended = True
-            self._ready.notify()
-
-    def _synced(self, begun_s: float) -> None:
-        self._synced_s = self._clock()
-        self.sync_s = self._synced_s - begun_s
 
     def _end_sync(self) -> None:
         """Wait for a running sync to end; if the disk refuses, continue without its bag."""
-        if self._syncing is None:
-            return
-        self._syncing.join()
-        self._syncing = None
-        if self._sync_error:
-            (writer, error), self._sync_error = self._sync_error, None
-            if writer is self._writer:
-                self._pause(self._refused(error), whole=False)
+        sync, self._syncing = self._syncing, None
+        if sync:
+            sync.join()
+            if sync.error and sync.writer is self._writer:
+                self._pause(self._refused(sync.error), whole=False)
 
     def _write(self, item: Item | Slipping | Dropped) -> None:
         if not isinstance(item, Slipping):
-            self._count(item)
-        if isinstance(item, Dropped):
-            return
-        for kept in self._selected(item):
-            if self._writer:
-                self._guarded(
-                    self._writer.write,
-                    kept.topic,
-                    kept.data,
-                    kept.log_ns,
-                    kept.publish_ns,
-                    kept.sequence,
-                    self._queue.bytes > HURRY_BYTES,
-                )
+            self._losses.count(item)
+        for kept in () if isinstance(item, Dropped) else self._selection.take(item):
+            self._guarded('write', *kept, self._queue.bytes > HURRY_BYTES)
             if not self._writer:  # or not any more
-                self._unwritten[kept.topic] += 1
+                self._losses.unwritten[kept.topic] += 1
                 self.drop_cause = self.trouble
 
-    def _count(self, item: Item | Dropped) -> None:
-        """Look for what is missing before a message that came, were it dropped or not."""
-        if isinstance(item, Dropped):
-            head = item.head
-            self._gaps.skip(item.topic, item.sequence)
-        else:
-            head = item.data
-            self._gaps.take(item.topic, item.sequence)
-        if item.topic in self._rhythm:
-            if stamp := stamp_ns(head):
-                self._rhythm[item.topic].take(stamp)
-            else:
-                self._unstamped[item.topic] += 1
-
-    def _selected(self, item: Item | Slipping) -> Iterator[Item]:
-        """Yield what is to be written now that `item` has come."""
-        if isinstance(item, Slipping):
-            yield from self._counted(self._ring.slip(item))
-            return
-        if item.topic in self._pictures:
-            if self._settings.images == 'around_slips':
-                yield from self._counted(self._ring.image(item))
-            else:
-                yield from self._counted([item])
-        elif item.topic not in self._thinned or self._limiter.keep(item):
-            yield item
-
-    def _counted(self, images: Iterator[Item] | list[Item]) -> Iterator[Item]:
-        for item in images:
-            if self.image_bytes + len(item.data) <= self._settings.images_max_gb * GB:
-                self.image_bytes += len(item.data)
-                yield item
-            else:
-                self._budget_spent = True
-
-    def _guarded(self, action, *args) -> None:
-        """Do it; on a refusing disk leave the file as it is and go on without."""
+    def _guarded(self, action: str, *args) -> Any:
+        """Let the writer do it; on a refusing disk leave the file as it is and go on without."""
         try:
-            action(*args)
+            return getattr(self._writer, action)(*args) if self._writer else None
         except OSError as error:
             self._pause(self._refused(error), whole=False)
+            return None
 
     def _refused(self, error: OSError) -> str:
         """Return in words what the disk says; a full one is called full."""
@@ -470,28 +420,9 @@ class Recording:
         except EolError as error:
             self.trouble = str(error)
 
-    def _read_budget(self) -> None:
-        """Go on from the images that earlier runs of today have kept."""
-        with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
-            kept = json.loads((self.root / BUDGET).read_text(encoding='utf-8'))
-            if kept['day'] == self._day:
-                self.image_bytes = self._told_bytes = int(kept['bytes'])
-
-    def _keep_budget(self) -> None:
-        """Start over with a new day, and note what was kept, for a run after this one."""
-        day = self._today()
-        if day != self._day:
-            self._day, self.image_bytes, self._budget_spent = day, 0, False
-        if self._told_bytes != self.image_bytes:
-            self._told_bytes = self.image_bytes
-            with contextlib.suppress(OSError):
-                part = self.root / f'{BUDGET}.tmp'
-                part.write_text(json.dumps({'day': day, 'bytes': self.image_bytes}))
-                part.replace(self.root / BUDGET)
-
     def _finish(self) -> None:
         self._end_sync()
-        self._keep_budget()
+        self.budget.keep()
         if self._writer:
             self._writer.gaps = self.gaps()
-            self._guarded(self._writer.close)
+            self._guarded('close')

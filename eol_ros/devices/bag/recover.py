@@ -177,7 +177,7 @@ def _copy(old: BagFileReader, work: Path, breathe: Callable[[], None]) -> None:
             if name not in (GAPS_METADATA, 'rosbag2'):
                 new.add_metadata(name, pairs)
         with open(old.path, 'rb') as file:
-            for place in sorted(contents.places, key=lambda p: p.offset):
+            for place in contents.places:
                 breathe()
                 old.read(file, place, copy)
         gaps = {**old.metadata.get(GAPS_METADATA, {}), 'recovered': f'from {old.path.name}'}

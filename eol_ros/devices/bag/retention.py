@@ -13,13 +13,12 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from eol_ros import folders
-from eol_ros.devices.bag.mcap_file import BagFile
-from eol_ros.devices.bag.reader import BagReader
+from eol_ros.devices.bag.edit import write_file
+from eol_ros.devices.bag.reader import BagMessage, BagReader
 from eol_ros.devices.bag.recover import BESIDE, in_use, rewrite_metadata
-from eol_ros.devices.bag.writer import GAPS_METADATA, PART, RUN_METADATA
+from eol_ros.devices.bag.writer import PART
 from eol_ros.errors import EolError
 from eol_ros.streams.graph import namespace_of, relative_name
 
@@ -54,26 +53,7 @@ class Limits:
     free: float
 
 
-class Store(Protocol):
-    """Where recordings lie; all but `stored` may raise OSError."""
-
-    def stored(self) -> list[Stored]:
-        """Return all that there is."""
-
-    def free(self) -> float:
-        """Return the bytes that the disk has left."""
-
-    def has_pictures(self, stored: Stored) -> bool:
-        """Return whether a bag has raw images that can be removed."""
-
-    def remove_pictures(self, stored: Stored) -> None:
-        """Remove the raw images of a bag, and nothing else."""
-
-    def remove(self, stored: Stored) -> None:
-        """Remove all of it."""
-
-
-def enforce(store: Store, limits: Limits, now_s: float) -> Iterator[str]:
+def enforce(store: 'Folder', limits: Limits, now_s: float) -> Iterator[str]:
     """Remove what is too old or too much, piece by piece; yield what was done, in words."""
     stored = sorted(store.stored(), key=lambda s: s.changed_s)
     safe = _first_protected_day(stored, limits)
@@ -118,7 +98,7 @@ def _day(stored: Stored) -> tuple[int, ...]:
     return time.localtime(stored.changed_s)[:3]
 
 
-def _too_much(store: Store, limits: Limits) -> bool:
+def _too_much(store: 'Folder', limits: Limits) -> bool:
     total = sum(s.size for s in store.stored())
     return bool(limits.size and total > limits.size) or store.free() < limits.free
 
@@ -176,18 +156,8 @@ class Folder:
     def remove_pictures(self, stored: Stored) -> None:
         """Rewrite the files of a bag without images; each takes its name when it is complete."""
         self._without.add(stored.path)
-        bag = BagReader(stored.path)
-        for file in bag.files:
-            changed = file.path.stat()
-            thin = file.path.with_name(file.path.name + THIN)
-            thin.unlink(missing_ok=True)
-            if file.counts.get(bag.name(self._images)):
-                try:
-                    self._copy(file.path, thin)
-                    os.utime(thin, ns=(changed.st_atime_ns, changed.st_mtime_ns))
-                    os.replace(thin, file.path)
-                finally:
-                    thin.unlink(missing_ok=True)
+        for file in BagReader(stored.path).files:
+            self._thin(BagReader(file.path), file.path.with_name(file.path.name + THIN))
         rewrite_metadata(stored.path)
 
     def remove(self, stored: Stored) -> None:
@@ -212,26 +182,28 @@ class Folder:
         except OSError:  # somebody removes it
             return []
 
-    def _copy(self, path: Path, out: Path) -> None:
-        bag = BagReader(path)
-        topics = list(bag.topics.values())
-        channel = {topic.name: number for number, topic in enumerate(topics, 1)}
-        images = bag.name(self._images)
-        removed = str(bag.counts[images])
-        file = BagFile(out, topics)
+    def _thin(self, bag: BagReader, thin: Path) -> None:
+        """Rewrite a file by way of `thin`, which takes its name when it is complete."""
+        changed, images = bag.path.stat(), bag.name(self._images)
+        thin.unlink(missing_ok=True)
+        if not bag.count(self._images):
+            return
+        gaps = bag.gaps | {PICTURES_REMOVED: str(bag.counts[images])}
+        messages = self._breathing(bag.messages(bag.topics.keys() - {images}))
         try:
-            file.add_metadata(RUN_METADATA, bag.about)
-            for count, m in enumerate(bag.messages(set(channel) - {images})):
-                file.write(channel[m.topic], m.data, m.log_ns, m.publish_ns, m.sequence)
-                if count % 1000 == 0:
-                    self._breathe()
-            file.add_metadata(GAPS_METADATA, bag.gaps | {PICTURES_REMOVED: removed})
-            file.close()
-        except BaseException:
-            file.abandon()
-            raise
-        if bag.damage:
-            raise OSError(f'{path}: damaged, so it is left as it is')
+            write_file(thin, bag.topics.values(), messages, bag.about, lambda: gaps)
+            if bag.damage:
+                raise OSError(f'{bag.path}: damaged, so it is left as it is')
+            os.utime(thin, ns=(changed.st_atime_ns, changed.st_mtime_ns))
+            os.replace(thin, bag.path)
+        finally:
+            thin.unlink(missing_ok=True)
+
+    def _breathing(self, messages: Iterator[BagMessage]) -> Iterator[BagMessage]:
+        for count, message in enumerate(messages):
+            if count % 1000 == 0:
+                self._breathe()
+            yield message
 
 
 def _parts(folder: Path) -> list[Path]:

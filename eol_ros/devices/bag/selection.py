@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What of a run is kept, and what was lost on the way. Pure bookkeeping over messages."""
 
+import json
 import statistics
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import NamedTuple
+
+from eol_ros.settings import RecorderSettings
+from eol_ros.streams.cdr import stamp_ns
 
 NS = 1_000_000_000
 KNOWN = 5  # so many intervals tell a rhythm
@@ -180,3 +184,76 @@ class StampGaps:
                 missing += holes
         self.missing += missing
         return missing
+
+
+class Selection:
+    """Which messages are written: of topics `pictures` and `thinned` not all.
+
+    `room` takes the size of a raw image, and returns whether there is room for it today.
+    """
+
+    def __init__(
+        self,
+        settings: RecorderSettings,
+        pictures: Collection[str],
+        thinned: Collection[str],
+        room: Callable[[int], bool],
+    ):
+        self._ring = AroundSlips(settings.before_s, settings.after_s)
+        self._around_slips = settings.images == 'around_slips'
+        self._limiter = RateLimiter(settings.display_period_s)
+        self._pictures, self._thinned, self._room = pictures, frozenset(thinned), room
+
+    def take(self, item: Item | Slipping) -> Iterator[Item]:
+        """Yield what is to be written now that `item` has come."""
+        if isinstance(item, Slipping):
+            yield from self._with_room(self._ring.slip(item))
+        elif item.topic in self._pictures:
+            yield from self._with_room(self._ring.image(item) if self._around_slips else [item])
+        elif item.topic not in self._thinned or self._limiter.keep(item):
+            yield item
+
+    def _with_room(self, images: Iterable[Item]) -> Iterator[Item]:
+        return (item for item in images if self._room(len(item.data)))
+
+
+class Losses:
+    """What came, what was lost on the way, and what could not be written, per topic."""
+
+    def __init__(self, images: str, rhythm: Collection[str], rate_hz: float):
+        self.gaps = Gaps()
+        self.unwritten: Counter[str] = Counter()  # for which there was no disk
+        self._unstamped: Counter[str] = Counter()  # too short for a stamp, recorded unchanged
+        self._images, self._rhythm = images, {topic: StampGaps(rate_hz) for topic in rhythm}
+
+    def count(self, item: Item | Dropped) -> None:
+        """Look for what is missing before a message that came, were it dropped or not."""
+        if isinstance(item, Dropped):
+            head = item.head
+            self.gaps.skip(item.topic, item.sequence)
+        else:
+            head = item.data
+            self.gaps.take(item.topic, item.sequence)
+        if item.topic in self._rhythm:
+            if stamp := stamp_ns(head):
+                self._rhythm[item.topic].take(stamp)
+            else:
+                self._unstamped[item.topic] += 1
+
+    def said(self, dropped: Mapping[str, int], time_jump_s: float) -> dict[str, str]:
+        """Return it as it goes into the metadata of a bag."""
+        missing = {topic: gaps.missing for topic, gaps in self._rhythm.items()}
+        if self._images in missing:  # those that are known to be lost were taken
+            missing[self._images] -= self.gaps.lost[self._images]
+            missing[self._images] = max(missing[self._images], 0)
+        counts: dict[str, Mapping[str, float]] = {
+            'received': self.gaps.received,
+            'lost_before_recorder': +self.gaps.lost,
+            'dropped_in_recorder': dropped,
+            'stamp_gaps': missing,
+        }
+        if self._unstamped:
+            counts['without_stamp'] = self._unstamped
+        if time_jump_s:
+            counts['time_jump_s'] = {'system clock': time_jump_s}
+        return {name: json.dumps(value, sort_keys=True) for name, value in counts.items()}

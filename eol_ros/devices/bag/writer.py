@@ -7,7 +7,7 @@ a killed writer left behind (see `recover`).
 """
 
 import fcntl
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -42,7 +42,7 @@ class FileSummary:
 
 
 def metadata_text(
-    topics: Sequence[BagTopic], files: Sequence[FileSummary], custom: Mapping[str, str]
+    topics: Collection[BagTopic], files: Sequence[FileSummary], custom: Mapping[str, str]
 ) -> str:
     """Return the text of `metadata.yaml`, rosbag2_bagfile_information version 9."""
     filled = [f for f in files if f.message_count]
@@ -93,26 +93,18 @@ class BagExists(ConfigError):
 
 def make_folder(folder: Path) -> None:
     """Make a new bag folder; raise ConfigError in words when it cannot be."""
+    where, probe = folder.parent, folder / ('probe' + PART)
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise _unwritable(folder.parent, error) from None
-    try:
+        where.mkdir(parents=True, exist_ok=True)
         folder.mkdir()
-    except FileExistsError:
-        raise BagExists(f'bag folder {folder} is there already') from None
-    except OSError as error:
-        raise _unwritable(folder.parent, error) from None
-    try:
-        probe = folder / ('probe' + PART)
+        where = folder
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise _unwritable(folder, error) from None
-
-
-def _unwritable(folder: Path, error: OSError) -> ConfigError:
-    return ConfigError(f'bag folder {folder} cannot be written: {error.strerror}')
+        if isinstance(error, FileExistsError) and Path(error.filename) == folder:
+            raise BagExists(f'bag folder {folder} is there already') from None
+        text = f'bag folder {where} cannot be written: {error.strerror}'
+        raise ConfigError(text) from None
 
 
 class BagWriter:
@@ -121,7 +113,7 @@ class BagWriter:
     def __init__(
         self,
         folder: Path,
-        topics: Sequence[BagTopic],
+        topics: Collection[BagTopic],
         about: Mapping[str, str],
         split_s: float = 3600.0,
         split_bytes: int = 4 << 30,
