@@ -17,8 +17,9 @@ from mcap.stream_reader import StreamReader
 from support.bag_samples import POINT, T0, TEXT, point, write_bag
 
 from eol_ros.devices.bag import recover
+from eol_ros.devices.bag.housekeeping import Breather, Stopped
 from eol_ros.devices.bag.reader import BagReader
-from eol_ros.devices.bag.recover import Breather, NoRoom, Stopped, leftovers, repair, repair_all
+from eol_ros.devices.bag.recover import NoRoom, leftovers, repair, repair_all
 from eol_ros.devices.bag.verify import verify
 from eol_ros.devices.bag.writer import BagWriter
 

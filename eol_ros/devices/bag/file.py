@@ -257,7 +257,7 @@ class BagFileReader:
             return True
         part = self.path.name.endswith(PART)
         known = part or self.path.name.endswith('.mcap')
-        if not scan.near_magic(magic) and not (known and scan.anchored(file)):
+        if not (known and scan.anchored(file)):
             if part:
                 self.cut_at = 0  # the power failed before the first bytes were on the disk
                 return False

@@ -8,14 +8,49 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from eol_ros.devices.bag.recover import Breather, NoRoom, Repaired, Stopped, repair_all
+from eol_ros.devices.bag.recover import NoRoom, Repaired, repair_all
 from eol_ros.devices.bag.retention import MARGIN_BYTES, Folder, Limits, enforce
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import EolError
 from eol_ros.settings import RecorderSettings
 
 ROUND_S = 60.0
+BUSY_S = 0.25  # after this it is asked again whether the recording is busy
+SHARE = 0.25  # of the time a repair works at the side of a recording; then it rests
 GB = 1e9
+
+
+class Stopped(Exception):
+    """The recorder ends: what is being done is done again at the next start."""
+
+
+class Breather:
+    """Called between two pieces of work: rests, so that the recording comes first.
+
+    `busy` tells that the recording needs all there is: the rest lasts as long.
+    """
+
+    def __init__(
+        self,
+        stop: threading.Event,
+        clock: Callable[[], float] = time.monotonic,
+        busy: Callable[[], bool] = lambda: False,
+    ):
+        self._stop, self._clock, self._busy = stop, clock, busy
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin to work: what has passed before was no work."""
+        self._since = self._clock()
+
+    def __call__(self) -> None:
+        """Rest in proportion to the work since the last rest; raise Stopped when told so."""
+        rest_s = (self._clock() - self._since) * (1 / SHARE - 1)
+        while self._stop.wait(rest_s) or self._busy():
+            if self._stop.is_set():
+                raise Stopped
+            rest_s = BUSY_S
+        self.begin()
 
 
 class Housekeeper(threading.Thread):

@@ -306,17 +306,3 @@ def loads(text: str) -> dict:
     """Parse the text of a `metadata.yaml`; raises the errors of YAML and of a wrong text."""
     found = yaml.safe_load(text)['rosbag2_bagfile_information']
     return {**found, 'relative_file_paths': [str(p) for p in found['relative_file_paths']]}
-
-
-def metadata_fault(folder: Path, count: int) -> str:
-    """Return what is wrong with `metadata.yaml` of a bag of `count` messages, empty if nothing."""
-    try:
-        said = (information(folder) or {}).get('message_count', count)
-    except ConfigError as error:
-        return f'{error}: `eol bag recover` rewrites it'
-    if said != count:
-        return (
-            f'metadata.yaml speaks of {said} messages, the files of {count}: '
-            '`eol bag recover` rewrites it'
-        )
-    return ''

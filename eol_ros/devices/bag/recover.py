@@ -10,8 +10,6 @@ import contextlib
 import fcntl
 import json
 import shutil
-import threading
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,17 +25,11 @@ from eol_ros.errors import EolError
 
 BESIDE = '.recovering'  # the new file, which will replace the old one
 DAMAGED = '.damaged'  # an original of which something is lost
-BUSY_S = 0.25  # after this it is asked again whether the recording is busy
-SHARE = 0.25  # of the time a repair works at the side of a recording; then it rests
 GB = 1e9
 
 
 class NoRoom(EolError):
     """A repair waits until the disk has room for the new file."""
-
-
-class Stopped(Exception):
-    """Whoever asked for the repair has no more time for it; it is done at the next start."""
 
 
 @dataclass(frozen=True)
@@ -52,35 +44,6 @@ class Repaired:
     message_count: int
     damage: tuple[str, ...] = ()
     aside: Path | None = None
-
-
-class Breather:
-    """Called between two chunks: rests, so that the recording comes first, and may say stop.
-
-    `busy` tells that the recording needs all there is: the rest lasts as long.
-    """
-
-    def __init__(
-        self,
-        stop: threading.Event,
-        clock: Callable[[], float] = time.monotonic,
-        busy: Callable[[], bool] = lambda: False,
-    ):
-        self._stop, self._clock, self._busy, self._since = stop, clock, busy, clock()
-
-    def begin(self) -> None:
-        """Begin to work: what has passed before was no work."""
-        self._since = self._clock()
-
-    def __call__(self) -> None:
-        """Rest in proportion to the work since the last rest; raise Stopped when told so."""
-        worked_s = self._clock() - self._since
-        rest_s = worked_s * (1 / SHARE - 1)
-        while self._stop.wait(rest_s) or self._busy():
-            if self._stop.is_set():
-                raise Stopped
-            rest_s = BUSY_S
-        self._since = self._clock()
 
 
 def leftovers(root: Path) -> list[Path]:

@@ -27,7 +27,6 @@ from eol_ros.errors import pip_install
 MAGIC = b'\x89MCAP0\r\n'
 BLANK = 0xFF  # private record: damage that a repair in place (v0.2.0) has marked
 CRC_KEY = 'crc32'  # in the metadata that this project writes: of all the other pairs
-NEAR = 6  # so many of the eight first bytes must be right for a file to be a damaged bag
 MOST_BYTES = 1 << 30  # of a chunk: more is a damaged length
 WINDOW = 1 << 20
 HEAD = struct.Struct('<BQ')  # of a record: opcode, length
@@ -93,11 +92,6 @@ def parse(raw: bytes) -> Any:
     if record is None or packed(record) != raw:
         raise DamagedRecord('lengths within it do not agree')
     return record
-
-
-def near_magic(magic: bytes) -> bool:
-    """Return whether the first bytes of a file are those of an MCAP file, but for damage."""
-    return sum(a == b for a, b in zip(magic, MAGIC, strict=False)) >= NEAR
 
 
 def size_of(file: BinaryIO) -> int:

@@ -13,11 +13,12 @@ from mcap.records import Channel, Chunk, Schema
 from eol_ros.devices.bag import scan
 from eol_ros.devices.bag.damage import Place
 from eol_ros.devices.bag.file import BagFileReader
-from eol_ros.devices.bag.reader import BagReader, information, loads, metadata_fault
+from eol_ros.devices.bag.reader import BagReader, information, loads
 from eol_ros.devices.bag.recover import metadata_of
 from eol_ros.devices.bag.scan import MAGIC, DamagedRecord
-from eol_ros.errors import BagDamaged
+from eol_ros.errors import BagDamaged, ConfigError
 
+REWRITE = '`eol bag recover` rewrites it'
 Expected = tuple[list[bytes], bool] | None  # message indexes of a chunk; whether they must be there
 
 
@@ -41,16 +42,21 @@ def metadata_faults(bag: BagReader) -> list[str]:
 
     For bags of other programs only the number of messages is compared.
     """
-    if not bag.path.is_dir():
-        return []
-    fault = metadata_fault(bag.path, sum(bag.counts.values()))
-    if fault or not all(file.ours and file.indexed for file in bag.files):
-        return [fault] if fault else []
-    said, expected = information(bag.path), loads(metadata_of(bag.path))
+    try:
+        said = information(bag.path) if bag.path.is_dir() else None
+    except ConfigError as error:
+        return [f'{error}: {REWRITE}']
+    count = sum(bag.counts.values())
     if said is None:
         return []
+    if said.get('message_count', count) != count:
+        messages = f'{said["message_count"]} messages, the files of {count}'
+        return [f'metadata.yaml speaks of {messages}: {REWRITE}']
+    if not all(file.ours and file.indexed for file in bag.files):
+        return []
+    expected = loads(metadata_of(bag.path))
     return [
-        f'metadata.yaml: {key} is not what the files say: `eol bag recover` rewrites it'
+        f'metadata.yaml: {key} is not what the files say: {REWRITE}'
         for key in dict.fromkeys([*expected, *said])
         if _by_name(said.get(key, KeyError)) != _by_name(expected.get(key, KeyError))
     ]
