@@ -136,16 +136,17 @@ class BagFileReader:
             m = heapq.heappop(waiting)[3]
             return BagMessage(names[m.channel], m.log_ns, m.publish_ns, m.sequence, m.data)
 
-        with open(self.path, 'rb') as file:
-            for place in self._places(names, start_ns, end_ns):
-                while waiting and waiting[0][0] < place.start_ns:
-                    yield first()
-                found = self.read(file, place, lambda _, d: list(scan.messages_in(d, names)))
-                for count, m in enumerate(found or ()):
-                    if m.log_ns >= start_ns and (end_ns is None or m.log_ns < end_ns):
-                        heapq.heappush(waiting, (m.log_ns, place.offset, count, m))
-            while waiting:
+        def take(_: Chunk, data: bytes) -> list[ChunkMessage]:
+            return list(scan.messages_in(data, names))
+
+        for place, found in self.each(take, names, start_ns, end_ns):
+            while waiting and waiting[0][0] < place.start_ns:
                 yield first()
+            for count, m in enumerate(found):
+                if m.log_ns >= start_ns and (end_ns is None or m.log_ns < end_ns):
+                    heapq.heappush(waiting, (m.log_ns, place.offset, count, m))
+        while waiting:
+            yield first()
 
     def batches(
         self, topics: Collection[str], start_ns: int, end_ns: int | None
@@ -155,38 +156,52 @@ class BagFileReader:
 
         names = self._names(topics)
         waiting: dict[str, Batch] = {}  # may lie behind messages of the next chunk
-        with open(self.path, 'rb') as file:
-            for place in self._places(names, start_ns, end_ns):
-                for topic, batch in list(waiting.items()):
-                    ready, waiting[topic] = batch.split(place.start_ns)
-                    if ready.data:
-                        yield topic, ready
-                found = self.read(file, place, lambda _, data: batches_in(data, names))
-                for number, batch in (found or {}).items():
-                    topic = names[number]
-                    _, batch = batch.split(start_ns)
-                    if end_ns is not None:
-                        batch, _ = batch.split(end_ns)
-                    before = waiting.get(topic)
-                    waiting[topic] = joined([before, batch]) if before else batch
-            for topic, batch in waiting.items():
-                if batch.data:
-                    yield topic, batch
+        for place, found in self.each(lambda _, d: batches_in(d, names), names, start_ns, end_ns):
+            for topic, batch in list(waiting.items()):
+                ready, waiting[topic] = batch.split(place.start_ns)
+                if ready.data:
+                    yield topic, ready
+            for number, batch in found.items():
+                topic = names[number]
+                _, batch = batch.split(start_ns)
+                if end_ns is not None:
+                    batch, _ = batch.split(end_ns)
+                before = waiting.get(topic)
+                waiting[topic] = joined([before, batch]) if before else batch
+        for topic, batch in waiting.items():
+            if batch.data:
+                yield topic, batch
 
     def prove(self, breathe: Callable[[], object] = lambda: None) -> int:
         """Read every chunk against its checksum, and return how many messages can be read.
 
         `damage` then has all that `messages` would skip.
         """
-        if not self.indexed:  # each has been proved
-            return sum(self.counts.values())
         count, known = 0, self.contents.channels.keys()
+        for _, found in self.each(lambda _, data: scan.index_of(data)):
+            count += sum(len(entries) for k, entries in found.items() if k in known)
+            breathe()
+        return count
+
+    def each(
+        self,
+        take: Callable[[Chunk, bytes], _T],
+        channels: Collection[int] | None = None,
+        start_ns: int = 0,
+        end_ns: int | None = None,
+    ) -> Iterator[tuple[Place, _T]]:
+        """Yield what `take` makes of each chunk and its records; skip and tell what is damaged.
+
+        Only those with messages of these `channels` (None: any), received in a span of time.
+        """
         with open(self.path, 'rb') as file:
             for place in self.places:
-                breathe()
-                found = self.read(file, place, lambda _, data: scan.index_of(data)) or {}
-                count += sum(len(entries) for k, entries in found.items() if k in known)
-        return count
+                inside = place.end_ns >= start_ns and (end_ns is None or place.start_ns < end_ns)
+                known = channels is not None and place.channels
+                wanted = not known or not place.channels.isdisjoint(channels or ())
+                found = self.read(file, place, take) if inside and wanted else None
+                if found is not None:
+                    yield place, found
 
     def read(self, file: BinaryIO, place: Place, take: Callable[[Chunk, bytes], _T]) -> _T | None:
         """Return what `take` makes of a chunk and its records; None, and tell, if it is damaged."""
@@ -204,15 +219,6 @@ class BagFileReader:
     def _names(self, topics: Collection[str] | None) -> dict[int, str]:
         channels = self.contents.channels.values()
         return {c.id: c.topic for c in channels if topics is None or c.topic in topics}
-
-    def _places(
-        self, wanted: Collection[int], start_ns: int, end_ns: int | None
-    ) -> Iterator[Place]:
-        for place in self.places:
-            if place.end_ns < start_ns or (end_ns is not None and place.start_ns >= end_ns):
-                continue
-            if not place.channels or not place.channels.isdisjoint(wanted):
-                yield place
 
     def _damaged(self, start: int, end: int, why: str, start_ns: int = 0, end_ns: int = 0) -> None:
         damage = Damage(self.path.name, start, end, why, start_ns, end_ns)
