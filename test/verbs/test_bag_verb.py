@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
+from mcap.writer import Writer
 
 from eol_ros import cli
 from eol_ros.devices.bag import recover
@@ -320,6 +321,26 @@ def test_recover_keeps_the_file_until_its_copy_has_been_read_back(tmp_path, caps
     assert 'left as it is' in capsys.readouterr().err
     assert [p.name for p in (tmp_path / 'run').iterdir()] == [path.name]
     assert path.read_bytes() == before
+
+
+def test_recover_repairs_a_file_of_another_program_that_has_no_chunks(tmp_path):
+    path, size = tmp_path / 'theirs.mcap', 0
+    with open(path, 'wb') as file:
+        writer = Writer(file, use_chunking=False)
+        writer.start('ros2')
+        schema = writer.register_schema(POINT.type, 'ros2msg', POINT.definition.encode())
+        channel = writer.register_channel('/eol/point', 'cdr', schema)
+        for i in range(20):
+            writer.add_message(channel, T0 + i, point(i), T0, i)
+            writer.flush()
+            size = file.tell() if i == 11 else size
+        writer.finish()
+    path.write_bytes(path.read_bytes()[: size + 5])
+    before = rows(path)
+    assert len(before) == 12
+    assert cli.main(['bag', 'recover', str(path)]) == 0
+    assert rows(path) == before and BagReader(path).files[0].indexed
+    assert cli.main(['bag', 'verify', str(path)]) == 0
 
 
 def test_recover_says_that_a_copy_has_no_room(tmp_path, capsys, monkeypatch):

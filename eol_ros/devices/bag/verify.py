@@ -11,7 +11,6 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
 
 from eol_ros.devices.bag import scan
-from eol_ros.devices.bag.damage import Place
 from eol_ros.devices.bag.file import BagFileReader
 from eol_ros.devices.bag.reader import BagReader, information, loads
 from eol_ros.devices.bag.recover import metadata_of
@@ -77,14 +76,17 @@ def _faults(file: BagFileReader) -> Iterator[str]:
         for place in sorted(file.places, key=lambda p: p.offset):
             yield from _between(file, stream, at, place.offset, expected)
             at, expected = place.end, None
-            found = file.read(stream, place, lambda chunk, data: (chunk, scan.index_of(data)))
+            found = file.read(stream, place, lambda c, data: (c, scan.index_of(data), len(data)))
             if found is None:
                 continue  # damaged, and told
-            chunk, index = found
+            chunk, index, size = found
             counts.update({k: len(entries) for k, entries in index.items()})
             if place.chunk:
                 where = f'{file.path.name}: byte {place.offset}'
-                if not _head_is_right(stream, place, chunk, index):
+                head = scan.HEAD.pack(Opcode.CHUNK, place.end - place.offset - scan.HEAD.size)
+                right = scan.read_at(stream, place.offset, len(head)) == head
+                times = chunk.message_start_time, chunk.message_end_time
+                if not right or (*times, chunk.uncompressed_size) != (*scan.span_of(index), size):
                     yield f'{where}: the head of the chunk does not fit what is in it'
                 if (place.start_ns, place.end_ns) != scan.span_of(index):
                     yield f'{where}: the index has other times than the chunk'
@@ -98,12 +100,6 @@ def _faults(file: BagFileReader) -> Iterator[str]:
     ]
     if wrong and not file.damage:
         yield f'{file.path.name}: messages that the index counts are not there: {", ".join(wrong)}'
-
-
-def _head_is_right(stream: BinaryIO, place: Place, chunk: Chunk, index: dict) -> bool:
-    head = scan.HEAD.pack(Opcode.CHUNK, place.end - place.offset - scan.HEAD.size)
-    said = chunk.message_start_time, chunk.message_end_time
-    return said == scan.span_of(index) and scan.read_at(stream, place.offset, len(head)) == head
 
 
 def _between(
