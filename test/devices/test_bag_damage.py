@@ -188,6 +188,31 @@ def test_a_schema_of_the_index_is_only_taken_with_its_checksum(tmp_path):
     assert 'the index' in bag.damage[0]
 
 
+def test_what_the_index_knows_of_a_chunk_holds_against_its_head(tmp_path):
+    path = write(tmp_path / 'run')
+    truth = Truth(path)
+    begin = truth.chunks[3][0]
+    for at in (0, 3, 12, 37, 42, 46):  # opcode, length, time, length of the name, name, length
+        data = bytearray(truth.data)
+        data[begin + at] ^= 4
+        path.write_bytes(data)
+        bag, got, _ = read(path)
+        assert got == truth.all and not bag.damage, at
+        assert verify(path)[1], at
+
+
+def test_a_repair_of_a_damaged_index_loses_nothing(tmp_path):
+    path = write(tmp_path / 'run')
+    data = bytearray(path.read_bytes())
+    data[-20] ^= 1
+    path.write_bytes(data)
+    with pytest.warns(BagDamaged, match='the index'):
+        BagReader(path)
+    done = repair(path)
+    assert (done.damage, done.aside, done.message_count) == ((), None, 136)
+    assert verify(tmp_path / 'run')[1] == []
+
+
 def test_metadata_yaml_may_be_damaged_too(tmp_path):
     write(tmp_path / 'run')
     (tmp_path / 'run' / 'metadata.yaml').write_bytes(b'rosbag2_bagfile_inf\xffrmation: {')

@@ -20,6 +20,7 @@ class Place(NamedTuple):
     offset: int
     end: int
     channels: frozenset[int]  # empty: not known
+    compression: str  # of a chunk; the record itself may be damaged
     chunk: bool = True
 
 

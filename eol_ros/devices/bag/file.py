@@ -89,9 +89,9 @@ class Contents:
                 self.add(found._replace(why=str(error)))
         if messages:
             self.counts.update({k: len(entries) for k, entries in messages.items()})
-            channels, chunk = frozenset(messages), isinstance(record, Chunk)
-            times = scan.span_of(messages)
-            self.places.append(Place(*times, found.offset, found.end, channels, chunk))
+            kind = (record.compression, True) if isinstance(record, Chunk) else ('', False)
+            times, channels = scan.span_of(messages), frozenset(messages)
+            self.places.append(Place(*times, found.offset, found.end, channels, *kind))
 
     def _of(self, record: Schema | Channel) -> dict:
         return self.schemas if isinstance(record, Schema) else self.channels
@@ -207,7 +207,7 @@ class BagFileReader:
         """Return what `take` makes of a chunk and its records; None, and tell, if it is damaged."""
         try:
             if place.chunk:
-                chunk = scan.chunk_at(file, place.offset, place.end)
+                chunk = scan.chunk_at(file, place.offset, place.end, place.compression)
             else:  # one message by itself: taken for a chunk of one
                 raw = scan.read_at(file, place.offset, place.end - place.offset)
                 chunk = Chunk('', raw, place.end_ns, place.start_ns, 0, len(raw))
@@ -236,7 +236,7 @@ class BagFileReader:
         right_end = scan.read_at(file, max(size - len(MAGIC), 0), min(len(MAGIC), size)) == MAGIC
         try:
             found, index_wrong = from_index(file, size, self.ours), False
-        except (DamagedRecord, struct.error):
+        except (DamagedRecord, struct.error, ValueError):
             found, index_wrong = None, True  # and not just left out
         self.indexed = found is not None
         self.contents = contents = found or walked(file, size, self.ours, breathe)
@@ -287,12 +287,10 @@ class BagFileReader:
                 self.metadata[record.name] = record.metadata
         for offset, name in broken:
             self._damaged(offset, offset + HEAD.size, f'metadata {name}')
-        custom = _custom_data(self.metadata.get('rosbag2', {})) if self.ours else {}
-        for name, other in ((RUN_METADATA, GAPS_METADATA), (GAPS_METADATA, RUN_METADATA)):
-            if custom and name not in self.metadata:
-                known = self.metadata.get(other, {})
-                self.metadata[name] = {k: v for k, v in custom.items() if k not in known}
-                return
+        missing = [m for m in (RUN_METADATA, GAPS_METADATA) if m not in self.metadata]
+        if self.ours and missing and (custom := _custom_data(self.metadata.get('rosbag2', {}))):
+            known = self.metadata.get(GAPS_METADATA, {}) | self.metadata.get(RUN_METADATA, {})
+            self.metadata[missing[0]] = {k: v for k, v in custom.items() if k not in known}
 
     def _add(self, channel: Channel, schema: Schema | None) -> None:
         self.counts.setdefault(channel.topic, 0)
@@ -349,8 +347,11 @@ def from_index(file: BinaryIO, size: int, ours: bool) -> Contents | None:
 def _add_place(found: Contents, body: bytes) -> None:
     start_ns, end_ns, offset, length, count = _INDEX.unpack_from(body)
     channels = frozenset(k for k, _ in struct.iter_unpack('<HQ', body[36 : 36 + count]))
+    behind = 44 + count  # after the length of the message indexes
+    kind = body[behind + 4 : behind + 4 + int.from_bytes(body[behind : behind + 4], 'little')]
     if end_ns or channels:  # else definitions only
-        found.places.append(Place(start_ns, end_ns, offset, offset + length, channels))
+        place = Place(start_ns, end_ns, offset, offset + length, channels, kind.decode())
+        found.places.append(place)
 
 
 def _add_metadata(found: Contents, file: BinaryIO, offset: int, length: int) -> None:

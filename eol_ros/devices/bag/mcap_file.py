@@ -31,12 +31,10 @@ from mcap.records import (
 
 from eol_ros.devices.bag.disk import DISK, Disk
 from eol_ros.devices.bag.scan import (
-    CHUNK,
     CRC_KEY,
-    HEAD,
-    LENGTH,
     MAGIC,
     Index,
+    chunk_head,
     message_indexes,
     packed,
     pairs_crc,
@@ -235,12 +233,11 @@ class BagFile:
     ) -> None:
         """Write a chunk with the records `data`, and its message indexes."""
         at, (start_ns, end_ns) = self.file.tell(), span_of(index)
-        kind, count = compression.encode(), len(stored)
-        length = CHUNK.size - HEAD.size + len(kind) + LENGTH.size + count
-        said = start_ns, end_ns, len(data), zlib.crc32(data), len(kind)
-        self.file.write(CHUNK.pack(Opcode.CHUNK, length, *said) + kind + LENGTH.pack(count))
+        crc, count = zlib.crc32(data), len(stored)
+        head = chunk_head((start_ns, end_ns), len(data), crc, compression, count)
+        self.file.write(head)
         self.file.write(stored)  # not copied into a record of mcap: an image has a megabyte
-        indexes_at = behind = at + HEAD.size + length
+        indexes_at = behind = at + len(head) + count
         places = {}
         for channel, entry in message_indexes(index):
             places[channel] = behind
@@ -248,7 +245,7 @@ class BagFile:
             self.file.write(entry)
         self._chunk_count += 1
         self._chunk_index += packed(ChunkIndex(
-            chunk_length=HEAD.size + length, chunk_start_offset=at, compression=compression,
+            chunk_length=indexes_at - at, chunk_start_offset=at, compression=compression,
             compressed_size=count, message_start_time=start_ns, message_end_time=end_ns,
             message_index_length=behind - indexes_at, message_index_offsets=places,
             uncompressed_size=len(data),

@@ -83,7 +83,7 @@ def repair(
         if any(path.parent.glob('*.mcap')):
             _bring_up_to_date(target)
         return Repaired(path, None, 0, aside=kept)
-    damage = tuple(d.text(old.start_ns) for d in old.damage)
+    damage = _lost(old)
     aside: Path | None = None
     source = path if old.indexed else work
     if path != target and not swapped:
@@ -144,13 +144,18 @@ def _copy(old: BagFileReader, work: Path, breathe: Callable[[], None]) -> None:
                 breathe()
                 old.read(file, place, copy)
         gaps = {**old.metadata.get(GAPS_METADATA, {}), 'recovered': f'from {old.path.name}'}
-        if old.damage:
-            gaps['damaged'] = json.dumps([d.text(old.start_ns) for d in old.damage])
+        if lost := _lost(old):
+            gaps['damaged'] = json.dumps(lost)
         new.add_metadata(GAPS_METADATA, gaps)
         new.close()
     except BaseException:
         new.abandon()
         raise
+
+
+def _lost(old: BagFileReader) -> tuple[str, ...]:
+    """Return what is damaged of the data of a file; a new index is written in any case."""
+    return tuple(d.text(old.start_ns) for d in old.damage if d.start < old.contents.data_end)
 
 
 def _set_aside(path: Path) -> Path:

@@ -108,21 +108,31 @@ def read_at(file: BinaryIO, offset: int, count: int) -> bytes:
     return file.read(count)
 
 
-def chunk_at(file: BinaryIO, offset: int, end: int) -> Chunk:
+def chunk_head(times: tuple[int, int], size: int, crc: int, compression: str, stored: int) -> bytes:
+    """Return the bytes of a chunk before the `stored` ones of its data."""
+    kind = compression.encode()
+    length = CHUNK.size - HEAD.size + len(kind) + LENGTH.size + stored
+    head = CHUNK.pack(Opcode.CHUNK, length, *times, size, crc, len(kind))
+    return head + kind + LENGTH.pack(stored)
+
+
+def chunk_at(file: BinaryIO, offset: int, end: int, compression: str | None = None) -> Chunk:
     """Return the chunk from `offset` to `end`, whatever its opcode; raise DamagedRecord.
 
-    Its lengths agree; `unpack` proves its data, and nothing proves its times.
+    Its lengths agree, or its `compression` is known; `unpack` proves its data, nothing its times.
     """
     head = read_at(file, offset, min(CHUNK.size + 24, end - offset))
     if len(head) < CHUNK.size + 8:
         raise DamagedRecord('too short for a chunk')
     _, _, start_ns, end_ns, size, crc, count = CHUNK.unpack_from(head)
-    data_at, kind = CHUNK.size + count + 8, head[CHUNK.size : CHUNK.size + count]
+    count = count if compression is None else len(compression)
+    data_at = CHUNK.size + count + 8
     stored = end - offset - data_at
-    if count > 16 or int.from_bytes(head[data_at - 8 : data_at], 'little') != stored:
-        raise DamagedRecord('lengths within the chunk do not agree')
-    data = read_at(file, offset + data_at, stored)
-    return Chunk(kind.decode('latin-1'), data, end_ns, start_ns, crc, size)
+    if compression is None:
+        if count > 16 or int.from_bytes(head[data_at - 8 : data_at], 'little') != stored:
+            raise DamagedRecord('lengths within the chunk do not agree')
+        compression = head[CHUNK.size : CHUNK.size + count].decode('latin-1')
+    return Chunk(compression, read_at(file, offset + data_at, stored), end_ns, start_ns, crc, size)
 
 
 def unpack(chunk: Chunk) -> bytes:

@@ -83,10 +83,9 @@ def _faults(file: BagFileReader) -> Iterator[str]:
             counts.update({k: len(entries) for k, entries in index.items()})
             if place.chunk:
                 where = f'{file.path.name}: byte {place.offset}'
-                head = scan.HEAD.pack(Opcode.CHUNK, place.end - place.offset - scan.HEAD.size)
-                right = scan.read_at(stream, place.offset, len(head)) == head
-                times = chunk.message_start_time, chunk.message_end_time
-                if not right or (*times, chunk.uncompressed_size) != (*scan.span_of(index), size):
+                crc, kind = chunk.uncompressed_crc, chunk.compression
+                head = scan.chunk_head(scan.span_of(index), size, crc, kind, len(chunk.data))
+                if scan.read_at(stream, place.offset, len(head)) != head:
                     yield f'{where}: the head of the chunk does not fit what is in it'
                 if (place.start_ns, place.end_ns) != scan.span_of(index):
                     yield f'{where}: the index has other times than the chunk'
