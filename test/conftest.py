@@ -50,6 +50,15 @@ def ros():
     os.environ['ROS_DOMAIN_ID'] = str(_BASE)
 
 
+@pytest.fixture
+def any_stamp(monkeypatch):
+    """Nodes of this process use messages of any time: the stamps of the test are of another day."""
+    from eol_ros.ros.node import EolNode
+    from eol_ros.streams.checks import ANY_TIME
+
+    monkeypatch.setattr(EolNode, 'stamps_span', lambda node: ANY_TIME)
+
+
 _HERE = Path(__file__).parent
 # What keeps real time over many processes: `make test` runs these alone, after the others.
 LIVE = {

@@ -14,7 +14,6 @@ from eol_ros.core.sound.sources import absent
 from eol_ros.devices.corpus.corpus_file import move, moved, restore
 from eol_ros.devices.corpus.loader import CorpusLoader, corpus_spec
 from eol_ros.errors import EolError
-from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
 from eol_ros.ros.run import runner
@@ -33,7 +32,6 @@ class GrainsNode(EolNode):
         self.selector = Selector(self.settings)
         self.corpus: Corpus | None = None
         self.sequence = 0
-        self.reader = blocks.Codec(definition(blocks.TYPE))
         self.triggers = self.publisher('grain_triggers')
         self.felt_triggers, self.felt = self.publisher('felt_triggers'), 0
         self.corpora = self.publisher('corpus')
@@ -49,7 +47,7 @@ class GrainsNode(EolNode):
         else:
             self.loader.ask(self.spec)
         self.create_timer(0.2, self.on_timer)
-        self.subscribe('blocks', self.on_blocks, raw=True)
+        self.subscribe('blocks', self.on_blocks)
         self.subscribe('felt_slips', self.on_felt)
         self.requests.serve(move_grain=self.on_move_grain, restore_grain=self.on_restore_grain)
 
@@ -149,11 +147,7 @@ class GrainsNode(EolNode):
         self.tell()
         self.tell_settings(self.settings)  # a weight may name a sound that came, or has gone
 
-    def on_blocks(self, raw: bytes) -> None:
-        try:
-            message = self.reader.read(raw)
-        except ValueError as error:
-            return self.health.error(str(error))
+    def on_blocks(self, message: blocks.Blocks) -> None:
         self.health.tick()
         self.stamped(message.stamp_ns)
         rows = message.rows

@@ -7,7 +7,6 @@ from eol_msgs.msg import BlockTap, Cascade, FeltSlip, Slip
 
 from eol_ros.core.motion.felt import FeltSlip as Felt
 from eol_ros.core.motion.motion import Motion
-from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.streams import blocks, cascades, felt, slips, taps
@@ -22,13 +21,12 @@ class MotionNode(EolNode):
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
         self.motion = Motion(self.settings)
-        self.reader = blocks.Codec(definition(blocks.TYPE))
         self.slips = self.publisher('slips')
         self.felt_slips = self.publisher('felt_slips')
         self.cascades = self.publisher('cascades')
         self.felt = dict.fromkeys(TOLD, 0)
         self.health.expects('blocks')
-        self.subscribe('blocks', self.on_blocks, raw=True)
+        self.subscribe('blocks', self.on_blocks)
         self.subscribe('block_taps', self.on_tap)
 
     def on_settings(self, new) -> None:
@@ -53,11 +51,7 @@ class MotionNode(EolNode):
         row = slips.of(stamp_ns, slip)
         self.slips.publish(slips.RECORD.fill(Slip(), row, self.frame_prefix))
 
-    def on_blocks(self, raw: bytes) -> None:
-        try:
-            message = self.reader.read(raw)
-        except ValueError as error:
-            return self.health.error(str(error))
+    def on_blocks(self, message: blocks.Blocks) -> None:
         self.stamped(message.stamp_ns)
         rows, stamp_s = message.rows, message.stamp_s
         # What begins goes out before anything else is thought of: light and sound wait for it.

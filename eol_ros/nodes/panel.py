@@ -6,6 +6,7 @@ import sys
 import time
 
 from eol_ros.core import terrain
+from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.devices.files import calibration_file
 from eol_ros.devices.files.day_file import DayFile
 from eol_ros.devices.files.media_folder import Pictures
@@ -45,7 +46,7 @@ class PanelNode(EolNode):
         self.staff_file = DayFile(f'{self.frame_prefix}{self.scene.name}', 'staff')
         self.server.routes.pin.remember(self.staff_file.load())
         self.day = notices.Day(self.day_file.load())
-        self.states = Health(self.server.hub, self.tell, self.namespace)
+        self.states = Health(self)
         self.streams, self.markers = Streams(self, self.server.hub), Markers(self)
         self.subscribe(
             'wall', lambda m: self.tell('wall', notices.wall(m, montage.fade_s, pictures.look))
@@ -53,7 +54,11 @@ class PanelNode(EolNode):
         self.subscribe('corpus', self.on_corpus)
         self.subscribe('cascades', self.on_cascade)
         self.requests.serve(test=self.on_test)
-        self.subscribe('calibration', self.on_calibration)
+        self.subscribe(
+            'calibration',
+            self.on_calibration,
+            read=lambda message: calibration_file.loads(message.data, 'calibration'),
+        )
         self.subscribe('/diagnostics', self.states.take, raw=True)
         self.documents['terrain'] = lambda: landscape(self.settings.terrain_seed)
         self.documents['status'] = lambda: wire.text(self.states.nodes()).encode()
@@ -73,8 +78,7 @@ class PanelNode(EolNode):
         self.documents['corpus'] = wire.text(corpus.to_json(message)).encode()
         self.tell('corpus', {'t': 'corpus', 'digest': message.digest})
 
-    def on_calibration(self, message) -> None:
-        found = calibration_file.loads(message.data, 'calibration')
+    def on_calibration(self, found: Calibration) -> None:
         size = {'width': found.image_width, 'height': found.image_height}
         self.tell('camera', {'t': 'camera', **size})
 

@@ -4,43 +4,43 @@
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
 from typing import Any
-
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.serialization import deserialize_message
 
 from eol_ros.streams.graph import node_of
 from eol_ros.web import notices
-from eol_ros.web.hub import Hub
 
 UNREAD = 64  # kept while nobody looks: five seconds of twelve nodes
 
 
 class Health:
-    """The newest state of each node, told to `tell` by name as soon as it is read."""
+    """The newest state of each node, which the panel tells as soon as it is read."""
 
-    def __init__(self, hub: Hub, tell: Callable[[str, dict[str, Any]], None], namespace: str):
-        self._hub, self._tell, self._namespace = hub, tell, namespace
+    def __init__(self, panel: Any):
+        self._panel, self._intake = panel, panel.intake('/diagnostics', self._notices)
         self._unread: deque[tuple[float, float, bytes]] = deque(maxlen=UNREAD)
         self._roster, self._reading = notices.Roster(), threading.Lock()
 
     def take(self, raw: bytes) -> None:
         """Keep a DiagnosticArray in CDR."""
         self._unread.append((time.monotonic(), time.time(), raw))
-        if self._hub.viewers:
+        if self._panel.server.hub.viewers:
             self._read_up()
 
     def _read_up(self) -> notices.Roster:
         with self._reading:
             while self._unread:
                 heard_s, wall_s, raw = self._unread.popleft()
-                for status in deserialize_message(raw, DiagnosticArray).status:
-                    node, namespace = node_of(status.name)
-                    if node and namespace == self._namespace:
-                        notice = self._roster.take(status, heard_s, wall_s)
-                        self._tell(f'health {notice["node"]}', notice)
+                self._heard_s = heard_s, wall_s
+                for notice in self._intake(raw) or ():
+                    self._panel.tell(f'health {notice["node"]}', notice)
         return self._roster
+
+    def _notices(self, message: Any) -> list[dict[str, Any]]:
+        named = [(status, *node_of(status.name)) for status in message.status]
+        ours = [
+            row for row, node, namespace in named if node and namespace == self._panel.namespace
+        ]
+        return [self._roster.take(row, *self._heard_s) for row in ours]
 
     def runs(self, node: str) -> bool:
         """Return whether a node gives signs of life; any thread."""

@@ -6,6 +6,7 @@ slip began to where it ended. The rim is known from the twin alone.
 """
 
 import math
+from collections import deque
 from collections.abc import Iterable
 from typing import Any
 
@@ -17,7 +18,6 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, PLATFORM_SIDE_M, RIM_SIDE_M, spring_ends
-from eol_ros.ros.definitions import definition
 from eol_ros.ros.stamps import to_msg
 from eol_ros.streams import blocks
 
@@ -40,7 +40,6 @@ class Markers:
     def __init__(self, node: Any):
         self._node = node
         self._publisher = node.publisher('markers')
-        self._reader = blocks.Codec(definition(blocks.TYPE))
         self._open: list[Any] = []
         self._forget()
 
@@ -48,14 +47,14 @@ class Markers:
         self._last_ns = 0
         self._rim: np.ndarray | None = None
         self._slipping: dict[int, tuple[float, float]] = {}  # block -> where it began
-        self._arrows: list[Marker] = []  # not published yet
+        self._arrows: deque[Marker] = deque(maxlen=N_BLOCKS)  # not published yet
 
     def follow(self) -> None:
         """Subscribe to what the markers are made of while somebody subscribes to them."""
         looked_at = self._publisher.get_subscription_count() > 0
         if looked_at and not self._open:
             self._open = [
-                self._node.subscribe('blocks', self._on_blocks, raw=True),
+                self._node.subscribe('blocks', self._on_blocks),
                 self._node.subscribe('slips', self._on_slip),
                 self._node.subscribe('truth', self._on_truth),
             ]
@@ -77,11 +76,7 @@ class Markers:
             arrow.points, arrow.lifetime = _points([begin, end], HEIGHT_M + 0.01), LIFE
             self._arrows.append(arrow)
 
-    def _on_blocks(self, raw: bytes) -> None:
-        try:
-            message = self._reader.read(raw)
-        except ValueError:  # no blocks of this table: others say so
-            return
+    def _on_blocks(self, message: blocks.Blocks) -> None:
         if message.stamp_ns < self._last_ns:  # time has gone back: a replay has begun again
             self._forget()
         if message.stamp_ns - self._last_ns < PERIOD_NS:
@@ -91,7 +86,7 @@ class Markers:
         if self._rim is not None:
             found.append(self._frame(self._rim))
         found += self._arrows
-        self._arrows = []
+        self._arrows.clear()
         for marker in found:
             marker.header.stamp = to_msg(message.stamp_ns)
         self._publisher.publish(MarkerArray(markers=found))

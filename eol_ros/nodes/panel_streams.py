@@ -21,12 +21,12 @@ def _reader() -> blocks.Codec:
     return blocks.Codec(definition(blocks.TYPE))
 
 
-def _blocks(raw: bytes) -> bytes:
-    message = _reader().read(raw)
+def _blocks(given: blocks.Blocks | bytes) -> bytes:
+    message = _reader().read(given) if isinstance(given, bytes) else given
     return wire.blocks(message.stamp_s, message.state, message.symmetry_ambiguous, message.rows)
 
 
-# channel: topic, whether it is handed over as CDR bytes, packet for the pages
+# channel: topic, whether the packet can be made of CDR bytes, packet for the pages
 STREAMS = {
     'blocks': ('blocks', True, _blocks),
     'truth': ('truth', False, lambda m: wire.truth(
@@ -63,9 +63,9 @@ class Streams:
         """Open the streams that somebody looks at, close the others; the executor's thread."""
         demand, now_s = self._hub.demand, time.monotonic()
         for channel in demand - set(self._open):
-            topic, raw, packet = STREAMS[channel]
+            topic, _, packet = STREAMS[channel]
             self._open[channel] = self._node.subscribe(
-                topic, lambda m, c=channel, p=packet: self._hub.put(c, p(m)), raw=raw
+                topic, lambda packed, c=channel: self._hub.put(c, packed), read=packet
             )
         self._wanted_s.update(dict.fromkeys(demand, now_s))
         for channel in [c for c in self._open if now_s - self._wanted_s[c] > LINGER_S]:

@@ -7,10 +7,6 @@ import time
 from collections import deque
 from pathlib import Path
 
-from diagnostic_msgs.msg import DiagnosticArray
-from eol_msgs.msg import Slip
-from rclpy.serialization import deserialize_message
-
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.recording import Recording
 from eol_ros.devices.bag.selection import Item, LogTimes, Slipping
@@ -23,6 +19,7 @@ from eol_ros.ros.startup_barrier import READY
 from eol_ros.ros.topics import CLOCK
 from eol_ros.streams.graph import TOPICS, counted, node_of
 from eol_ros.streams.said import said
+from eol_ros.streams.slips import START
 
 IMAGES, INFO, SAMPLES = 'camera/image_raw', 'camera/camera_info', 'sound_samples'
 PREVIEW, MARKERS = 'camera/image_raw/compressed', 'markers'
@@ -46,6 +43,7 @@ class RecorderNode(EolNode):
         self.latched: dict[str, Item] = {}  # what holds from one round of a replay to the next
         self._times = LogTimes()
         self._early: deque[Item] = deque(maxlen=EARLY)  # came before there was a time to give it
+        self._slips, self._states = self.intake('slips'), self.intake('/diagnostics')
         for topic, bag_topic in self.described.items():
             depth = READER_DEPTH if TOPICS[topic].qos == 'stream' else None
             callback = self._callback(topic, bag_topic)
@@ -115,16 +113,15 @@ class RecorderNode(EolNode):
             if latched:
                 self.latched[name] = item
             log_ns = self._keep(item, received_ns, sent_ns)
-            if topic == 'slips':
-                slip = deserialize_message(raw, Slip)
-                self.recording.slip(Slipping(slip.slip, slip.kind == Slip.START, log_ns))
+            if topic == 'slips' and (slip := self._slips(raw)):
+                self.recording.slip(Slipping(slip.slip, slip.kind == START, log_ns))
 
         return keep
 
     def _of_another_graph(self, raw: bytes) -> bool:
         """Whether a status is of a node as those of this graph, in another namespace."""
-        rows = deserialize_message(raw, DiagnosticArray).status
-        named = [node_of(row.name) for row in rows]
+        message = self._states(raw)
+        named = [node_of(row.name) for row in message.status] if message else []
         return any(node and namespace != self.namespace for node, namespace in named)
 
     def _keep(self, item: Item, received_ns: int, sent_ns: int) -> int:

@@ -53,7 +53,6 @@ class TrackerNode(EolNode):
         self.tracker.warm_up()
         self.gaps = StampGaps(self.scene.image_rate)
         self.threshold = self.settings.threshold
-        self.reader = images.Codec(definition(images.TYPE))
         self.writer = blocks.Codec(definition(blocks.TYPE), self.frame_prefix)
         self.pictures = self.publisher('camera/image_raw/compressed')
         self.calibrations = self.publisher('calibration')
@@ -67,7 +66,7 @@ class TrackerNode(EolNode):
             calibrate=self.pend, darkness=self.pend, background=self.on_background,
             yaw_offsets=self.on_learnt, cover_patterns=self.on_learnt,
         )  # fmt: skip
-        self.subscribe('camera/image_raw', self.on_image, raw=True)
+        self.subscribe('camera/image_raw', self.on_image)
 
     def restart(self) -> None:
         self.tracker = Tracker(self.settings, self.files.calibration)
@@ -120,11 +119,8 @@ class TrackerNode(EolNode):
         self.learnt[asked.kind] = b''  # as above
         self.hand_over(asked)
 
-    def on_image(self, raw: bytes) -> None:
-        try:
-            self.stamp_ns, image = self.reader.read(raw)
-        except ValueError as error:
-            return self.health.error(str(error))
+    def on_image(self, taken: images.Grey) -> None:
+        self.stamp_ns, image = taken
         self.stamped(self.stamp_ns)
         if not self.images:
             self._begin_with(BACKGROUND, self.lamps)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages as text, as `ros2 topic echo` and `ros2 topic hz` print them; what is on the graph."""
 
+import contextlib
 import itertools
 import json
 import math
@@ -14,6 +15,7 @@ import numpy as np
 import yaml
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 
 from eol_ros.errors import DeviceMissing
 from eol_ros.ros.topics import QOS, message_class
@@ -151,10 +153,16 @@ def qos_for(node: Node, topic: str) -> QoSProfile:
 def listen(node: Node, topic: str, hear: Any, raw: bool = False) -> str:
     """Call `hear(message)` for each message on the full name `topic`; return its type.
 
-    `raw` hands over the CDR bytes instead.
+    `raw` hands over the CDR bytes instead. Bytes that are no such message are left out.
     """
     name = type_of(node, topic)
-    node.create_subscription(message_class(name), topic, hear, qos_for(node, topic), raw=raw)
+    kind = message_class(name)
+
+    def take(data: bytes) -> None:
+        with contextlib.suppress(RuntimeError):  # RMWError
+            hear(deserialize_message(data, kind))
+
+    node.create_subscription(kind, topic, hear if raw else take, qos_for(node, topic), raw=True)
     return name
 
 

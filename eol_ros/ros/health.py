@@ -8,6 +8,7 @@ within seconds. Later the line says `hung`, and bringup treats it as silence.
 """
 
 import json
+import math
 import os
 import platform
 import time
@@ -22,7 +23,7 @@ from eol_ros.ros.give_back import give_back
 from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.ros.stamps import to_msg
 from eol_ros.streams.graph import status_name
-from eol_ros.streams.said import SAID, Said, said
+from eol_ros.streams.said import SAID, Said, clauses, said
 
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
@@ -32,6 +33,7 @@ PERIOD_S = 1.0
 DONE = object()
 STARTS = said('starting', 'starting')
 SETTLED = 4, 10  # reports in a row that all is well, after which to give back memory
+REJECTED_TOLD_S = 60.0  # between two lines on messages that were rejected
 GIVE_S = 0.05  # between steps of that: no knock waits for more than one
 
 
@@ -39,7 +41,7 @@ class Health:
     """Status of one node: a level, a sentence for people, a rate of work, and values."""
 
     def __init__(self, node: 'EolNode'):
-        self.values: dict[str, Any] = {}
+        self.values: dict[str, Any] = {'rejected': 0}
         self.kept: dict[str, Any] = {}  # what the node must take up if it is started again
         self.level = STARTING
         self.text: str = STARTS
@@ -49,6 +51,8 @@ class Health:
         self.ticks = self._reported_ticks = 0
         self._rate = 0.0
         self._well = 0
+        self.rejected = 0  # messages that the node did not use, see `Intake`
+        self._rejected_why, self._rejected_s, self._rejected_told_s = '', -math.inf, -math.inf
         self._expected: tuple[str, float] | None = None
         self._workers: dict[str, tuple[Callable[[], int | None], RoundWatch]] = {}
         self._last_tick_s, self._reported_s = self._now_s(), time.monotonic()
@@ -128,6 +132,24 @@ class Health:
         """The node cannot do its work; a person must act."""
         self._set(ERROR, text)
 
+    def reject(self, topic: str, why: str) -> None:
+        """Count a message that the node does not use, and log that once a minute."""
+        self.rejected += 1
+        self.values['rejected'] = self.rejected
+        self._rejected_why, self._rejected_s = (
+            f'{topic}: {" ".join(why.split())}'[:200],
+            time.monotonic(),
+        )
+        if self._rejected_s - self._rejected_told_s >= REJECTED_TOLD_S:
+            self._rejected_told_s = self._rejected_s
+            self._node.get_logger().warning(self._rejections())
+
+    def _rejections(self) -> Said:
+        return said(
+            'rejected', '{count} messages rejected, the last on {why}', count=self.rejected,
+            why=self._rejected_why,
+        )  # fmt: skip
+
     def _set(self, level: int, text: str) -> None:
         changed = level != self.level
         self.level, self.text = level, text
@@ -155,6 +177,8 @@ class Health:
                 'nothing_of', 'no {what} for {seconds} s', what=self._expected[0],
                 seconds=f'{silent_s:.0f}',
             )  # fmt: skip
+        if time.monotonic() - self._rejected_s < REJECTED_TOLD_S:
+            text = clauses([text, self._rejections()])
         worker, still_s = self._stalled()
         if worker:
             level = ERROR

@@ -35,6 +35,7 @@ from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
 from eol_ros.ros.inherited import KEPT
+from eol_ros.ros.intake import Intake
 from eol_ros.ros.parameters import checked, checked_live
 from eol_ros.ros.requests import REQUESTS, RequestServer, parameters
 from eol_ros.ros.stamps import NS, to_ns
@@ -46,10 +47,12 @@ from eol_ros.ros.topics import (
     QOS,
     informed,
     message_class,
+    type_name,
     with_depth,
 )
 from eol_ros.scene import Scene, check_namespace, check_value
 from eol_ros.settings import live_fields, masked, renamed
+from eol_ros.streams.checks import ANY_TIME, PLAYED_SPAN_NS, SPAN_NS
 from eol_ros.streams.graph import NODES, TOPICS, frame_prefix
 from eol_ros.streams.requests import SET, Asked
 
@@ -86,6 +89,7 @@ class EolNode(Node):
         self.settings = self._declare(settings)
         self.sim_time = bool(self.get_parameter(SIM_TIME).value)
         self.played: PlayedClock | None = None
+        self._round: tuple[int, int] | None = None  # what a replay has played, from when to when
         if self.sim_time:
             self._follow_clock()
         self.health = Health(self)
@@ -172,6 +176,18 @@ class EolNode(Node):
         """Return the ROS time at a system time of now, in ns; 0 before a replay has told any."""
         return wall_ns if self.played is None else self.played.recorded_ns(wall_ns) or 0
 
+    def stamps_span(self) -> tuple[int, int]:
+        """Return when stamps may lie, ns: around now, or around all that a replay has played."""
+        if not self.sim_time:
+            now_ns = time.time_ns()
+            return now_ns - SPAN_NS, now_ns + SPAN_NS
+        now_ns = self.now_ns()
+        if not now_ns:
+            return ANY_TIME
+        first_ns, last_ns = self._round or (now_ns, now_ns)
+        self._round = min(first_ns, now_ns), max(last_ns, now_ns)
+        return self._round[0] - PLAYED_SPAN_NS, self._round[1] + PLAYED_SPAN_NS
+
     def _follow_clock(self) -> None:
         back = JumpThreshold(
             min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
@@ -239,29 +255,38 @@ class EolNode(Node):
         raw: bool = False,
         depth: int | None = None,
         with_info: bool = False,
+        read: Callable[[Any], Any] | None = None,
     ) -> Subscription:
-        """Subscribe to `topic` with type and QoS of the table; `raw` hands over the CDR bytes.
+        """Subscribe to `topic` with type and QoS of the table.
 
+        `callback` gets what `intake` returns, or with `raw` the CDR bytes, which may be anything.
         `with_info`, for `raw`, hands over after them when DDS received and when the publisher
         sent them, in ns of the system clock, and the publisher's number of them. `depth` keeps more
         messages, or fewer, than the table says; no writer needs to know.
         """
         row = TOPICS[topic]
-
-        def whole(data: bytes) -> None:
-            if data:  # DDS hands over nothing where the writer was killed while it gave the message
-                callback(data)
-
-        raw_callback = informed(callback) if with_info else whole
-
+        if not raw:
+            callback = _checked(self.intake(topic, read), callback)
         return self.create_subscription(
             message_class(row.type_name),
             topic,
-            raw_callback if raw else callback,
+            informed(callback) if with_info else callback,
             with_depth(QOS[row.qos], depth),
-            raw=raw,
+            raw=True,
             event_callbacks=_loud(self, topic, False),
         )
+
+    def intake(self, topic: str, read: Callable[[Any], Any] | None = None) -> Intake:
+        """Return what decodes messages of a topic of the table, checks them and calls `read`."""
+        return Intake(self, topic, TOPICS[topic].type_name, read)
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Any, *args: Any, raw: bool = False, **kwargs: Any
+    ) -> Subscription:
+        """Subscribe as rclpy does. No message comes to a callback unchecked but as its bytes."""
+        if not raw:
+            callback = _checked(Intake(self, topic, type_name(msg_type)), callback)
+        return super().create_subscription(msg_type, topic, callback, *args, raw=True, **kwargs)
 
     def _on_set(self, asked: Asked) -> Any:
         """Change live settings as asked; raises ConfigError that names what cannot be."""
@@ -388,6 +413,15 @@ def _kept(name: str) -> dict[str, Any]:
     """Return what node `name` kept in the process that bringup saw end."""
     kept: dict[str, dict[str, Any]] = json.loads(os.environ.get(KEPT, '{}'))
     return kept.get(name, {})
+
+
+def _checked(intake: Intake, callback: Callable[[Any], None]) -> Callable[[bytes], None]:
+    def take(raw: bytes) -> None:
+        message = intake(raw)
+        if message is not None:
+            callback(message)
+
+    return take
 
 
 def _ranges(field: dataclasses.Field[Any]) -> dict[str, Any]:

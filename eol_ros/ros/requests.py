@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 REQUESTS, RESULTS = 'requests', 'request_results'
 LATER = object()  # what a handler returns that answers by itself when it knows what came of it
+_MOST_WAITING = 1000  # requests of a person; a replay asks ahead what its whole bag has
 _OWN = 256  # ids of one's own that are remembered
 _QUIET_S = 1.5  # without another node found: all have been
 _DISCOVERY_S = 10.0
@@ -142,6 +143,8 @@ class RequestServer:
             return self._refuse(asked, str(error))
         asked = replace(asked, values=values, from_ns=self.from_ns(asked.from_ns))
         if self._holds and asked.from_ns > self.newest_ns + SOON_NS:
+            if len(self._waiting) >= _MOST_WAITING and not self._node.sim_time:
+                return self._refuse(asked, f'{_MOST_WAITING} requests wait already')
             self._waiting.append((asked.from_ns, asked))
             self._waiting.sort(key=lambda item: item[0])
         else:

@@ -18,6 +18,11 @@ def message_class(type_name: str) -> Any:
     return getattr(importlib.import_module(f'{package}.msg'), name)
 
 
+def type_name(kind: Any) -> str:
+    """Return `package/msg/Name` of a message class."""
+    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+
+
 def topic_class(topic: str) -> Any:
     """Return the message class of one of our topics, imported on demand."""
     return message_class(graph.TOPICS[topic].type_name)

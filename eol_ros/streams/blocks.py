@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.vision.states import TRACKING
+from eol_ros.core.vision.states import STATES, TRACKING
 from eol_ros.streams.cdr import NS, Decoder, Fixed, encode
 
 if TYPE_CHECKING:
@@ -22,8 +22,10 @@ if TYPE_CHECKING:
 
 TYPE = 'eol_msgs/msg/Blocks'
 FRAME_ID = 'table'
+LARGEST = 1e6
 KNOWN = 4  # layouts kept
 _FRAME = 16  # where the letters of frame_id begin, behind the CDR header, the stamp and a length
+_OTHER_IDS = bytes(range(1, N_BLOCKS))
 _REFUSED = 'blocks: not a little-endian message of 25 blocks in frame table'
 BLOCK = np.dtype(
     [('id', 'u1'), ('x', 'f8'), ('y', 'f8'), ('yaw', 'f8'), ('u', 'f8'), ('v', 'f8'),
@@ -33,6 +35,7 @@ DTYPE = np.dtype(
     [('stamp', 'M8[ns]'), ('state', 'u1'), ('symmetry_ambiguous', '?'), ('image', 'u4'),
      ('blocks', BLOCK, N_BLOCKS)]
 )  # fmt: skip
+_NUMBERS = tuple(name for name in BLOCK.names or () if BLOCK[name].kind == 'f')
 MEASURED = BLOCK.names[1:]  # type: ignore[index]  # all but the id, which is the row's number
 
 
@@ -102,6 +105,16 @@ class _Places:
         offsets = np.array([[offset for _, offset, _ in places] for places in at])
         self._start, self._stride = int(offsets[0].min()), int(offsets[1, 0] - offsets[0, 0])
         assert (np.diff(offsets, axis=0) == self._stride).all()  # a whole number of alignments
+        names = [[n for n in _NUMBERS if BLOCK[n] == kind] for kind in ('f8', 'f4')]
+        self._numbers = []
+        for group in names:  # they lie side by side
+            start, size = int(offsets[0, MEASURED.index(group[0])]), BLOCK[group[0]].itemsize
+            assert offsets[0, MEASURED.index(group[-1])] == start + size * (len(group) - 1)
+            self._numbers.append(((N_BLOCKS, len(group)), f'<f{size}', start, (self._stride, size)))
+        self._first, second = (layout.at('blocks', k, 'id')[1] for k in range(2))
+        self._others = slice(second, None, self._stride)
+        self._ambiguous = layout.at('symmetry_ambiguous')[1]
+        self._seen = slice(layout.at('blocks', 0, 'seen')[1], None, self._stride)
         self._dtype = np.dtype(
             {
                 'names': list(MEASURED),
@@ -113,6 +126,23 @@ class _Places:
     def rows(self, raw: bytes | bytearray) -> np.ndarray:
         """Return the blocks of a message, a view of its bytes."""
         return np.ndarray(N_BLOCKS, self._dtype, raw, self._start, (self._stride,))
+
+    def tame(self, raw: bytes) -> bool:
+        """Return whether all numbers of a message are finite and not too large."""
+        return all(
+            np.maximum.reduce(np.abs(np.ndarray(shape, kind, raw, start, strides)), axis=None)
+            <= LARGEST
+            for shape, kind, start, strides in self._numbers
+        )
+
+    def ordered(self, raw: bytes) -> bool:
+        """Return whether the blocks stand in order of their ids, and flags are 0 or 1."""
+        return (
+            raw[self._first] == 0
+            and raw[self._others][: N_BLOCKS - 1] == _OTHER_IDS
+            and raw[self._ambiguous] <= 1
+            and max(raw[self._seen]) <= 1
+        )
 
 
 class Codec:
@@ -143,7 +173,8 @@ class Codec:
     def read(self, raw: bytes) -> Blocks:
         """Return a message from its CDR bytes, of which `rows` is a view.
 
-        Raises ValueError when it is not 25 blocks in frame `table`, little-endian.
+        Raises ValueError when it is not 25 blocks in frame `table`, in order of id, little-endian,
+        or a number in it is none or too large; one that is not known may be NaN.
         """
         frame_id = raw[_FRAME : _FRAME + raw[_FRAME - 4] - 1] if len(raw) > _FRAME else b''
         if frame_id not in self._known:
@@ -154,7 +185,16 @@ class Codec:
             self._known[frame_id] = _Places(self._definition, frame_id)
         places = self._known[frame_id]
         values = places.head.values(raw)
-        if values is None or values[1] != frame_id:
+        if values is None or values[1] != frame_id or not places.ordered(raw):
             raise ValueError(_REFUSED)
         (seconds, nanoseconds), _, state, ambiguous, image = values
-        return Blocks(seconds * NS + nanoseconds, state, ambiguous, image, places.rows(raw))
+        if state >= len(STATES):
+            raise ValueError(f'blocks: state is {state}')
+        found = Blocks(seconds * NS + nanoseconds, state, ambiguous, image, places.rows(raw))
+        if not places.tame(raw):
+            unknown = ~found.known
+            for name in _NUMBERS:
+                numbers = found.rows[name]
+                if not ((np.abs(numbers) <= LARGEST) | (np.isnan(numbers) & unknown)).all():
+                    raise ValueError(f'blocks: a number among {name} is none, or too large')
+        return found

@@ -63,6 +63,7 @@ class TopicSpec:
     """One topic: type, name of its quality of service, what it carries, and who uses it.
 
     barrier: the source of images starts when publishers and subscribers of the scene have matched.
+    stamped: its stamp is that of an image or a tap; subscribers reject one that is not of now.
     was: its name in bags of before.
     sources: the publishers without those who publish only what people ask for.
     """
@@ -72,6 +73,7 @@ class TopicSpec:
     qos: str
     doc: str
     barrier: bool = False
+    stamped: bool = False
     was: str = ''
     sources: tuple[str, ...] = ()
     publishers: tuple[str, ...] = ()
@@ -144,33 +146,35 @@ QOS = {
 _TOPICS = (
     TopicSpec('rim_command', 'eol_msgs/msg/RimCommand', 'stream', 'hands on the rim of the twin'),
     TopicSpec('camera/image_raw', 'sensor_msgs/msg/Image', 'images',
-              'the infrared image, mono8', barrier=True),
+              'the infrared image, mono8', barrier=True, stamped=True),
     TopicSpec('camera/camera_info', 'sensor_msgs/msg/CameraInfo', 'stream',
               'lens of the camera, with the stamp of each image; only while somebody subscribes',
-              barrier=True),
+              barrier=True, stamped=True),
     TopicSpec('camera/image_raw/compressed', 'sensor_msgs/msg/CompressedImage', 'preview',
-              'JPEG for people, only while somebody subscribes'),
+              'JPEG for people, only while somebody subscribes', stamped=True),
+              was='camera/image/compressed'),
     TopicSpec('calibration', 'std_msgs/msg/String', 'latched',
               'lens and table as the tracker has them: a calibration file, with its digest'),
-    TopicSpec('truth', 'eol_msgs/msg/Truth', 'stream', 'what the twin really did'),
+    TopicSpec('truth', 'eol_msgs/msg/Truth', 'stream', 'what the twin really did', stamped=True),
     TopicSpec('blocks', 'eol_msgs/msg/Blocks', 'stream',
-              'the 25 blocks, once per image', barrier=True),
+              'the 25 blocks, once per image', barrier=True, stamped=True),
     TopicSpec('block_taps', 'eol_msgs/msg/BlockTap', 'stream',
-              "knocks felt by the blocks' own accelerometers"),
+              "knocks felt by the blocks' own accelerometers", stamped=True),
     TopicSpec('slips', 'eol_msgs/msg/Slip', 'stream',
-              'a block starts to move, or stops', barrier=True),
+              'a block starts to move, or stops', barrier=True, stamped=True),
     TopicSpec('felt_slips', 'eol_msgs/msg/FeltSlip', 'stream',
-              'slips told at a knock, then confirmed or retracted by images', barrier=True),
+              'slips told at a knock, then confirmed or retracted by images', barrier=True,
+              stamped=True),
     TopicSpec('cascades', 'eol_msgs/msg/Cascade', 'stream',
-              'slips joined in time and neighbourhood', barrier=True),
+              'slips joined in time and neighbourhood', barrier=True, stamped=True),
     TopicSpec('led_commands', 'eol_msgs/msg/LedCommand', 'stream',
               "what was sent to the blocks' LEDs"),
     TopicSpec('corpus', 'eol_msgs/msg/Corpus', 'latched', 'all grains and their places'),
     TopicSpec('grain_triggers', 'eol_msgs/msg/GrainTrigger', 'stream',
-              'play this grain', barrier=True),
+              'play this grain', barrier=True, stamped=True),
     TopicSpec('felt_triggers', 'eol_msgs/msg/GrainTrigger', 'stream',
               'play this grain for a slip that was felt; its images ask for it again',
-              barrier=True),
+              barrier=True, stamped=True),
     TopicSpec('sound_meter', 'eol_msgs/msg/SoundMeter', 'meter',
               'waveform, spectrum and counters of the sound'),
     TopicSpec('sound_samples', 'eol_msgs/msg/SoundSamples', 'meter',

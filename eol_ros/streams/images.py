@@ -6,6 +6,8 @@ size is encoded once from the definition, and only stamp and pixels are written 
 read is looked into where it lies.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from eol_ros.errors import ConfigError
@@ -15,6 +17,13 @@ TYPE = 'sensor_msgs/msg/Image'
 FRAME_ID = 'camera_optical'
 KNOWN = 4  # layouts kept: a camera has one
 _HEAD = ('header.stamp', 'height', 'width', 'encoding', 'step')
+
+
+class Grey(NamedTuple):
+    """One image: the stamp in nanoseconds and (height, width) uint8, a view of the message."""
+
+    stamp_ns: int
+    pixels: np.ndarray
 
 
 class Codec:
@@ -51,11 +60,8 @@ class Codec:
         self._pixels = np.frombuffer(self._raw, np.uint8, count, start).reshape(shape)
         self._shape = shape
 
-    def read(self, raw: bytes) -> tuple[int, np.ndarray]:
-        """Return the stamp in nanoseconds and the (height, width) uint8 pixels, a view of `raw`.
-
-        Raises ValueError when the image is not mono8.
-        """
+    def read(self, raw: bytes) -> Grey:
+        """Return the image in `raw`; raises ValueError when it is not mono8, or empty."""
         found = self._known.get(len(raw))
         values = found[0].values(raw) if found else None
         if found is None or values is None:  # the first, or one of another camera
@@ -74,7 +80,7 @@ class Codec:
         if encoding not in (b'mono8', b'8UC1'):
             raise ValueError(f'image is {encoding.decode()!r}, not mono8: set the camera to grey')
         _, start, count = found[1]
-        if step != width or count != height * width:
+        if step != width or count != height * width or not count:
             raise ValueError(f'image of {width}x{height} has {count} bytes in steps of {step}')
         pixels = np.frombuffer(raw, np.uint8, count, start).reshape(height, width)
-        return seconds * NS + nanoseconds, pixels
+        return Grey(seconds * NS + nanoseconds, pixels)

@@ -35,7 +35,7 @@ from eol_ros.streams.requests import Asked
 
 CODEC = Codec(definition(TYPE))
 START_NS = 1_700_000_000_123_456_789
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('any_stamp')]
 
 
 class Probe(EolNode):

@@ -3,6 +3,7 @@
 
 import pytest
 from eol_msgs.msg import Blocks
+from rclpy.serialization import deserialize_message
 from support.spinning import Nodes
 
 from eol_ros.nodes.leds import LedsNode
@@ -26,7 +27,9 @@ class Panel(EolNode):
         super().__init__(MontageSettings(), scene=Scene('panel', {}))
         self.blocks, self.said, self.states = [], [], []
         self.subscribe('request_results', self.said.append)
-        self.subscribe('blocks', self.blocks.append)
+        self.subscribe(
+            'blocks', lambda raw: self.blocks.append(deserialize_message(raw, Blocks)), raw=True
+        )
         self.subscribe('/diagnostics', self.on_diagnostics)
 
     def on_diagnostics(self, array):

@@ -114,7 +114,7 @@ def test_the_light_dies_away_and_then_the_line_is_quiet(rig):
 
 
 @pytest.mark.parametrize('jump_s', [-3600, 3600])
-def test_light_goes_on_when_the_clock_is_set(rig, monkeypatch, jump_s):
+def test_light_goes_on_when_the_clock_is_set(rig, monkeypatch, any_stamp, jump_s):
     rig.around.slip(3)
     assert rig.until(lambda: rig.around.commands)
     clock = types.SimpleNamespace(

@@ -12,6 +12,8 @@ from eol_ros.ros.stamps import to_msg, to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings
 
+pytestmark = pytest.mark.usefixtures('any_stamp')
+
 
 class Probe(EolNode):
     NAME = 'probe'

@@ -35,6 +35,8 @@ from eol_ros.web.hub import CHANNELS
 GIVES = ('wall', 'cascades', 'corpus', '/diagnostics', 'blocks', 'camera/image_raw/compressed',
          'sound_meter', 'sound_samples', 'slips', 'calibration')  # fmt: skip
 
+pytestmark = pytest.mark.usefixtures('any_stamp')
+
 
 class Around(EolNode):
     """Stands in for all other nodes; its name is grains, so that settings can be changed."""
@@ -165,7 +167,7 @@ def test_sound_and_meter_reach_the_page(rig):
 def test_a_latecomer_is_told_wall_day_and_health(rig):
     rig.around.gives['wall'].publish(Wall(change=9, left='a.svg', right='b.svg', ahead=['c', 'd']))
     for area in (1, 1, 3):
-        cascade = Cascade(area=area, size=area, blocks=[1])
+        cascade = Cascade(area=area, size=area, blocks=range(area))
         cascade.onset = to_msg(now_ns())
         rig.around.gives['cascades'].publish(cascade)
     text = calibration_file.signed(Calibration.ideal(640, 400))
@@ -194,7 +196,7 @@ def test_a_latecomer_is_told_wall_day_and_health(rig):
 @pytest.mark.slow
 def test_a_restart_forgets_no_cascade_of_the_day(rig):
     for area in (1, 4):
-        cascade = Cascade(area=area, size=area, blocks=[1], nucleus=area)
+        cascade = Cascade(area=area, size=area, blocks=range(area), nucleus=area)
         cascade.onset = to_msg(now_ns())
         rig.around.gives['cascades'].publish(cascade)
     wait_until(lambda: sum(rig.panel.day.notice()['areas']) == 2)

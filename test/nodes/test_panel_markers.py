@@ -15,7 +15,7 @@ from eol_ros.ros.stamps import to_ns
 from eol_ros.settings import MotionSettings, PanelSettings
 from eol_ros.streams import blocks
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('any_stamp')]
 T0 = 1_700_000_000_000_000_000
 
 
@@ -82,7 +82,7 @@ def test_what_rviz_draws_is_the_table(both):
     table.gives['truth'].publish(Truth(rim_x=0.02, rim_y=-0.01, rim_yaw=0.05))
     table.gives['slips'].publish(Slip(kind=Slip.START, block=7, x=0.1, y=0.2))
     until(lambda: panel.markers._rim is not None and panel.markers._slipping)
-    rows['x'][9] = np.nan
+    rows['x'][9], rows['seen'][9] = np.nan, False
     table.tell(2, rows)
     until(lambda: len(table.seen) == 2)
     second = {(m.ns, m.id): m for m in table.seen[1].markers}

@@ -40,6 +40,8 @@ from eol_ros.verbs import replay
 T0 = 1_700_000_000_000_000_000
 STEP_NS = 10_000_000
 
+pytestmark = pytest.mark.usefixtures('any_stamp')
+
 
 class Listener(EolNode):
     """Keeps what comes, with its time."""
@@ -306,7 +308,7 @@ def test_what_was_latched_before_the_start_is_played_before_all_else(ros, tmp_pa
     listener, heard = Listener(), []
     listener.subscribe('corpus', lambda m: heard.append(m.name))
     listener.subscribe('wall', lambda m: heard.append(m.change))
-    listener.subscribe('blocks', lambda m: heard.append('block'))
+    listener.subscribe('blocks', lambda raw: heard.append('block'), raw=True)
     topics = ('blocks', 'corpus', 'wall')
     play(listener, tmp_path / 'run', topics=topics, start_s=0.5)
     assert sorted(map(str, heard[:2])) == ['1', 'snow']

@@ -9,6 +9,7 @@ import pytest
 import yaml
 from eol_msgs.msg import Blocks
 from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
 from support.spinning import Nodes
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
@@ -21,7 +22,6 @@ from eol_ros.core.vision.tracker import Tracker
 from eol_ros.devices.files import calibration_file
 from eol_ros.devices.files.tracker_files import TrackerFiles
 from eol_ros.nodes.tracker import TrackerNode
-from eol_ros.ros.definitions import definition
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import request_from_msg, request_to_msg
@@ -32,6 +32,7 @@ from eol_ros.streams import images
 from eol_ros.streams.requests import Asked
 
 START_NS = 1_700_000_000_123_456_789
+pytestmark = pytest.mark.usefixtures('any_stamp')
 
 
 class Probe(EolNode):
@@ -42,7 +43,9 @@ class Probe(EolNode):
         self.images = ImagePublisher(self, 'camera/image_raw')
         self.blocks, self.pictures, self.calibrations = [], [], []
         self.subscribe('calibration', self.calibrations.append)
-        self.subscribe('blocks', self.blocks.append)
+        self.subscribe(
+            'blocks', lambda raw: self.blocks.append(deserialize_message(raw, Blocks)), raw=True
+        )
         self.subscribe('camera/image_raw/compressed', self.pictures.append)
 
 
@@ -136,9 +139,8 @@ def life(monkeypatch, kept):
     node = TrackerNode(TrackerSettings())
     told = []
     node.requests.publisher = types.SimpleNamespace(publish=told.append)
-    codec = images.Codec(definition(images.TYPE))
     for k, image in enumerate(pictures(3)):
-        node.on_image(codec.pack(START_NS + k * 16_666_667, image))
+        node.on_image(images.Grey(START_NS + k * 16_666_667, image))
     return node, told
 
 

@@ -144,7 +144,7 @@ def test_health_goes_both_ways(ros, monkeypatch):
 
     assert lines[0]['level'] == 3  # starting
     assert lines[-1]['level'] == 1 and lines[-1]['text'] == 'no image on the right'
-    assert lines[-1]['values'] == {'pairs': 24}
+    assert lines[-1]['values'] == {'pairs': 24, 'rejected': 0}
     row = seen[-1].status[0]
     assert (row.name, row.message) == ('eol: montage', 'no image on the right')
     assert any(kv.key == 'pairs' and kv.value == '24' for kv in row.values)

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Between DDS and a node: decodes each message, checks it by the table, counts what it rejects."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from rclpy.serialization import deserialize_message
+
+from eol_ros.errors import EolError
+from eol_ros.ros.definitions import definition
+from eol_ros.ros.topics import message_class
+from eol_ros.streams import blocks, images
+from eol_ros.streams.checks import ANY_TIME, Check, off
+from eol_ros.streams.graph import topic_of
+
+if TYPE_CHECKING:
+    from eol_ros.ros.node import EolNode
+
+CODECS: dict[str, Any] = {blocks.TYPE: blocks.Codec, images.TYPE: images.Codec}
+FAULTS = EolError, ValueError, TypeError, LookupError, RuntimeError, MemoryError  # RMWError, too
+
+
+class Intake:
+    """Call it with the CDR bytes of a message; it returns the message, or None for a bad one.
+
+    Blocks and images come as their codec reads them. read: what a node makes of a message besides;
+    where that raises one of FAULTS, the message is bad, too.
+    """
+
+    def __init__(
+        self,
+        node: 'EolNode',
+        topic: str,
+        type_name: str,
+        read: Callable[[Any], Any] | None = None,
+    ):
+        self._node, self._topic, self._read = node, topic, read
+        row = topic_of(topic)
+        self._stamped = bool(row and row.stamped)
+        self._codec = CODECS[type_name](definition(type_name)) if type_name in CODECS else None
+        if self._codec is None:
+            self._kind = message_class(type_name)
+            self._check = Check(type_name, definition(type_name))
+
+    def __call__(self, raw: bytes) -> Any:
+        """Return the message in `raw`; None where it is bad, which the node's health counts."""
+        if not raw:  # as DDS hands it over where the writer was killed while it gave the message
+            return None
+        try:
+            message = self._decoded(raw)
+        except FAULTS as error:
+            self._node.health.reject(self._topic, str(error))
+            return None
+        return message
+
+    def _decoded(self, raw: bytes) -> Any:
+        span = self._node.stamps_span() if self._stamped else ANY_TIME
+        if self._codec is None:
+            message = deserialize_message(raw, self._kind)
+            wrong = self._check(message, span)
+        else:
+            message = self._codec.read(raw)
+            wrong = off('stamp', message.stamp_ns, span)
+        if wrong:
+            raise ValueError(wrong)
+        return self._read(message) if self._read else message
