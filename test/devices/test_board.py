@@ -9,7 +9,7 @@ from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.devices.backoff import Backoff
-from eol_ros.devices.board.board import Board
+from eol_ros.devices.board.board import KNOCK_SPAN_S, Board
 from eol_ros.devices.board.fake import FakeBoard
 from eol_ros.devices.board.ports import find_port
 from eol_ros.devices.ports import Port
@@ -78,6 +78,24 @@ def test_a_block_that_lit_itself_says_when_and_one_that_slept_is_less_sure(host,
     first, second = host.taps
     assert (first.lit_s, second.lit_s) == (pytest.approx(0.002), pytest.approx(0.009))
     assert first.time.sigma_s < second.time.sigma_s >= 3e-3
+
+
+def test_what_a_board_says_of_other_blocks_or_another_time_is_counted_and_not_passed_on(host, fake):
+    assert wait_until(lambda: len(host.board.round_trip_ms) >= 9)
+    ahead_s = KNOCK_SPAN_S + 1.0
+    for ago_s in (ahead_s, -ahead_s, 2131.0, -2131.0):
+        fake.tap(3, 1.0, ago_s)
+    for number in range(256):
+        fake._send(protocol.BlockStatus(number, 3700, 20, 2, 2, protocol.LINKED))
+        fake._send(protocol.SelfTested(number, 1, 0, 0, 0, 0, 0, 0))
+        if number >= 25:
+            fake._send(protocol.Knock(fake.clock_us(), number, 100, 0, 0))
+    fake.tap(24, 1.0, 1.0)
+    assert wait_until(lambda: host.taps)
+    assert [tap.block for tap in host.taps] == [24] and host.board.taps == 1
+    assert set(host.board.blocks) == {*range(25), protocol.BRIDGE}
+    assert set(host.board.tests) == set(range(25))
+    assert host.board.rejected == 4 + 230 + 231 + 231
 
 
 def test_a_board_that_comes_back_is_told_how_blocks_flash_and_feel(host, fake):

@@ -19,12 +19,12 @@ from typing import Any
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.clock_sync import ClockSync, HostTime
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.board.ports import find_port
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import DeviceMissing
+from eol_ros.streams.checks import BLOCKS, strange
 from eol_ros.streams.said import said
 
 BAUD = 1_000_000
@@ -34,7 +34,14 @@ PING_EVERY_S = 0.5
 SILENT_AFTER_S = 2.0
 READ_BYTES = 4096
 WOKE_SIGMA_S = 3e-3  # of a knock that woke its block: `eol bench taps`
+KNOCK_SPAN_S = 5.0  # from the host's clock to the time of a knock, at most
 UNSYNCED_SIGMA_S = 0.02  # of a tap that comes before the clocks have met: its arrival time is taken
+
+RULES: dict[type, dict[str, Any]] = {
+    protocol.Knock: {'block': BLOCKS},
+    protocol.BlockStatus: {'block': {*BLOCKS, protocol.BRIDGE}},
+    protocol.SelfTested: {'block': BLOCKS},
+}
 
 
 @dataclass(frozen=True)
@@ -89,6 +96,7 @@ class Board:
         self.blocks: dict[int, protocol.BlockStatus] = {}  # as they were last reported
         self.tests: dict[int, protocol.SelfTested] = {}  # the last of each block
         self.reported_bad = 0  # damaged packets that the board itself counted
+        self.rejected = 0  # reports of blocks that the table lacks, or of knocks at another time
         self.round_trip_ms: deque[float] = deque(maxlen=64)
         self._port, self._baud, self._line = port, baud, line
         self._on_tap, self._on_state = on_tap, on_state
@@ -255,7 +263,9 @@ class Board:
                 raise LineLost(errno.ETIMEDOUT, f'the board is silent for {SILENT_AFTER_S:.0f} s')
 
     def _hear(self, message: protocol.Message, now: float) -> None:
-        if isinstance(message, protocol.Pong):
+        if strange(message, RULES.get(type(message), {})):
+            self.rejected += 1
+        elif isinstance(message, protocol.Pong):
             asked = self._asked.pop(message.host_us, None)
             if asked is not None:
                 self.sync.add(asked, message.board_us, now)
@@ -266,11 +276,14 @@ class Board:
             self.blocks[message.block] = message
         elif isinstance(message, protocol.SelfTested):
             self.tests[message.block] = message
-        elif isinstance(message, protocol.Knock) and message.block < N_BLOCKS:
-            self.taps += 1
+        elif isinstance(message, protocol.Knock):
             time_ = HostTime(now, UNSYNCED_SIGMA_S)
             if self.sync.ready:
                 time_ = self.sync.to_host(message.board_us)
+            if abs(time_.time_s - now) > KNOCK_SPAN_S:  # the board was started again, or is wrong
+                self.rejected += 1
+                return
+            self.taps += 1
             strength, lit_s = message.strength * protocol.STRENGTH_UNIT, None
             if message.lit_us != protocol.NOT_LIT:
                 lit_s = message.lit_us * 1e-6

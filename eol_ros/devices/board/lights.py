@@ -273,6 +273,7 @@ class Lights:
             'taps': board.taps,
             'connections': board.connections,
             'damaged': board.decoder.bad + board.reported_bad,
+            'rejected_reports': board.rejected,
             'flash_limit': self.limit,
             'lengthened': self.frames.field.lengthened,
             'late_slips': self.frames.late,
