@@ -141,7 +141,7 @@ class _Places:
             raw[self._first] == 0
             and raw[self._others][: N_BLOCKS - 1] == _OTHER_IDS
             and raw[self._ambiguous] <= 1
-            and max(raw[self._seen]) <= 1
+            and max(raw[self._seen][:N_BLOCKS]) <= 1
         )
 
 

@@ -306,7 +306,7 @@ class Fixed:
 
     def values(self, raw: bytes) -> tuple[Any, ...] | None:
         """Return the values in order of the names; None where `raw` has another layout."""
-        if len(raw) < self.dtype.itemsize or raw[1] != 1:
+        if len(raw) < self.dtype.itemsize or raw[:2] != b'\0\1':
             return None
         found = np.ndarray((), self.dtype, raw).item()
         return found[: self._count] if found[self._count :] == self._lengths else None
@@ -325,7 +325,8 @@ class Fixed:
 def _format(kind: str, count: int) -> Any:
     if kind in TIMES:
         return TIME
-    return f'S{count}' if kind == 'string' else '<' + PRIMITIVES[kind]
+    # With its end: numpy cuts off the zero, and another byte there stays
+    return f'S{count + 1}' if kind == 'string' else '<' + PRIMITIVES[kind]
 
 
 def encode(type_name: str, definition: str, values: Mapping[str, Any]) -> bytes:
