@@ -152,7 +152,6 @@ _TOPICS = (
               barrier=True, stamped=True),
     TopicSpec('camera/image_raw/compressed', 'sensor_msgs/msg/CompressedImage', 'preview',
               'JPEG for people, only while somebody subscribes', stamped=True),
-              was='camera/image/compressed'),
     TopicSpec('calibration', 'std_msgs/msg/String', 'latched',
               'lens and table as the tracker has them: a calibration file, with its digest'),
     TopicSpec('truth', 'eol_msgs/msg/Truth', 'stream', 'what the twin really did', stamped=True),
