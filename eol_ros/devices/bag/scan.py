@@ -37,7 +37,12 @@ WITHOUT_MESSAGES = (
     Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA, Opcode.MESSAGE_INDEX,
 )  # fmt: skip
 _READ = (*WITHOUT_MESSAGES, Opcode.DATA_END)
-_ANCHOR = re.compile(rb'(?=[\x06\x0c][\s\S]{4}\0{4})')  # chunk or metadata of less than 4 GB
+OVERLAP = 24  # bytes of a record that _ANCHOR looks at, and more
+# A chunk of less than 4 GB, or metadata of this project: dark images are full of what looks like
+# the head of a record.
+_ANCHOR = re.compile(
+    rb'(?=\x06[\s\S]{4}\0{4}|\x0c[\s\S]{4}\0{4}[\x07\x0c]\0{3}(?:eol_ros|rosbag2))'
+)
 Index = dict[int, list[tuple[int, int]]]  # (log time, offset) of the messages, by channel
 
 
@@ -292,7 +297,7 @@ def _anchor(file: BinaryIO, start: int, end: int) -> int | None:
     """Return where the next record begins that proves itself, None if there is none."""
     for base in range(start, end, WINDOW):
         file.seek(base)
-        window = file.read(min(WINDOW + HEAD.size, end - base))
+        window = file.read(min(WINDOW + OVERLAP, end - base))
         for match in _ANCHOR.finditer(window):
             if match.start() < WINDOW and _proves_itself(file, base + match.start(), end):
                 return base + match.start()
