@@ -112,5 +112,5 @@ def test_every_module_that_a_sweep_loads_is_among_its_sources():
     )
     ran = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     loaded = set(ran.stdout.split())
-    assert {f'eol_ros.core.{m}' for m in ('vectors', 'physics.exact.solver')} <= loaded
+    assert {f'eol_ros.core.{m}' for m in ('physics.event.solver', 'physics.exact.solver')} <= loaded
     assert loaded <= sources.reached(['eol_ros.core.science.sweep'])
