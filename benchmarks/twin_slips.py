@@ -18,8 +18,8 @@ import numpy as np
 from support.true_slips import wilson
 
 from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.motion.noise import exceedance
 from eol_ros.core.motion.slips import START, SlipDetector
-from eol_ros.core.motion.threshold import exceedance
 from eol_ros.core.physics.twin.live import Coupling
 from eol_ros.core.physics.twin.play import Play
 from eol_ros.settings import MotionSettings

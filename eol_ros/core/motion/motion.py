@@ -155,7 +155,7 @@ class Motion:
         The arguments are those of `update`. A block that slips again soon after a rest brings its
         STOP along, before its START.
         """
-        self._went_back = stamp_s < self.detector.last_s - BACK_S
+        self._went_back = stamp_s < self.detector.history.last_s - BACK_S
         if self._went_back:  # what is left of the time before would come due some day
             self.taps = [t for t in self.taps if t.stamp_s <= stamp_s + TAP_LAG_S]
             self._begun.clear()
@@ -194,14 +194,15 @@ class Motion:
 
     def _fuse(self, knock: Knock) -> int:
         """Return the slip that began with `knock`, 0 for none; a running one gets its onset."""
-        detector, block, near = self.detector, knock.block, []
-        running = int(detector.slip[block]) if detector.moving[block] else 0
+        block, near = knock.block, []
+        newest = self.detector.slips[block]
+        running = int(newest['slip']) if newest['moving'] else 0
         for begun in self._begun:
             if begun.block != block or begun.felt:
                 continue
             if begun.slip == running:  # known better by now
-                begun.onset_s = detector.onset_s[block]
-                begun.onset_sigma_s = detector.onset_sigma_s[block]
+                begun.onset_s = newest['onset_s']
+                begun.onset_sigma_s = newest['onset_sigma_s']
             joint = elementary.hypot(begun.onset_sigma_s, knock.sigma_s)
             if abs(knock.stamp_s - begun.onset_s) <= max(TAP_WINDOW_S, 4.0 * joint):
                 near.append(begun)

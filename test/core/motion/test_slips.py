@@ -80,7 +80,7 @@ def test_noise_differs_from_block_to_block():
     for k in range(600):
         place = rest_lattice() + random.normal(0, 1, (N_BLOCKS, 2)) * noise[:, None]
         assert detector.update(k / 60, place[:, 0], place[:, 1], SEEN) == []
-    assert np.sqrt(detector.variance) == pytest.approx(noise, rel=0.15)
+    assert np.sqrt(detector.noise.variance) == pytest.approx(noise, rel=0.15)
 
 
 @pytest.mark.slow
@@ -158,7 +158,7 @@ def test_a_clock_that_stops_or_runs_backwards_makes_no_slips():
     for stamp in stamps:
         place = rest + random.normal(0, 1e-5, rest.shape)
         assert detector.update(stamp, place[:, 0], place[:, 1], SEEN) == []
-    assert detector.samples.min() > 60  # and it works on, on the new clock
+    assert detector.noise.rows['samples'].min() > 60  # and it works on, on the new clock
 
 
 def test_no_position_is_no_movement():
@@ -353,6 +353,6 @@ def test_how_hard_blocks_are_pulled_is_learnt_from_their_slips(acceleration):
                 found[event.block].append(event.onset_s)
     truth = late[:, pairs:]  # the first half is for learning
     known = [[min((f - t for f in found[b]), key=abs) for t in truth[b]] for b in range(N_BLOCKS)]
-    assert detector.pull_mps2 == pytest.approx(acceleration, rel=0.15)
+    assert detector.onsets.acceleration_mps2 == pytest.approx(acceleration, rel=0.15)
     assert np.mean(np.abs(known) < 0.02) > 0.99
     assert np.sqrt(np.mean(np.square(known))) < 0.002

@@ -100,16 +100,17 @@ class Identity:
         """Tell the coincidence what this image shows: onsets, and what rests or slides."""
         lattice = self.lattice
         x, y = lattice.xy.T
-        for event in onsets.update(stamp_s, x, y, lattice.seen, lattice.sigma):
+        events = onsets.update(stamp_s, x, y, lattice.seen, lattice.sigma)
+        slips = onsets.slips
+        for event in events:
             # A block that came out from under an arm on its way began nobody knows when.
             if event.kind == START:
-                self.begun[event.block] = onsets.rested_s[event.block] >= RESTED_S
+                self.begun[event.block] = slips['rested_s'][event.block] >= RESTED_S
         # Two images later an onset is known twice as well: it may wait for them, but not for ever.
-        late = stamp_s - onsets.onset_s > PATIENCE_S
-        for block in np.flatnonzero(self.begun & ((onsets.fresh == 0) | late)).tolist():
-            self.coincidence.onset(
-                float(onsets.onset_s[block]), block, float(onsets.onset_sigma_s[block])
-            )
+        late = stamp_s - slips['onset_s'] > PATIENCE_S
+        for block in np.flatnonzero(self.begun & ((slips['refine_in'] == 0) | late)).tolist():
+            onset = slips[block]
+            self.coincidence.onset(float(onset['onset_s']), block, float(onset['onset_sigma_s']))
             self.begun[block] = False
         moving = onsets.moving
         self.coincidence.look(stamp_s, lattice.seen & ~moving, lattice.seen & moving)

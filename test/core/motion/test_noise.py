@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eol_ros.core.motion.threshold import exceedance, threshold_sigmas
+from eol_ros.core.motion.noise import exceedance, threshold_sigmas
 
 
 @pytest.mark.parametrize('freedom', [4, 20, 200, 10000])
