@@ -50,13 +50,15 @@ def ros():
     os.environ['ROS_DOMAIN_ID'] = str(_BASE)
 
 
-@pytest.fixture
-def any_stamp(monkeypatch):
-    """Nodes of this process use messages of any time: the stamps of the test are of another day."""
+@pytest.fixture(scope='module')
+def any_stamp():
+    """Nodes of this module use messages of any time: the stamps of its tests are of another day."""
     from eol_ros.ros.node import EolNode
     from eol_ros.streams.checks import ANY_TIME
 
-    monkeypatch.setattr(EolNode, 'stamps_span', lambda node: ANY_TIME)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(EolNode, 'stamps_span', lambda node: ANY_TIME)
+        yield
 
 
 _HERE = Path(__file__).parent

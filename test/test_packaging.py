@@ -180,7 +180,7 @@ def test_the_snippet_of_the_readme_runs_without_ros(science, outside, bag, tmp_p
 
     said = run(science / 'bin' / 'python', '-c', script, cwd=tmp_path, environment=outside)
 
-    assert said == '10 slips; the greatest went 0.004 m\n'
+    assert said == '10 slips; the longest moved 0.004 m\n'
 
 
 @pytest.mark.parametrize('words', [

@@ -120,7 +120,7 @@ def test_a_mistake_shows_no_secret_and_says_what_to_hide(tmp_path):
         loaded(tmp_path, '["s\\x65ven keys", {a: other-keys}]')
     assert 'panel.pin: *** is not text' in str(error.value)
     told = 'seven keys, other-keys, ' + r's\x65ven keys'
-    assert without(told, error.value.hidden) == '***, ***, ***'
+    assert without(told, error.value.scene.hidden) == '***, ***, ***'
 
 
 def escaped(value):

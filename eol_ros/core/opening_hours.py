@@ -313,12 +313,17 @@ class Door:
     def words(self, asleep: bool) -> str:
         """Return it for people: `asleep until Tue 10:00`."""
         is_open, _, until = self.state
-        state = 'open' if is_open else 'asleep' if asleep else 'closed'
-        by_hand = {(True, True): ', put to sleep by hand', (False, False): ', woken by hand'}
-        hand = by_hand.get((is_open, asleep), '')
-        if until:
-            return f'{state} until {self._shown(until)}{hand}'
-        return state + (hand or f', and no {"closing" if is_open else "opening"} ahead')
+        end = self._shown(until) if until else ''
+        # whole sentences, which the pages find by their words
+        if is_open and asleep:
+            return (
+                f'open until {end}, put to sleep by hand' if end else 'open, put to sleep by hand'
+            )
+        if is_open:
+            return f'open until {end}' if end else 'open, and no closing ahead'
+        if not asleep:
+            return f'closed until {end}, woken by hand' if end else 'closed, woken by hand'
+        return f'asleep until {end}' if end else 'asleep, and no opening ahead'
 
     def _shown(self, at: datetime.datetime) -> str:
         local = at.astimezone(self.hours.zone)

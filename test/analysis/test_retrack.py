@@ -38,7 +38,7 @@ def scene_of_blocks(count=150):
 
 
 @pytest.fixture(scope='module')
-def run(tmp_path_factory):
+def run(tmp_path_factory, any_stamp):
     """A bag of 150 images and all that tracker, motion and grains made of them."""
     import rclpy
     from rclpy.parameter import Parameter

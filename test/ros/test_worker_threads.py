@@ -230,7 +230,8 @@ def test_bringup_starts_a_node_again_within_three_seconds(wanted, tmp_path, monk
     failed_s = next(at for at, line in lines if 'failed with Killed' in line)
     assert seen[0] - failed_s < 3.0
     shown = [line for _, line in lines if '|' in line]
-    assert len([line for line in shown if 'thread bag-writer failed with Killed' in line]) == 1
+    told = [line for line in shown if 'thread bag-writer failed with Killed' in line]
+    assert 1 <= len(told) <= 1 + child.policy.restarts  # one line each time it was killed
 
 
 def test_what_is_said_of_a_hung_worker_is_no_heartbeat(tmp_path):
