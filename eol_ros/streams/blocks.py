@@ -174,7 +174,8 @@ class Codec:
         """Return a message from its CDR bytes, of which `rows` is a view.
 
         Raises ValueError when it is not 25 blocks in frame `table`, in order of id, little-endian,
-        or a number in it is none or too large; one that is not known may be NaN.
+        or a number in it is too large. What is not known is NaN, also the place of a block
+        that is seen, while the camera is calibrated.
         """
         frame_id = raw[_FRAME : _FRAME + raw[_FRAME - 4] - 1] if len(raw) > _FRAME else b''
         if frame_id not in self._known:
@@ -192,9 +193,8 @@ class Codec:
             raise ValueError(f'blocks: state is {state}')
         found = Blocks(seconds * NS + nanoseconds, state, ambiguous, image, places.rows(raw))
         if not places.tame(raw):
-            unknown = ~found.known
             for name in _NUMBERS:
                 numbers = found.rows[name]
-                if not ((np.abs(numbers) <= LARGEST) | (np.isnan(numbers) & unknown)).all():
-                    raise ValueError(f'blocks: a number among {name} is none, or too large')
+                if not ((np.abs(numbers) <= LARGEST) | np.isnan(numbers)).all():
+                    raise ValueError(f'blocks: a number among {name} is too large')
         return found
