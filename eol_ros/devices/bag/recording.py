@@ -82,7 +82,7 @@ class Sync(threading.Thread):
     """Has the disk keep what is in a file so far, in a thread of its own: it may take seconds."""
 
     def __init__(self, writer: BagWriter, file: BinaryIO, disk: Disk, done: Callable[[], None]):
-        super().__init__(name='bag-sync', daemon=True)
+        super().__init__(name='bag-writer-sync', daemon=True)
         self.writer, self.ended = writer, False
         self.error: OSError | None = None
         self._file, self._disk, self._done = file, disk, done
