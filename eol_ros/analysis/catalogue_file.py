@@ -2,16 +2,15 @@
 """The catalogue of cascades as files that other programs read: ZMAP, and Parquet or CSV."""
 
 import csv
-import dataclasses
 import datetime
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from eol_ros.analysis.bag import Bag, Table
+from eol_ros.analysis.recorded_settings import recorded_settings
 from eol_ros.core.geometry import PITCH_M, rest_lattice
 from eol_ros.core.physics.builders import GRAVITY
 from eol_ros.settings import TwinSettings
@@ -36,11 +35,8 @@ ZMAP = ('x', 'y', 'decimal year', 'month', 'day', 'magnitude', 'depth', 'hour', 
 
 def constants(bag: Bag) -> TwinSettings | None:
     """Return springs, friction and mass of the twin that a bag is of; None for a real table."""
-    nodes = (yaml.safe_load(bag.about.get('settings', '')) or {}).get('nodes', {})
-    if 'twin' not in nodes:
-        return None
-    known = {field.name for field in dataclasses.fields(TwinSettings)}
-    return TwinSettings(**{k: v for k, v in (nodes['twin'] or {}).items() if k in known})
+    found = recorded_settings(bag, 'twin')
+    return None if found is None else TwinSettings(**found)
 
 
 def of(bag: Bag, cascades: Table | None, measured: TwinSettings | None = None) -> np.ndarray:

@@ -9,18 +9,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from eol_ros.analysis import catalogue_file, exposure, figures, light, series
 from eol_ros.analysis.bag import Bag, Table, seconds
+from eol_ros.analysis.recorded_settings import recorded_settings
 from eol_ros.analysis.retrack import Retracked
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import alternatives, catalogue, powerlaw, quiescent
 from eol_ros.core.science.one_over_f import Answer
 from eol_ros.errors import writing
-from eol_ros.settings import TwinSettings, by_today
+from eol_ros.settings import TwinSettings
 from eol_ros.streams import felt
-from eol_ros.streams.graph import NODES, topic_of
+from eol_ros.streams.graph import topic_of
 from eol_ros.streams.slips import START, STOP
 
 # Kept in memory of a bag that is read once: what the report asks for (nothing named: all).
@@ -368,8 +368,7 @@ def _first_packets(bag: Bag, own: bool = False) -> np.ndarray | None:
 
 def _setting(bag: Bag, node: str, name: str) -> Any:
     """Return a setting that the bag was recorded with; None where the scene lacks that node."""
-    nodes = (yaml.safe_load(bag.about.get('settings', '')) or {}).get('nodes', {})
-    return by_today(NODES[node].settings, nodes.get(node) or {}).get(name)
+    return (recorded_settings(bag, node) or {}).get(name)
 
 
 def _summary(late_ms: np.ndarray) -> dict[str, float]:

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sound of a bag: its grain triggers as voices for the mixer that plays live."""
 
-import dataclasses
 import math
 from collections.abc import Iterator
 
 import numpy as np
-import yaml
 
 from eol_ros.analysis.bag import Bag, Table
+from eol_ros.analysis.recorded_settings import recorded_settings
 from eol_ros.core.sound.bank import Bank, playable
 from eol_ros.core.sound.offline import play
 from eol_ros.core.sound.senses import FirstSense
@@ -17,7 +16,7 @@ from eol_ros.core.sound.voicing import Voicing, new_mixer
 from eol_ros.devices.audio.bank import load_bank
 from eol_ros.devices.corpus.corpus_build import of_this_machine
 from eol_ros.errors import ConfigError
-from eol_ros.settings import SoundSettings, by_today
+from eol_ros.settings import SoundSettings
 from eol_ros.streams import corpus, triggers
 
 BLOCK = 1 << 16  # frames
@@ -27,10 +26,7 @@ LATE_S = 10.0  # by which a trigger may be received after it was due
 
 def settings_of(bag: Bag) -> SoundSettings:
     """Return the settings of sound that the bag was recorded with; defaults where it is silent."""
-    nodes = (yaml.safe_load(bag.about.get('settings', '')) or {}).get('nodes', {})
-    said = by_today(SoundSettings, nodes.get('sound') or {})
-    known = {field.name for field in dataclasses.fields(SoundSettings)}
-    return SoundSettings(**{key: value for key, value in said.items() if key in known})
+    return SoundSettings(**(recorded_settings(bag, 'sound') or {}))
 
 
 def voices(
