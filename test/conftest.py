@@ -12,6 +12,7 @@ from pathlib import Path
 
 import hypothesis
 import pytest
+from support.any_stamp import use_any_stamp
 
 from eol_ros.ros import network
 
@@ -50,15 +51,10 @@ def ros():
     os.environ['ROS_DOMAIN_ID'] = str(_BASE)
 
 
-@pytest.fixture(scope='module')
-def any_stamp():
-    """Nodes of this module use messages of any time: the stamps of its tests are of another day."""
-    from eol_ros.ros.node import EolNode
-    from eol_ros.streams.checks import ANY_TIME
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(EolNode, 'stamps_span', lambda node: ANY_TIME)
-        yield
+@pytest.fixture
+def any_stamp(monkeypatch):
+    """Nodes of this process use messages of any time: the stamps of the test are of another day."""
+    use_any_stamp(monkeypatch)
 
 
 _HERE = Path(__file__).parent

@@ -16,13 +16,13 @@ import numpy as np
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.states import STATES, TRACKING
 from eol_ros.streams.cdr import NS, Decoder, Fixed, encode
+from eol_ros.streams.checks import LARGEST
 
 if TYPE_CHECKING:
     from eol_ros.core.vision.tracker import Tracked
 
 TYPE = 'eol_msgs/msg/Blocks'
 FRAME_ID = 'table'
-LARGEST = 1e6
 KNOWN = 4  # layouts kept
 _FRAME = 16  # where the letters of frame_id begin, behind the CDR header, the stamp and a length
 _OTHER_IDS = bytes(range(1, N_BLOCKS))
@@ -128,10 +128,10 @@ class _Places:
         return np.ndarray(N_BLOCKS, self._dtype, raw, self._start, (self._stride,))
 
     def tame(self, raw: bytes) -> bool:
-        """Return whether all numbers of a message are finite and not too large."""
-        return all(
-            np.maximum.reduce(np.abs(np.ndarray(shape, kind, raw, start, strides)), axis=None)
-            <= LARGEST
+        """Return whether no number of a message is too large; what is not known is NaN."""
+        return not any(
+            np.fmax.reduce(np.abs(np.ndarray(shape, kind, raw, start, strides)), axis=None)
+            > LARGEST
             for shape, kind, start, strides in self._numbers
         )
 
@@ -193,8 +193,6 @@ class Codec:
             raise ValueError(f'blocks: state is {state}')
         found = Blocks(seconds * NS + nanoseconds, state, ambiguous, image, places.rows(raw))
         if not places.tame(raw):
-            for name in _NUMBERS:
-                numbers = found.rows[name]
-                if not ((np.abs(numbers) <= LARGEST) | np.isnan(numbers)).all():
-                    raise ValueError(f'blocks: a number among {name} is too large')
+            name = next(n for n in _NUMBERS if (np.abs(found.rows[n]) > LARGEST).any())
+            raise ValueError(f'blocks: a number among {name} is too large')
         return found

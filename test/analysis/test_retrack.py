@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 import yaml
+from support.any_stamp import use_any_stamp
 
 from eol_ros.analysis import retrack as retracking
 from eol_ros.analysis.bag import open_bag
@@ -35,6 +36,13 @@ def scene_of_blocks(count=150):
         if 90 <= i < 95:
             at[7] -= [0.0, 0.002]
         yield at.copy(), yaw.copy()
+
+
+@pytest.fixture(scope='module')
+def any_stamp():
+    with pytest.MonkeyPatch.context() as patch:
+        use_any_stamp(patch)
+        yield
 
 
 @pytest.fixture(scope='module')
