@@ -14,6 +14,7 @@ EXAMPLES = [
     'eol bench vision --plots docs/img',
     'eol bench vision --films relief',
     'eol bench vision --films my_films --images 200 --json',
+    'eol bench vision --truth film1 film2',
     'eol bench vision --hard all --seconds 10 --seeds 3',
     'eol bench vision --hard sleeves --seconds 60 --json',
     'eol bench vision --arms all --seconds 20 --seeds 6 --json',
@@ -48,6 +49,13 @@ def add_arguments(parser):
         ' none, slow, brisk, rough, bright, dark, sleeves, hard and brutal, with commas; --seconds'
         ' and --seeds of each',
     )
+    parser.add_argument(
+        '--truth',
+        metavar='FOLDER',
+        nargs='+',
+        help='only films of another renderer, by both trackers: folders with frames.npy, truth.npz'
+        ' and calibration.yaml',
+    )
     parser.add_argument('--surfaces', default='flat,relief', help='with --hard and --arms')
     parser.add_argument('--first-seed', type=int, default=41, help='with those: of --seeds')
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
@@ -65,7 +73,7 @@ def run(args) -> int:
     from eol_ros.verbs.progress import track
 
     cv2.setNumThreads(1)
-    if args.plots and (args.films or args.hard or args.arms):
+    if args.plots and (args.films or args.truth or args.hard or args.arms):
         raise UsageError('--plots draws noise levels and clutter alone')
     if args.films:
         from support.relief.films import FOLDER
@@ -75,6 +83,11 @@ def run(args) -> int:
         folder = FOLDER if args.films == 'relief' else Path(args.films)
         figures = vision_relief.measure(folder, args.images)
         tell(figures, args.json, vision_relief.table)
+        return 0
+    if args.truth:
+        from benchmarks import vision_truth
+
+        tell(vision_truth.measure(args.truth), args.json, vision_truth.table)
         return 0
     if args.hard or args.arms:
         from benchmarks import vision_arms, vision_hard

@@ -18,6 +18,7 @@ EXAMPLES = [
     'eol track images.npy --fps 60 --output answer.npz --json',
     'eol track film.mp4 --calibration table.yaml --output answer.npz',
     'eol track film.mkv --stamps film.txt --output answer.npz',
+    'eol track film.mp4 --calibration table.yaml --tracker appearance --json',
     'eol track bags/2026-11-21 --output answer.npz --overlay seen.mp4',
 ]
 SLIP = [
@@ -48,6 +49,11 @@ def add_arguments(parser):
         '--mirror', action='store_true',
         help='the camera sees the table in a mirror; a calibration file says it by itself',
     )  # fmt: skip
+    parser.add_argument(
+        '--tracker', choices=('edges', 'appearance'), default='edges',
+        help='how blocks are found: by the edges of their covers, as in the node, or by learned '
+             'faces, which takes more clutter and faster rims, and knows flat covers only',
+    )  # fmt: skip
     parser.add_argument('-o', '--output', metavar='ANS.npz', help='where the answer goes')
     parser.add_argument('--overlay', metavar='OUT.mp4', help='video, or image, with what was seen')
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
@@ -66,8 +72,14 @@ def run(args) -> int:
     source = open_source(args.frames, args.fps, args.stamps)
     if args.output and not Path(args.output).absolute().parent.is_dir():
         raise ConfigError(f'{args.output}: there is no such folder')
-    tracker = Tracker(
-        TrackerSettings(mirror=args.mirror), _calibration(args.calibration, args.mirror)
+    settings, calibration = (
+        TrackerSettings(mirror=args.mirror),
+        _calibration(args.calibration, args.mirror),
+    )
+    tracker: Any = (
+        Tracker(settings, calibration)
+        if args.tracker == 'edges'
+        else _appearance(settings, calibration)
     )
     tracker.warm_up()
     motion = Motion(MotionSettings())
@@ -111,6 +123,12 @@ def run(args) -> int:
     else:
         print('\n'.join(f'{k:10} {v}' for k, v in summary.items()))
     return 0
+
+
+def _appearance(settings, calibration):
+    from eol_ros.core.vision.appearance.tracker import AppearanceTracker
+
+    return AppearanceTracker(settings, calibration)
 
 
 def _check_size(tracker, image, path) -> None:

@@ -47,6 +47,25 @@ def answer(stack):
     return np.load(out)
 
 
+def test_the_appearance_tracker_sees_the_same(stack, answer):
+    camera, out = stack.with_name('ideal.yaml'), stack.with_name('appearance.npz')
+    calibration_file.save(camera, Calibration.ideal())
+    words = ['track', str(stack), '--output', str(out), '--fps', '60', '--calibration', str(camera)]
+    assert cli.main([*words, '--tracker', 'appearance']) == 0
+    found = np.load(out)
+    for k in range(COUNT):
+        seen = found['visible'][k]
+        assert seen.sum() == 25 or (60 <= k < 66 and seen.sum() >= 22)  # some are covered
+        off = found['world'][k, seen, :2] - truth(k)[seen]
+        assert np.abs(off).max() < 1e-4  # m
+    assert [row['block'] for row in found['slips']] == [7]
+
+
+def test_the_appearance_tracker_needs_a_calibration(stack, capsys):
+    assert cli.main(['track', str(stack), '--tracker', 'appearance']) == 78
+    assert 'give --calibration' in capsys.readouterr().err
+
+
 def test_shapes_and_what_they_mean(answer):
     assert answer['px'].shape == (COUNT, 25, 2)
     assert answer['yaw'].shape == answer['visible'].shape == (COUNT, 25)

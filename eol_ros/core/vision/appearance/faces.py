@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How bright a block's cover is, place by place: learned over many looks.
+
+A face is a map of CELLS x CELLS over the square, as shares of its gain, and the variance that each
+cell shows over looks.
+"""
+
+import numpy as np
+
+from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import cos, sin
+from eol_ros.core.vision.appearance import model
+from eol_ros.core.vision.appearance.model import AGREE, CELLS, LANES, SPREAD_LOOKS, YOUNG
+from eol_ros.core.vision.appearance.pixels import GREY, A, B
+
+_LEAST, _MOST = model.SPREAD
+
+
+class Faces:
+    """The faces of n blocks.
+
+    light, spread (n, CELLS, CELLS): brightness and its variance. looks (n,): how often each was
+    looked at. own, own_px: brightness of the cover in the last image, and pixels in each cell.
+    """
+
+    def __init__(self, n: int):
+        shape = (n, CELLS, CELLS)
+        self.light, self.spread = np.ones(shape, np.float32), np.full(shape, _MOST, np.float32)
+        self.own, self.own_px, self._sum, self._squares, self._count = np.zeros(
+            (5, *shape), np.float32
+        )
+        self.looks = np.zeros(n)
+
+    def forget(self, block: int) -> None:
+        """Begin anew with a block whose cover is another one."""
+        self.light[block], self.spread[block] = 1.0, _MOST
+        for sums in (self._sum, self._squares, self._count, self.looks):
+            sums[block] = 0
+
+    def learn(self, block: int, noise: float, whole: bool) -> None:
+        """Take a look: the last image's brightness, with the variance `noise` of a pixel.
+
+        whole: no cell is covered by something else, however it differs from before.
+        """
+        self.looks[block] += 1
+        looks = round(self.looks[block])
+        young = looks <= YOUNG
+        sums = self._sum[block], self._squares[block], self._count[block]
+        rate = 1 / min(looks, SPREAD_LOOKS)
+        _add(
+            self.light[block],
+            self.spread[block],
+            *sums,
+            self.own[block],
+            self.own_px[block],
+            young or whole,
+            young,
+            noise,
+            rate,
+        )
+        if looks == YOUNG or (not young and (looks in model.REDRAWN or looks % 8 == 0)):
+            _draw(self.light[block], self.spread[block], *sums, looks == YOUNG)
+            if looks >= model.MAX_LOOKS:
+                for kept in (self._sum, self._squares, self._count, self.looks):
+                    kept[block] *= 0.75
+
+
+@njit(cache=True)
+def brightness(px, count, half, blur, fit, light, counts):
+    """Set light (CELLS, CELLS) to the brightness of the cover that px shows, counts to its pixels.
+
+    Of pixels that lie so far inside that their edge function is 1.
+    """
+    light[:] = 0.0
+    counts[:] = 0.0
+    per_cell = CELLS / (2 * half)
+    cs, sn = cos(fit[2]), sin(fit[2])
+    safe = half - 2 * blur
+    for i in range(count):
+        k, z = i // LANES, i % LANES
+        x, y = px[k, z + A] - fit[0], px[k, z + B] - fit[1]
+        a, b = cs * x + sn * y, cs * y - sn * x
+        if abs(a) > safe or abs(b) > safe:
+            continue
+        p, q = int((a + half) * per_cell), int((b + half) * per_cell)
+        light[q, p] += px[k, z + GREY] - fit[4] - (fit[5] * a + fit[6] * b) / half
+        counts[q, p] += 1.0
+    for q in range(CELLS):
+        for p in range(CELLS):
+            if counts[q, p] > 0.0:
+                light[q, p] = light[q, p] / counts[q, p] / fit[3]
+
+
+@njit(cache=True)
+def fill(light, counts):
+    """Give cells without a look the mean of those within two cells, or 1."""
+    for q in range(CELLS):
+        for p in range(CELLS):
+            if counts[q, p] > 0.0:
+                continue
+            total, n = 0.0, 0
+            for reach in range(1, 3):
+                for j in range(max(q - reach, 0), min(q + reach + 1, CELLS)):
+                    for i in range(max(p - reach, 0), min(p + reach + 1, CELLS)):
+                        if counts[j, i] > 0.0:
+                            total += light[j, i]
+                            n += 1
+                if n:
+                    break
+            light[q, p] = total / n if n else 1.0
+
+
+@njit(cache=True)
+def _add(light, spread, total, squares, count, own, own_px, whole, young, noise, rate):
+    for j in range(CELLS):
+        for i in range(CELLS):
+            if own_px[j, i] <= 0.0:
+                continue
+            r2, quiet = (own[j, i] - light[j, i]) ** 2, noise / own_px[j, i]
+            if whole or r2 < AGREE * (spread[j, i] + quiet):
+                total[j, i] += own[j, i]
+                squares[j, i] += own[j, i] ** 2
+                count[j, i] += 1.0
+            if not young:
+                v = min(max(r2 - quiet, 0.0), 20 * spread[j, i])
+                spread[j, i] = min(max(spread[j, i] + rate * (v - spread[j, i]), _LEAST), _MOST)
+
+
+@njit(cache=True)
+def _draw(light, spread, total, squares, count, first):
+    for j in range(CELLS):
+        for i in range(CELLS):
+            if count[j, i] > 0.0:
+                mean = total[j, i] / count[j, i]
+                light[j, i] = mean
+                if first:
+                    v = squares[j, i] / count[j, i] - mean * mean
+                    spread[j, i] = min(max(v, _LEAST), _MOST)
+    fill(light, count)

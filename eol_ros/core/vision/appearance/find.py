@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the lattice of blocks lies in an image, from nothing.
+
+Each place of a grid on the table is asked how much a square of a block's size stands out there from
+the ring around it. Blocks stray from the nodes of their lattice by centimetres, so that the
+greatest answer within that reach counts for a node. The lattice lies where the sum over its nodes
+is greatest.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import cos, sin
+from eol_ros.core.vision.appearance.model import (
+    ANGLES,
+    CELL_M,
+    CENTRE_M,
+    CLIP,
+    GAP,
+    INNER,
+    NODE_STRAY_M,
+    REACH_M,
+    RING,
+    TURNS,
+)  # fmt: skip
+from eol_ros.core.vision.calibration.mapping import to_pixel
+
+QUARTER = math.pi / 2
+
+
+@njit(cache=True)
+def noise_by_level(image, out):
+    """Fill out (32,) with the variance of noise at each 8 grey levels; return that of most pixels.
+
+    It grows with light along a line, as shot noise does. From second differences along rows, whose
+    median hardly sees edges; levels that only edges have say too much: the least slope counts.
+    """
+    counts, found = np.zeros((32, 128), np.int64), np.zeros(32)
+    for r in range(2, image.shape[0] - 2, 7):
+        for q in range(2, image.shape[1] - 2, 3):
+            d = 2.0 * image[r, q] - image[r, q - 1] - image[r, q + 1]
+            # by the level of others: its own would hide how far noise takes it
+            level = int((image[r, q - 2] * 1.0 + image[r, q + 2]) / 16)
+            counts[level, int(min(abs(d), 127.0))] += 1
+    most, at = 0, 0
+    for k in range(32):
+        total = counts[k].sum()
+        if total > most:
+            most, at = total, k
+        if total < 400:
+            continue
+        need, level = total // 2, 0
+        while need >= counts[k, level]:
+            need, level = need - counts[k, level], level + 1
+        part = (need + 0.5) / max(counts[k, level], 1)
+        # a second difference has six variances, the median of its size is 0.6745 sigma
+        found[k] = (max(level - 0.5 + part, 0.0) / 0.6745) ** 2 / 6
+    dark, slope = max(found[at], 1.0 / 12), np.inf
+    for k in range(at + 3, 32):
+        if found[k] > 0.0:
+            slope = min(slope, max(found[k] - dark, 0.0) / (k - at))
+    if slope == np.inf:
+        slope = 0.0
+    for k in range(32):
+        out[k] = max(dark + slope * (k - at), 1.0 / 12)
+    return dark
+
+
+@njit(cache=True)
+def _stands_out(image, u, v, ua, va, ub, vb, noise):
+    """Return 0 to 1: how a parallelogram of half axes (ua, va), (ub, vb) differs from its ring."""
+    rows, cols = image.shape
+    reach_u, reach_v = 1.3 * (abs(ua) + abs(ub)), 1.3 * (abs(va) + abs(vb))
+    if u < reach_u or v < reach_v or u + reach_u > cols - 1 or v + reach_v > rows - 1:
+        return 0.0
+    total = 0
+    for i in range(INNER):
+        a = (2 * i / (INNER - 1) - 1) * 0.8
+        for j in range(INNER):
+            b = (2 * j / (INNER - 1) - 1) * 0.8
+            total += image[int(v + a * va + b * vb + 0.5), int(u + a * ua + b * ub + 0.5)]
+    inner = total / (INNER * INNER)
+    least, mean, far = CLIP, 0.0, 1.0 + 2 * GAP
+    for side in range(4):
+        ring, square = 0.0, 0.0
+        sense = 1.0 if side < 2 else -1.0
+        for j in range(RING):
+            t = (2 * j / (RING - 1) - 1) * 0.9
+            a, b = (sense * far, t) if side % 2 == 0 else (t, sense * far)
+            p = float(image[int(v + a * va + b * vb + 0.5), int(u + a * ua + b * ub + 0.5)])
+            ring += p
+            square += p * p
+        level = ring / RING
+        scatter = max(square / RING - level * level, 0.0)
+        z = min(max((inner - level) / math.sqrt((noise + scatter) / RING + 1.0), 0.0), CLIP)
+        mean += z / 4
+        least = min(least, z)
+    return (mean + least) / (2 * CLIP)
+
+
+@njit(cache=True)
+def respond(image, c, half_m, x0, y0, noise, first, turns, step, out, angle):
+    """Fill out, angle (ny, nx): the greatest response of `turns` angles at each place of a grid."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            x, y = x0 + j * CELL_M, y0 + i * CELL_M
+            out[i, j] = angle[i, j] = 0.0
+            u, v = to_pixel(c, x, y)
+            if not (0 <= u < image.shape[1] and 0 <= v < image.shape[0]):
+                continue
+            ur, vr = to_pixel(c, x + half_m, y)
+            ut, vt = to_pixel(c, x, y + half_m)
+            du, dv, eu, ev = ur - u, vr - v, ut - u, vt - v
+            for k in range(turns):
+                theta = first + k * step
+                cs, sn = cos(theta), sin(theta)
+                ua, va, ub, vb = (
+                    cs * du + sn * eu,
+                    cs * dv + sn * ev,
+                    cs * eu - sn * du,
+                    cs * ev - sn * dv,
+                )
+                r = _stands_out(image, u, v, ua, va, ub, vb, noise)
+                if r > out[i, j]:
+                    out[i, j], angle[i, j] = r, theta
+
+
+@njit(cache=True)
+def _dilated(response, reach, out):
+    """Fill out with the greatest response within `reach` cells, in a square."""
+    ny, nx = response.shape
+    rows = np.zeros((ny, nx), np.float32)
+    for i in range(ny):
+        for j in range(nx):
+            for k in range(max(j - reach, 0), min(j + reach + 1, nx)):
+                rows[i, j] = max(rows[i, j], response[i, k])
+    for i in range(ny):
+        for j in range(nx):
+            out[i, j] = 0.0
+            for k in range(max(i - reach, 0), min(i + reach + 1, ny)):
+                out[i, j] = max(out[i, j], rows[k, j])
+
+
+@njit(cache=True)
+def _best(pool, x0, rest, best):
+    """Fill best (4,): mean response, x, y, angle of the lattice `rest` (n, 2) that gathers most."""
+    ny, nx = pool.shape
+    n, origin, reach = rest.shape[0], int(round(-x0 / CELL_M)), int(CENTRE_M / CELL_M)
+    dx, dy = np.empty(n, np.int64), np.empty(n, np.int64)
+    best[0] = -1.0
+    for k in range(ANGLES):
+        theta = QUARTER * k / ANGLES
+        c, s = cos(theta), sin(theta)
+        for i in range(n):
+            dx[i] = int(round((c * rest[i, 0] - s * rest[i, 1]) / CELL_M))
+            dy[i] = int(round((s * rest[i, 0] + c * rest[i, 1]) / CELL_M))
+        for p in range(-reach, reach + 1, 2):
+            for q in range(-reach, reach + 1, 2):
+                total = np.float32(0.0)
+                for i in range(n):
+                    r, t = origin + p + dy[i], origin + q + dx[i]
+                    if 0 <= r < ny and 0 <= t < nx:
+                        total += pool[r, t]
+                if total > best[0] * n:
+                    best[0], best[1], best[2], best[3] = total / n, q * CELL_M, p * CELL_M, theta
+
+
+@njit(cache=True)
+def _nodes(response, angle, x0, rest, best, out):
+    """Fill out (n, 3): x, y, angle of the place near each node that stands out most."""
+    ny, nx = response.shape
+    c, s = cos(best[3]), sin(best[3])
+    reach = int(math.ceil(1.6 * NODE_STRAY_M / CELL_M))
+    for i in range(rest.shape[0]):
+        x = best[1] + c * rest[i, 0] - s * rest[i, 1]
+        y = best[2] + s * rest[i, 0] + c * rest[i, 1]
+        jc, ic = int(round((x - x0) / CELL_M)), int(round((y - x0) / CELL_M))
+        out[i, 0], out[i, 1], out[i, 2] = x, y, best[3]
+        top = -1.0
+        for p in range(max(ic - reach, 0), min(ic + reach + 1, ny)):
+            for q in range(max(jc - reach, 0), min(jc + reach + 1, nx)):
+                # of two that stand out alike the one closer to the node
+                r = response[p, q] - 0.05 * ((p - ic) ** 2 + (q - jc) ** 2) / reach**2
+                if r > top:
+                    top = r
+                    out[i, 0], out[i, 1], out[i, 2] = x0 + q * CELL_M, x0 + p * CELL_M, angle[p, q]
+
+
+class Lattice(NamedTuple):
+    """A lattice found: nodes (n, 3) x, y in m and angle in rad; mean response; its own angle."""
+
+    nodes: np.ndarray
+    response: float
+    angle: float
+
+
+def find_lattice(
+    image: np.ndarray, packed: np.ndarray, rest: np.ndarray, side_m: float, noise: float
+) -> Lattice:
+    """Return where squares of `side_m` lie on a lattice `rest` (n, 2), up to quarter turns.
+
+    image (h, w) uint8; packed: Calibration.packed(); noise: variance of a grey level.
+    """
+    n = 2 * int(math.ceil(REACH_M / CELL_M)) + 1
+    x0 = -(n // 2) * CELL_M
+    response, angle, pool = np.zeros((3, n, n), np.float32)
+    step = QUARTER / TURNS
+    respond(image, packed, side_m / 2, x0, x0, noise, 0.0, TURNS, step, response, angle)
+    _dilated(response, int(NODE_STRAY_M / CELL_M), pool)
+    best, nodes = np.empty(4), np.empty((len(rest), 3))
+    _best(pool, x0, rest, best)
+    _nodes(response, angle, x0, rest, best, nodes)
+    return Lattice(nodes, float(best[0]), float(best[3]))

@@ -1,0 +1,334 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Position, angle, gain and ground of one block, fitted to its pixels.
+
+The image of a block is
+
+    g L(a, b) E(a) E(b) + o + oa a + ob b
+
+with block coordinates a, b, brightness L of its face, gain g, a ground plane o, oa, ob and an edge
+E that falls from 1 to 0 over the sides, as wide as lens and pixel make it. Gauss-Newton steps with
+Tukey's weights (Huber and Ronchetti, Robust Statistics, 2009, 7.8) fit it to the pixels themselves,
+none of which is interpolated. E is symmetric about the side: brightness learned wrongly does not
+move a block.
+"""
+
+import math
+
+import numpy as np
+
+from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import cos, sin
+from eol_ros.core.vision.appearance.model import FULL, LANES, TUKEY
+from eol_ros.core.vision.appearance.pixels import (
+    AREA,
+    BY_A,
+    BY_B,
+    BY_GAIN,
+    BY_O,
+    BY_OA,
+    BY_OB,
+    BY_TURN,
+    EDGE,
+    GREY,
+    LIGHT,
+    LIGHT_A,
+    LIGHT_B,
+    NOISE,
+    RESIDUAL,
+    SPREAD,
+    WEIGHT,
+    A,
+    B,
+    Q,
+)  # fmt: skip
+
+NUMBERS = 7  # of a fit: a, b in px and turn in rad from where pixels were gathered, g, o, oa, ob
+SUMS = NUMBERS * (NUMBERS + 1) // 2
+
+
+@njit(inline='always', error_model='numpy')
+def edge(a, half, per_blur):
+    """Return E and its slope at a: E falls at +-half as the integral of a normal distribution.
+
+    Abramowitz and Stegun, Handbook of Mathematical Functions, 7.1.25, with the eighth power of a
+    Taylor polynomial as exponential: within 2e-4, and symmetric about the side.
+    """
+    f, one = np.float32, np.float32(1.0)
+    z = (abs(a) - half) * per_blur
+    x2 = min(f(0.5) * z * z, f(9.0))
+    u = f(0.125) * x2
+    q = one - u * (one - u * (f(0.5) - u * (f(1 / 6) - u * f(1 / 24))))
+    q = q * q
+    q = q * q
+    q = q * q
+    t = one / (one + f(0.47047 / math.sqrt(2.0)) * abs(z))
+    tail = f(0.5) * t * (f(0.3480242) - t * (f(0.0958798) - t * f(0.7478556))) * q
+    slope = f(-1 / math.sqrt(2 * math.pi)) * q * per_blur
+    return tail if z > 0 else one - tail, slope if a > 0 else -slope
+
+
+@njit(cache=True, fastmath=True, error_model='numpy')
+def residuals(px, count, half, blur, fit, sigma2_px):
+    """Set Q and EDGE of px. half, blur: of a side and of its edge, px; sigma2_px:
+    variance of a pose."""
+    pa, pb = np.float32(fit[0]), np.float32(fit[1])
+    cs, sn = np.float32(cos(fit[2])), np.float32(sin(fit[2]))
+    g, o, oa, ob = np.float32(fit[3]), np.float32(fit[4]), np.float32(fit[5]), np.float32(fit[6])
+    g2, e2, h, zero = g * g, np.float32(sigma2_px), np.float32(half), np.float32(0.0)
+    per_blur, per, full = np.float32(1.0 / blur), np.float32(1.0 / half), np.float32(FULL)
+    for group in range((count + LANES - 1) // LANES):
+        for i in range(LANES):
+            a0, b0, grey = px[group, A + i], px[group, B + i], px[group, GREY + i]
+            x, y = a0 - pa, b0 - pb
+            a, b = cs * x + sn * y, cs * y - sn * x
+            ea, sa = edge(a, h, per_blur)
+            eb, sb = edge(b, h, per_blur)
+            light = px[group, LIGHT + i]
+            light += px[group, LIGHT_A + i] * (a - a0) + px[group, LIGHT_B + i] * (b - b0)
+            e = ea * eb
+            ta, tb = light * sa * eb, light * ea * sb
+            r = grey - g * light * e - o - (oa * a + ob * b) * per
+            r = max(r, zero) if grey > full else r
+            s2 = px[group, NOISE + i] + g2 * (px[group, SPREAD + i] * e + e2 * (ta * ta + tb * tb))
+            px[group, Q + i] = r * r / s2
+            px[group, EDGE + i] = e
+
+
+@njit(cache=True, fastmath=True, error_model='numpy')
+def _derivatives(px, count, half, blur, fit, sigma2_px, widen):
+    """Set the derivatives of each pixel, its residual and Tukey's weight over the variance."""
+    zero, one = np.float32(0.0), np.float32(1.0)
+    pa, pb = np.float32(fit[0]), np.float32(fit[1])
+    cs, sn = np.float32(cos(fit[2])), np.float32(sin(fit[2]))
+    g, o, oa, ob = np.float32(fit[3]), np.float32(fit[4]), np.float32(fit[5]), np.float32(fit[6])
+    g2, e2, wd, h = g * g, np.float32(sigma2_px), np.float32(widen), np.float32(half)
+    per_blur, per = np.float32(1.0 / blur), np.float32(1.0 / half)
+    cut, full = np.float32(1.0 / TUKEY), np.float32(FULL)
+    for group in range((count + LANES - 1) // LANES):
+        for i in range(LANES):
+            a0, b0, grey = px[group, A + i], px[group, B + i], px[group, GREY + i]
+            x, y = a0 - pa, b0 - pb
+            a, b = cs * x + sn * y, cs * y - sn * x
+            ea, sa = edge(a, h, per_blur)
+            eb, sb = edge(b, h, per_blur)
+            la, lb = px[group, LIGHT_A + i], px[group, LIGHT_B + i]
+            light = px[group, LIGHT + i] + la * (a - a0) + lb * (b - b0)
+            e = ea * eb
+            ta, tb = light * sa * eb + la * e, light * ea * sb + lb * e
+            ja, jb = a * per, b * per
+            r = grey - g * light * e - o - oa * ja - ob * jb
+            s2 = px[group, NOISE + i] + g2 * (px[group, SPREAD + i] * e + e2 * (ta * ta + tb * tb))
+            s2 = one / (s2 * wd)
+            z = max(one - r * r * s2 * cut, zero)
+            px[group, BY_A + i], px[group, BY_B + i] = -g * ta, -g * tb
+            px[group, BY_TURN + i], px[group, BY_GAIN + i] = g * (ta * b - tb * a), light * e
+            px[group, BY_O + i], px[group, BY_OA + i], px[group, BY_OB + i] = one, ja, jb
+            px[group, RESIDUAL + i] = r
+            px[group, WEIGHT + i] = zero if grey > full else z * z * s2
+
+
+@njit(cache=True, fastmath=True, error_model='numpy')
+def _row(px, at, groups, out):
+    for group in range(groups):
+        for i in range(LANES):
+            out[group, i] = px[group, at + i]
+
+
+@njit(cache=True, fastmath=True, error_model='numpy')
+def _times(x, y, n, out):
+    for i in range(n):
+        out[i] = x[i] * y[i]
+
+
+@njit(cache=True, fastmath=True, error_model='numpy')
+def _dot(x, y, n):
+    total = np.float32(0.0)
+    for i in range(n):
+        total += x[i] * y[i]
+    return total
+
+
+@njit(cache=True)
+def normal_equations(px, count, half, blur, fit, sigma2_px, widen, scratch, sums):
+    """Fill sums (35,): the upper triangle of the normal matrix row by row, then the right side.
+
+    scratch (10, groups, LANES). widen: by which all variances are multiplied.
+    """
+    _derivatives(px, count, half, blur, fit, sigma2_px, widen)
+    groups = (count + LANES - 1) // LANES
+    n = groups * LANES
+    for r in range(NUMBERS + 2):
+        _row(px, BY_A + r * LANES, groups, scratch[r])
+    weighted, k = scratch[NUMBERS + 2].reshape(-1), 0
+    for i in range(NUMBERS):
+        _times(scratch[NUMBERS + 1].reshape(-1), scratch[i].reshape(-1), n, weighted)
+        for j in range(i, NUMBERS):
+            sums[k] = _dot(weighted, scratch[j].reshape(-1), n)
+            k += 1
+        sums[SUMS + i] = _dot(weighted, scratch[NUMBERS].reshape(-1), n)
+
+
+@njit(cache=True)
+def solve(sums, prior, m):
+    """Solve the normal equations with `prior` on the diagonal, in m (7, 11); return whether it can.
+
+    The step comes in column 7, the covariance of the pose in columns 8 to 10. Gauss-Jordan without
+    pivots: the matrix is positive definite.
+    """
+    k = 0
+    for i in range(NUMBERS):
+        for j in range(i, NUMBERS):
+            m[i, j] = m[j, i] = sums[k]
+            k += 1
+        m[i, 7] = sums[SUMS + i]
+        m[i, 8] = m[i, 9] = m[i, 10] = 0.0
+        m[i, i] += 1e-9 * m[i, i] + prior[i]
+        if i < 3:
+            m[i, 8 + i] = 1.0
+    for i in range(NUMBERS):
+        p = m[i, i]
+        if not p > 0.0:
+            return False
+        for j in range(i, 11):
+            m[i, j] /= p
+        for r in range(NUMBERS):
+            if r != i:
+                f = m[r, i]
+                for j in range(i, 11):
+                    m[r, j] -= f * m[i, j]
+    return True
+
+
+@njit(cache=True, fastmath=True, error_model='numpy')
+def widening(px, count, half, blur, fit, reach):
+    """Return sums (top, weight): their quotient is by how many px edges are wider than blur."""
+    pa, pb, zero = np.float32(fit[0]), np.float32(fit[1]), np.float32(0.0)
+    cs, sn = np.float32(cos(fit[2])), np.float32(sin(fit[2]))
+    g, o, oa, ob = np.float32(fit[3]), np.float32(fit[4]), np.float32(fit[5]), np.float32(fit[6])
+    h, per_blur, per = np.float32(half), np.float32(1.0 / blur), np.float32(1.0 / half)
+    full, far = np.float32(FULL), np.float32(reach)
+    for group in range((count + LANES - 1) // LANES):
+        for i in range(LANES):
+            x, y, grey = px[group, A + i] - pa, px[group, B + i] - pb, px[group, GREY + i]
+            a, b = cs * x + sn * y, cs * y - sn * x
+            ea, sa = edge(a, h, per_blur)
+            eb, sb = edge(b, h, per_blur)
+            light = g * px[group, LIGHT + i]
+            r = grey - light * ea * eb - o - (oa * a + ob * b) * per
+            j = light * per_blur * (abs(sa) * eb * (abs(a) - h) + ea * abs(sb) * (abs(b) - h))
+            s2 = px[group, NOISE + i]
+            r = r if r * r < far * s2 else zero
+            r = zero if grey > full else r
+            px[group, BY_A + i], px[group, BY_B + i] = j * r / s2, j * j / s2
+    top = weight = 0.0
+    for group in range((count + LANES - 1) // LANES):
+        for i in range(LANES):
+            top += px[group, BY_A + i]
+            weight += px[group, BY_B + i]
+    return top, weight
+
+
+@njit(cache=True, inner=True)
+def median(values, n):
+    """Return the median of values[:n], which are put in another order (Hoare, 1961)."""
+    lo, hi, k = 0, n - 1, n // 2
+    while lo < hi:
+        pivot = values[(lo + hi) // 2]
+        i, j = lo, hi
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while pivot < values[j]:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if k <= j:
+            hi = j
+        elif k >= i:
+            lo = i
+        else:
+            break
+    return values[k]
+
+
+@njit(cache=True)
+def widen_of(px, count, most, scratch):
+    """Return by how much squared residuals exceed their variance in the median, 1 to `most`."""
+    n = 0
+    for i in range(0, count, 11):
+        scratch[n] = px[i // LANES, i % LANES + Q]
+        n += 1
+    return min(max(median(scratch, n) / 0.455, 1.0), most)  # the median of chi squared
+
+
+@njit(cache=True)
+def levels(px, count, half, blur, scratch):
+    """Return the median grey level inside a square and outside of it."""
+    inner = outer = 0.0
+    for part in range(2):
+        n = 0
+        for i in range(part, count, 3):
+            k, z = i // LANES, i % LANES
+            far = max(abs(px[k, z + A]), abs(px[k, z + B]))
+            if (far < half - 2 * blur) if part else (far > half + 2 * blur):
+                scratch[n] = px[k, z + GREY]
+                n += 1
+        if n and part:
+            inner = median(scratch, n)
+        elif n:
+            outer = median(scratch, n)
+    return inner, outer
+
+
+@njit(cache=True, error_model='numpy')
+def side_nats(px, count, half, blur, fit, near, widen, m, out):
+    """Fill out (4,): log likelihood ratio that light falls at each side as E does, not steadily.
+
+    Across a side light is fitted by a level, a slope and E: the glow of a lamp is all slope.
+    m (4, 11): scratch.
+    """
+    m[:] = 0.0
+    cs, sn = cos(fit[2]), sin(fit[2])
+    h32, per_blur = np.float32(half), np.float32(1.0 / blur)
+    for i in range(count):
+        k, z = i // LANES, i % LANES
+        if px[k, z + AREA] > 1.0 or px[k, z + GREY] > FULL:
+            continue
+        x, y = px[k, z + A] - fit[0], px[k, z + B] - fit[1]
+        a, b = cs * x + sn * y, cs * y - sn * x
+        if abs(a) > abs(b):
+            d, t, side = abs(a) - half, abs(b), 0 if a > 0 else 2
+        else:
+            d, t, side = abs(b) - half, abs(a), 1 if b > 0 else 3
+        if abs(d) > near or t > half - near:
+            continue
+        e, _ = edge(np.float32(half + d), h32, per_blur)
+        v = px[k, z + GREY] - fit[4] - (fit[5] * a + fit[6] * b) / half
+        d /= blur
+        row = m[side]
+        row[0] += 1.0
+        row[1] += d
+        row[2] += d * d
+        row[3] += e
+        row[4] += e * d
+        row[5] += e * e
+        row[6] += v
+        row[7] += v * d
+        row[8] += v * e
+        row[9] += fit[3] * px[k, z + LIGHT]
+        row[10] += px[k, z + NOISE]
+    for side in range(4):
+        n, sd, sdd, se, sed, see, sv, svd, sve, step, noise = m[side]
+        out[side] = 0.0
+        if n < 30.0:
+            continue
+        sdd -= sd * sd / n
+        sed -= se * sd / n
+        svd -= sv * sd / n
+        see -= se * se / n + sed * sed / sdd
+        sve -= sv * se / n + sed * svd / sdd
+        step /= n
+        variance = noise / n * widen / see / step**2 + 0.02
+        out[side] = (sve / see / step - 0.5) / variance

@@ -1,0 +1,330 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Follow all blocks by the faces of their covers, from image to image.
+
+Each block is predicted, registered and judged by itself. Its neighbours say where it can be at
+all; a block out of sight is looked for where they put it. With most blocks out of sight the whole
+lattice is sought.
+"""
+
+import math
+
+import numpy as np
+
+from eol_ros.core import elementary
+from eol_ros.core.compiled import njit
+from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
+from eol_ros.core.vision.appearance import find, model, neighbours
+from eol_ros.core.vision.appearance.faces import Faces
+from eol_ros.core.vision.appearance.model import YOUNG
+from eol_ros.core.vision.appearance.register import FOUND, register
+from eol_ros.core.vision.calibration.model import Calibration
+
+BLOCK = np.dtype(
+    [
+        ('x', 'f8'), ('y', 'f8'), ('yaw', 'f8'),
+        ('vx', 'f8'), ('vy', 'f8'), ('spin', 'f8'),  # m/s, rad/s
+        ('seen', '?'), ('known', '?'),  # now; its face is learned
+        ('evidence', 'f8'),  # nats that it is a block, over images
+        ('gain', 'f8'),  # its usual one, without the camera's exposure
+        ('yaw_offset', 'f8'),  # from the turn of the lattice around it
+        ('fresh', 'i8'),  # images in a row in which another face was in its place
+    ]
+)  # fmt: skip
+"""One block from image to image."""
+
+
+class Follower:
+    """All blocks of one table.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of flat covers.
+
+    Attributes
+    ----------
+    blocks : ndarray
+        (25,) BLOCK; a block out of sight is where its neighbours put it.
+    found : ndarray
+        (25,) FOUND, of the last image.
+    """
+
+    def __init__(self, calibration: Calibration):
+        self.packed, self.px_per_m = calibration.packed(), calibration.px_per_m()
+        self.rest = rest_lattice()
+        n = len(self.rest)
+        self.blocks, self.found = np.zeros(n, BLOCK), np.zeros(n, FOUND)
+        self.blocks['x'], self.blocks['y'] = self.rest.T
+        self.faces = Faces(n)
+        self.noise, self.quiet = np.ones(32, np.float32), 1.0
+        self.blur_px, self._blur_looks = model.FIRST_BLUR_PX, 0
+        self.exposure = 1.0
+        self.last_s = -math.inf
+        self.lattice = False  # whether it was ever found
+        self._near = np.zeros((n, 4))
+        self._all, self._turn, self._lost = np.arange(n), 0, 0
+        self._places, self._angles = np.zeros((2, 13, 13), np.float32)
+
+    def lose(self) -> None:
+        """Take no block to be in sight."""
+        self.blocks['seen'] = False
+
+    def update(self, stamp_s: float, image: np.ndarray) -> np.ndarray:
+        """Take the next image (h, w) uint8, read-only; return blocks."""
+        blocks, found = self.blocks, self.found
+        self.quiet = find.noise_by_level(image, self.noise)
+        ahead_s = stamp_s - self.last_s
+        if not self.lattice or self._lost > model.LOST_IMAGES or blocks['seen'].sum() < 5:
+            good = self._acquire(image)
+            ahead_s = math.inf
+        else:
+            _predict(blocks, found, self._near, self.rest, ahead_s, self.px_per_m)
+            self._register(image, self._all)
+            good = self._judge(self._all)
+            lost = np.flatnonzero(blocks['seen'] & ~good)  # may have jumped
+            if len(lost):
+                _start_wide(blocks, found, lost, ahead_s)
+                self._register(image, lost)
+                good[lost] = self._judge(lost)[lost]
+            for _ in range(min(model.SEEKS, len(blocks) - good.sum())):
+                lost = np.flatnonzero(~good)
+                self._turn += 1
+                self._seek(image, lost[self._turn % len(lost)], good)
+        if self.lattice:
+            _take(blocks, found, self._near, good, ahead_s, self.px_per_m)
+            self._learn(ahead_s)
+            self._lost = 0 if good.sum() >= model.SEEN_BLOCKS else self._lost + 1
+        self.last_s = stamp_s
+        return blocks
+
+    def _register(self, image: np.ndarray, which: np.ndarray, fresh: bool = False) -> None:
+        blocks = self.blocks
+        known = blocks['known'] & (not fresh)
+        self.found['expected'] = np.where(known, blocks['gain'] * self.exposure, 0)
+        faces = self.faces
+        register(
+            image, self.packed, BLOCK_SIDE_M / 2, self.blur_px, self.noise, faces.light,
+            faces.spread, ~known, which, self.found, faces.own, faces.own_px,
+        )  # fmt: skip
+
+    def _judge(self, which: np.ndarray, fresh: bool = False) -> np.ndarray:
+        """Return (25,) which of `which` were found in this image."""
+        blocks, good = self.blocks, np.zeros(len(self.blocks), bool)
+        known = blocks['known']
+        clear = self.found['gain'][self.found['nats'] > model.CLEAR_NATS]
+        usual = np.median(clear) if len(clear) > model.LEAST else 0.0
+        first = model.ACCEPT_NATS if known.sum() > len(known) // 2 else model.FIRST_NATS
+        _accept(blocks, self.found, self._near, which, fresh, usual, first, self.px_per_m, good)
+        return good
+
+    def _seek(self, image: np.ndarray, block: int, good: np.ndarray) -> None:
+        """Look for a block where its neighbours put it."""
+        near, found, one = self._near[block], self.found[block : block + 1], np.array([block])
+        if near[3] < 3:
+            return
+        reach = self._places.shape[0] // 2 * model.CELL_M
+        find.respond(
+            image, self.packed, BLOCK_SIDE_M / 2, near[0] - reach, near[1] - reach, self.quiet,
+            near[2] + self.blocks['yaw_offset'][block] - 0.4, 5, 0.2, self._places, self._angles,
+        )  # fmt: skip
+        i, j = np.unravel_index(self._places.argmax(), self._places.shape)
+        if self._places[i, j] < model.MIN_RESPONSE:
+            return
+        place = near[0] - reach + j * model.CELL_M, near[1] - reach + i * model.CELL_M
+        for fresh in (False, True):
+            found['x'], found['y'], found['yaw'] = *place, self._angles[i, j]
+            found['start_px'] = model.LOST_PX
+            self._register(image, one, fresh)
+            good[block] = self._judge(one, fresh)[block]
+            if good[block] or not self.blocks['known'][block]:
+                break
+        if good[block] and fresh:
+            self.blocks['fresh'][block] += 1
+            if self.blocks['fresh'][block] >= model.RELEARN:
+                self._forget(block)
+        else:
+            self.blocks['fresh'][block] = 0
+
+    def _forget(self, block: int) -> None:
+        self.faces.forget(block)
+        for name in ('known', 'gain', 'fresh'):
+            self.blocks[name][block] = 0
+
+    def _acquire(self, image: np.ndarray) -> np.ndarray:
+        """Seek the whole lattice; return (25,) which blocks were found."""
+        blocks, found = self.blocks, self.found
+        lattice = find.find_lattice(image, self.packed, self.rest, BLOCK_SIDE_M, self.quiet)
+        if lattice.response < model.MIN_SUM:
+            blocks['seen'] = False
+            return np.zeros(len(blocks), bool)
+        nodes, turn = self._named(lattice.nodes)
+        found['x'], found['y'] = nodes[:, 0], nodes[:, 1]
+        quarter = find.QUARTER
+        square = turn + (nodes[:, 2] - turn + quarter / 2) % quarter - quarter / 2
+        if self.lattice:  # a face that is known says which side is which
+            square = blocks['yaw'] + (square - blocks['yaw'] + quarter / 2) % quarter - quarter / 2
+        found['yaw'] = square
+        self._near[:] = np.column_stack(
+            [nodes[:, :2], np.full(len(nodes), turn), np.full(len(nodes), len(nodes))]
+        )
+        for start_px in (5.0, 3.0, 2.0, 1.0):  # while the width of edges settles
+            found['start_px'] = start_px
+            self._register(image, self._all)
+            self._sharpen((found['visible'] > 0.8) & (found['ratio'] > 2.0))
+        self.lattice = True
+        blocks['seen'] = False
+        return self._judge(self._all)
+
+    def _named(self, nodes: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return nodes (25, 3) by block, and the lattice's turn: of four quarter turns the nearest.
+
+        To where blocks were when they were last seen, or at first to none.
+        """
+        blocks, side = self.blocks, math.isqrt(len(nodes))
+        index, best = np.arange(len(nodes)).reshape(side, side), (math.inf, nodes, 0.0)
+        for quarter in range(4):
+            at = nodes[np.rot90(index, quarter).ravel()]
+            r = at[:, :2] - at[:, :2].mean(axis=0)
+            x, y = self.rest.T
+            turn = elementary.arctan2(
+                (x * r[:, 1] - y * r[:, 0]).sum(), (x * r[:, 0] + y * r[:, 1]).sum()
+            )
+            far = elementary.hypot(at[:, 0] - blocks['x'], at[:, 1] - blocks['y'])
+            cost = float(np.minimum(far, 0.1).mean()) if self.lattice else abs(turn)
+            if cost < best[0]:
+                best = cost, at, turn
+        return best[1], best[2]
+
+    def _learn(self, ahead_s: float) -> None:
+        blocks, found, faces = self.blocks, self.found, self.faces
+        for block in np.flatnonzero(~blocks['seen'] & ~blocks['known'] & (faces.looks > 0)):
+            self._forget(int(block))  # what was looked at was none, or only part of one
+        known, seen = blocks['known'], blocks['seen']
+        moved_px = (
+            elementary.hypot(blocks['vx'], blocks['vy'])
+            * min(ahead_s, model.MAX_AHEAD_S)
+            * self.px_per_m
+        )
+        # an arm over a block crosses a side: with four clear sides all light is the cover's own
+        clear = found['nats'] > model.CLEAR_NATS
+        alike = (found['visible'] > 0.95) & (found['nats'] > np.where(known, 8.0, 4.0))
+        whole = seen & (found['ring'] > 0.85) & (blocks['fresh'] == 0) & (clear | alike)
+        slow = moved_px < model.LEARN_PX
+        for block in np.flatnonzero(whole & slow):
+            gain = found['gain'][block]
+            noise = self.noise[int(min(gain, 248)) >> 3] / gain**2
+            faces.learn(int(block), noise, bool(clear[block]))
+            rate = 1 / min(faces.looks[block], 60)
+            blocks['gain'][block] += rate * (gain / self.exposure - blocks['gain'][block])
+            blocks['known'][block] = faces.looks[block] >= YOUNG
+        still = seen & (found['visible'] > 0.95) & (moved_px < model.STILL_PX)
+        if (still & known).sum() >= 5:
+            self.exposure = float(
+                np.median(found['gain'][still & known] / blocks['gain'][still & known])
+            )
+        self._sharpen(still)
+
+    def _sharpen(self, good: np.ndarray) -> None:
+        """Learn how blurred edges are, from blocks that are seen well."""
+        good = good & (self.found['wider_weight'] > 0)
+        if good.sum() >= 5:
+            self._blur_looks = min(self._blur_looks + 1, 60)
+            wider = np.median(self.found['wider'][good] / self.found['wider_weight'][good])
+            low, high = model.BLUR_PX
+            self.blur_px = float(
+                min(max(self.blur_px + wider / max(self._blur_looks - 3, 1), low), high)
+            )
+
+
+@njit(cache=True)
+def _predict(blocks, found, near, rest, ahead_s, px_per_m):
+    """Set the starts of `found` by velocity, or for blocks out of sight by their neighbours."""
+    n = blocks.shape[0]
+    xy, seen = np.empty((n, 2)), np.empty(n, np.bool_)
+    ahead = ahead_s if 0.0 < ahead_s < model.MAX_AHEAD_S else 0.0
+    for i in range(n):
+        b = blocks[i]
+        xy[i, 0], xy[i, 1], seen[i] = b.x + b.vx * ahead, b.y + b.vy * ahead, b.seen
+    neighbours.predict(rest, xy, seen, near)
+    for i in range(n):
+        b, f = blocks[i], found[i]
+        f.x, f.y, f.yaw, f.start_px = xy[i, 0], xy[i, 1], b.yaw + b.spin * ahead, model.LOST_PX
+        if b.seen:
+            way_px = math.sqrt(b.vx * b.vx + b.vy * b.vy) * ahead * px_per_m
+            f.start_px = model.PREDICTED_PX + model.PREDICTED_SHARE * way_px
+        elif near[i, 3] >= 3:
+            f.x, f.y, f.yaw = near[i, 0], near[i, 1], near[i, 2] + b.yaw_offset
+
+
+def _start_wide(blocks: np.ndarray, found: np.ndarray, which: np.ndarray, ahead_s: float) -> None:
+    """Start blocks that were not found where they are predicted once more, with a wide prior."""
+    ahead = ahead_s if 0.0 < ahead_s < model.MAX_AHEAD_S else 0.0
+    for name, rate in (('x', 'vx'), ('y', 'vy'), ('yaw', 'spin')):
+        found[name][which] = blocks[name][which] + blocks[rate][which] * ahead
+    found['start_px'][which] = model.LOST_PX
+
+
+@njit(cache=True)
+def _accept(blocks, found, near, which, fresh, usual_gain, first_nats, px_per_m, good):
+    """Set which blocks of `which` are in sight, and the evidence of all of these.
+
+    Evidence adds up from image to image (Wald, Sequential Analysis, 1947).
+    """
+    low, high = model.IMAGE_NATS
+    for k in range(which.shape[0]):
+        i = which[k]
+        b, f = blocks[i], found[i]
+        young = fresh or not b.known
+        total = b.evidence + min(max(f.nats, low), high)
+        far = 0.0
+        if near[i, 3] >= 3:
+            far = math.sqrt((f.x - near[i, 0]) ** 2 + (f.y - near[i, 1]) ** 2)
+        if young:
+            gain_ok = f.gain > model.MIN_GAIN * usual_gain
+        else:
+            gain_ok = model.GAINS[0] * f.expected < f.gain < model.GAINS[1] * f.expected
+        good[i] = (
+            f.visible > (model.MIN_VISIBLE_YOUNG if young else model.MIN_VISIBLE)
+            and f.ring > (model.MIN_RING_YOUNG if young else model.MIN_RING)
+            and f.ratio > model.MIN_RATIO
+            and total > (0.0 if b.seen else first_nats)
+            and (not young or f.weakest > model.WEAKEST_NATS or f.nats > model.THREE_NATS)
+            and (f.nats > 0.0 or f.visible > model.MOSTLY)
+            and (not fresh or f.nats > model.FRESH_NATS)
+            and f.step_px < 0.5
+            and f.sigma_m * px_per_m < model.MAX_SIGMA_PX
+            and gain_ok
+            and far < (model.LOSE_M if b.seen else model.STRAY_M)
+        )
+        f.evidence = min(max(total, model.NATS[0]), model.NATS[1]) if f.visible > 0.3 else 0.0
+
+
+@njit(cache=True)
+def _take(blocks, found, near, good, ahead_s, px_per_m):
+    """Set places, velocities and what is in sight."""
+    n = blocks.shape[0]
+    for i in range(n):
+        for j in range(i):
+            if good[i] and good[j]:
+                dx, dy = found[i].x - found[j].x, found[i].y - found[j].y
+                if dx * dx + dy * dy < (model.NEAR_SIDES * BLOCK_SIDE_M) ** 2:
+                    good[i if found[i].visible < found[j].visible else j] = False
+    for i in range(n):
+        b, f = blocks[i], found[i]
+        b.evidence = f.evidence
+        if good[i]:
+            b.vx = b.vy = b.spin = 0.0
+            if b.seen and 0.0 < ahead_s < 0.5:
+                b.vx, b.vy, b.spin = (
+                    (f.x - b.x) / ahead_s,
+                    (f.y - b.y) / ahead_s,
+                    (f.yaw - b.yaw) / ahead_s,
+                )
+            b.x, b.y, b.yaw = f.x, f.y, f.yaw
+            if near[i, 3] >= 3:
+                b.yaw_offset = f.yaw - near[i, 2]
+        else:
+            b.vx = b.vy = b.spin = 0.0
+            if near[i, 3] >= 3:
+                b.x, b.y, b.yaw = near[i, 0], near[i, 1], near[i, 2] + b.yaw_offset
+        b.seen = good[i]

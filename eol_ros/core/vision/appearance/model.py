@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Constants of the appearance tracker: each with its unit and where it comes from.
+
+None was fitted on images of one renderer: they are sizes of the table, probabilities, or limits of
+the arithmetic. Lengths in px are of the image.
+"""
+
+# The face of a block
+CELLS = 12  # of the brightness map, along each axis: 3.8 px at 545 px/m
+FIRST_BLUR_PX = 1.3  # standard deviation of an edge before the first image: lens and pixel
+BLUR_PX = 0.4, 4.0  # from a pixel's own to that of a lens far out of focus
+YOUNG = 12  # looks; the mean of fewer is noisier than a third of one image
+REDRAWN = 16, 24  # looks after which the mean has changed enough to be used
+MAX_LOOKS = 60.0  # then older ones fade: a lamp's light on a cover must not be kept for its own
+SPREAD = 1e-5, 0.02  # variance of brightness over looks, shares squared: 0.3 % to 14 %
+SPREAD_LOOKS = 100.0  # over which it is averaged
+
+# Registration
+LANES = 8  # pixels of one vector of AVX2, whose records lie together
+MOST_PX = 6000  # pixels of one block
+EVERY = 3  # row and column of the pixels that are read where light does not change
+DENSE = 2.6  # standard deviations of an edge, 99 % of its slope: within them every pixel is read
+MARGIN_PX = 1.5  # beyond that, for the rounding of a pose
+OUTSIDE_PX = 3.0  # beyond that, for the ground around a block
+FULL = 250.0  # grey levels; from here a pixel may be saturated
+TUKEY = 20.0  # variances; 4.5 standard deviations: 95 % efficient for normal noise (Huber, 2009)
+SETTLED = 0.3  # of the standard deviation of a pose: a smaller step ends the iteration
+MODEL_PX = 0.012  # what the edge function leaves of a real edge
+ROUNDS = 9
+GAIN_SIGMA = 0.25  # of the gain expected: flash and battery within a frame
+PLANE_SIGMA = 0.05  # of the gain: slope of the ground's light over half a block
+STEP_PX, STEP_RAD = 6.0, 0.2  # the longest step of one iteration
+
+# Decisions
+AGREE = 12.0  # variances; chi squared of one pixel exceeds it with probability 5e-4
+WIDEN = 3.0  # residuals may exceed their variance by so much, in the median, while a pose is sought
+WIDEN_JUDGED = 1.5  # and when it is judged
+MIN_VISIBLE = 0.5  # of a cover
+MIN_VISIBLE_YOUNG = 0.9
+MIN_RING, MIN_RING_YOUNG = 0.4, 0.55  # of the ground beside the edges that is explained
+MIN_RATIO = 1.2  # nats a pixel for the cover against flat ground
+SIDE_NATS = -4.0, 10.0  # what one side can say; a covered side must not veto the other three
+IMAGE_NATS = -6.0, 20.0  # what one image can say
+ACCEPT_NATS = 8.0  # Wald: a false acceptance has a probability of e^-8
+FIRST_NATS = 1.5  # while nothing is known
+CLEAR_NATS = 28.0  # all four sides show
+MOSTLY = 0.7  # visible: then a lamp may hide the sides
+THREE_NATS = 23.0  # three sides show
+WEAKEST_NATS = -2.0  # the weakest side of a square whose face is not known
+FRESH_NATS = 30.0  # a square other than the face learned: three sides must show
+NATS = -3.0, 20.0
+MAX_SIGMA_PX = 0.7
+GAINS = 0.45, 2.2  # of the gain expected
+MIN_GAIN = 0.2  # of the median gain, for a face not known
+RELEARN = 5  # images that show another face in a block's place
+
+# Motion
+LOSE_M = 0.11  # from where its neighbours put it: 0.6 pitch
+STRAY_M = 0.065  # of a block that is looked for: 0.4 pitch, so that no neighbour's place is reached
+NEAR_SIDES = 0.7  # of a side between two middles: closer, both are one square
+NEIGHBOURHOOD = 1.3  # pitches: width of the weight of neighbours
+MAX_AHEAD_S = 0.1  # a velocity is not carried on for longer
+PREDICTED_PX, PREDICTED_SHARE = (
+    0.7,
+    0.3,
+)  # standard deviation of a prediction: fixed, and of the way
+LOST_PX = 6.0
+LEAST = 5  # blocks that say what is usual for all
+SEEN_BLOCKS, LOST_IMAGES = 20, 6  # with fewer blocks for longer, the lattice is sought anew
+SEEKS = 3  # blocks that are looked for in one image
+LEARN_PX = 4.0  # in one image: a cell of a face; faster blocks are not learned from
+STILL_PX = 1.0  # slower ones show the width of edges
+
+# Search
+CELL_M = 0.008  # of the grid of places: a tenth of a block
+TURNS = 5  # angles of a square within its quarter turn
+NODE_STRAY_M = 0.035  # how far a block may lie from its node when nothing is known
+ANGLES = 30  # of the lattice, within its quarter turn
+CLIP = 8.0  # standard deviations; a square that stands out further cannot do so more
+INNER, RING, GAP = (
+    5,
+    5,
+    0.14,
+)  # samples along the axes inside, along a side of the ring; its distance
+REACH_M = 0.75  # of places from the middle of the table
+CENTRE_M = 0.26  # of the rim's middle from that of the table: RIM_REACH_M and a margin
+MIN_SUM = 0.35  # of the greatest response of all nodes
+MIN_RESPONSE = 0.3

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Register the faces of blocks in an image, and judge what was found."""
+
+import math
+
+import numpy as np
+
+from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import cos, sin
+from eol_ros.core.vision.appearance import faces, fit, pixels
+from eol_ros.core.vision.appearance import model as m
+from eol_ros.core.vision.appearance.model import LANES
+from eol_ros.core.vision.appearance.pixels import AREA, EDGE, GREY, NOISE, SPREAD, Q
+
+FOUND = np.dtype(
+    [
+        ('x', 'f8'), ('y', 'f8'), ('yaw', 'f8'),  # m and rad; the start, then what was found
+        ('start_px', 'f8'),  # standard deviation of the start
+        ('gain', 'f8'), ('ground', 'f8', 3),  # grey levels
+        ('expected', 'f8'),  # gain, or 0
+        ('sigma_m', 'f8'), ('sigma_rad', 'f8'),
+        ('visible', 'f8'),  # share of the cover that looks as it should
+        ('ring', 'f8'),  # and of the ground beside its edges
+        ('ratio', 'f8'),  # log likelihood ratio of the cover to flat ground, nats a pixel
+        ('nats', 'f8'),  # of all sides, that light falls there as at an edge
+        ('weakest', 'f8'),  # side
+        ('evidence', 'f8'),  # and with what was said before
+        ('step_px', 'f8'),  # the last step
+        ('misfit', 'f8'),  # mean squared residual in variances, of the pixels that agree
+        ('side_px', 'f8'),
+        ('wider', 'f8'), ('wider_weight', 'f8'),  # of edges, see fit.widening
+    ]
+)  # fmt: skip
+"""One block in one image; see register."""
+
+
+@njit(cache=True)
+def register(image, c, half_m, blur_px, noise, light, spread, fresh, which, found, own, own_px):
+    """Fit the blocks `which` (k,) to an image, from the start that `found` (n,) holds.
+
+    c: Calibration.packed(). blur_px: standard deviation of an edge. noise (32,): variance by grey
+    level. light, spread (n, CELLS, CELLS): their faces. fresh (n,): whether to take the face from
+    this image. own, own_px (n, CELLS, CELLS): brightness of each cover there, and its pixels.
+    """
+    d, z, prior = np.empty(12), np.zeros(fit.NUMBERS), np.zeros(fit.NUMBERS)
+    sums, work = np.empty(fit.SUMS + fit.NUMBERS), np.empty((fit.NUMBERS, 11))
+    px = np.empty((m.MOST_PX // LANES, pixels.ROWS * LANES), np.float32)
+    room = np.empty((10, m.MOST_PX // LANES, LANES), np.float32)
+    few, side_room, sides = np.empty(m.MOST_PX, np.float32), np.empty((4, 11)), np.empty(4)
+    for k in range(which.shape[0]):
+        n = which[k]
+        f = found[n]
+        sigma_px, settled, widen, count = f.start_px, False, 1.0, 0
+        half = scale = 1.0
+        face = light[n]
+        x0, y0, yaw0 = f.x, f.y, f.yaw
+        z[:] = 0.0
+        for it in range(m.ROUNDS):
+            moved = math.sqrt(z[0] * z[0] + z[1] * z[1]) + abs(z[2]) * half
+            own_face = fresh[n] and (it == 2 or it == 4)
+            if it == 0 or moved > 1.0 or own_face:
+                x0, y0, yaw0 = f.x, f.y, f.yaw
+                pixels.taylor(c, x0, y0, yaw0, d)
+                scale = pixels.scale_of(d)
+                half = half_m * scale
+                near = m.DENSE * blur_px + m.MARGIN_PX + 0.5 * min(sigma_px, 5.0)
+                count = pixels.gather(
+                    image, d, half_m, near, near + m.OUTSIDE_PX, noise, face, spread[n], px
+                )
+                if count < 8 * LANES:
+                    break
+                z[0] = z[1] = z[2] = 0.0
+                if it == 0:
+                    inner, outer = fit.levels(px, count, half, blur_px, few)
+                    z[3] = f.expected if f.expected > 0.0 else max(inner - outer, 2.0)
+                    z[4] = outer
+                if own_face:
+                    face = own[n]
+                    faces.brightness(px, count, half, blur_px, z, face, own_px[n])
+                    faces.fill(face, own_px[n])
+                    pixels.shade(px, count, half, noise, face, spread[n])
+            if it == 0:
+                fit.residuals(px, count, half, blur_px, z, sigma_px**2)
+                widen = fit.widen_of(px, count, m.WIDEN, few)
+            fit.normal_equations(px, count, half, blur_px, z, sigma_px**2, widen, room, sums)
+            prior[0] = prior[1] = 1.0 / f.start_px**2
+            prior[2] = (half / (1.5 * f.start_px)) ** 2
+            prior[5] = prior[6] = 1.0 / (m.PLANE_SIGMA * z[3]) ** 2
+            prior[3] = 0.0
+            if f.expected > 0.0:
+                prior[3] = 1.0 / (m.GAIN_SIGMA * f.expected) ** 2
+                sums[fit.SUMS + 3] += prior[3] * (f.expected - z[3])
+            if not fit.solve(sums, prior, work):
+                break
+            da, db, turn = work[0, 7], work[1, 7], work[2, 7]
+            step = math.sqrt(da * da + db * db)
+            if step > m.STEP_PX:
+                da, db, step = da * m.STEP_PX / step, db * m.STEP_PX / step, m.STEP_PX
+            turn = min(max(turn, -m.STEP_RAD), m.STEP_RAD)
+            cs, sn = cos(z[2]), sin(z[2])
+            z[0] += cs * da - sn * db
+            z[1] += sn * da + cs * db
+            z[2] += turn
+            z[3] = max(z[3] + work[3, 7], 1.0)
+            for i in range(4, 7):
+                z[i] += work[i, 7]
+            cs, sn = cos(yaw0), sin(yaw0)
+            f.x = x0 + (cs * z[0] - sn * z[1]) / scale
+            f.y = y0 + (sn * z[0] + cs * z[1]) / scale
+            f.yaw = yaw0 + z[2]
+            f.step_px = max(step, abs(turn) * half)
+            settled = True
+            enough = m.SETTLED * math.sqrt(max(work[0, 8], 0.0))
+            if sigma_px < 0.2 and f.step_px < enough and (not fresh[n] or it > 4):
+                break
+            sigma_px = min(0.4 * sigma_px, 0.5 * f.step_px + m.MODEL_PX)
+        f.visible = f.ring = f.ratio = f.nats = f.wider_weight = 0.0
+        if not settled or count < 8 * LANES:
+            continue
+        f.gain, f.side_px = z[3], 2 * half
+        for i in range(3):
+            f.ground[i] = z[4 + i]
+        f.sigma_m = math.sqrt(max((work[0, 8] + work[1, 9]) / 2, 0.0)) / scale
+        f.sigma_rad = math.sqrt(max(work[2, 10], 0.0))
+        fit.residuals(px, count, half, blur_px, z, m.MODEL_PX**2)
+        widen = fit.widen_of(px, count, m.WIDEN_JUDGED, few)
+        f.visible, f.ring, f.ratio, f.misfit = _judged(px, count, z, widen)
+        near = min(3.5 * blur_px + 1.0, half / 2)
+        fit.side_nats(px, count, half, blur_px, z, near, widen, side_room, sides)
+        f.weakest = sides.min()
+        for i in range(4):
+            f.nats += min(max(sides[i], m.SIDE_NATS[0]), m.SIDE_NATS[1])
+        f.wider, f.wider_weight = fit.widening(px, count, half, blur_px, z, 2 * widen * m.AGREE)
+        faces.brightness(px, count, half, blur_px, z, own[n], own_px[n])
+
+
+@njit(cache=True)
+def _judged(px, count, z, widen):
+    """Return visible, ring, ratio and misfit of FOUND, from every other pixel."""
+    agree = area = ratio = chi = n = ring = ringed = 0.0
+    gain2, ground = z[3] ** 2, z[4]
+    for i in range(0, count, 2):
+        k, lane = i // LANES, i % LANES
+        q = min(px[k, lane + Q] / widen, m.AGREE)
+        good = q < m.AGREE
+        if good:
+            chi += q
+            n += 1.0
+        part = px[k, lane + AREA]
+        if px[k, lane + EDGE] > 0.5:
+            area += part
+            if good:
+                agree += part
+            s2 = widen * (px[k, lane + NOISE] + gain2 * px[k, lane + SPREAD])
+            ratio += part * (min((px[k, lane + GREY] - ground) ** 2 / s2, m.AGREE) - q) / 2
+        elif part == 1.0:
+            ring += 1.0
+            if good:
+                ringed += 1.0
+    area = max(area, 1.0)
+    return agree / area, ringed / max(ring, 1.0), ratio / area, chi / max(n, 1.0) * widen

@@ -1,0 +1,331 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The appearance tracker: its parts against independent oracles, then videos with known truth."""
+
+import math
+
+import numpy as np
+import pytest
+from support.vision_bound import position_bound_px
+
+from eol_ros.core.compiled import njit
+from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
+from eol_ros.core.vision.appearance import find, fit, neighbours, pixels
+from eol_ros.core.vision.appearance.follow import Follower
+from eol_ros.core.vision.appearance.register import register
+from eol_ros.core.vision.appearance.tracker import AppearanceTracker
+from eol_ros.core.vision.render.clutter import clutter_calibration
+from eol_ros.core.vision.render.renderer import NOISE_LEVELS, Renderer, RenderOptions
+from eol_ros.core.vision.states import FAULT, LOST, SEARCHING, TRACKING
+from eol_ros.errors import ConfigError
+from eol_ros.settings import TrackerSettings
+
+HALF_M, BLUR_PX = BLOCK_SIDE_M / 2, math.hypot(1.2, math.sqrt(1 / 12))
+REST = rest_lattice()
+
+
+@njit
+def edges(a, half, w):
+    e, slope = np.empty(len(a)), np.empty(len(a))
+    for i in range(len(a)):
+        e[i], slope[i] = fit.edge(np.float32(a[i]), np.float32(half), np.float32(1 / w))
+    return e, slope
+
+
+def normal(a, half):
+    return np.array([0.5 * math.erfc((abs(x) - half) / BLUR_PX / math.sqrt(2)) for x in a])
+
+
+def read_only(image):
+    image = np.ascontiguousarray(image)
+    image.flags.writeable = False
+    return image
+
+
+def turned(angle, shift=(0.0, 0.0)):
+    c, s = math.cos(angle), math.sin(angle)
+    return REST @ np.array([[c, s], [-s, c]]) + shift
+
+
+def test_the_edge_is_a_normal_distribution_and_its_slope_is_its_derivative():
+    a, half, blur = np.linspace(-40, 40, 4001), 22.9, BLUR_PX
+    e, slope = edges(a, half, blur)
+    assert np.abs(e - normal(a, half)).max() < 2e-4
+    density = np.exp(-(((np.abs(a) - half) / blur) ** 2) / 2) / blur / math.sqrt(2 * math.pi)
+    assert np.abs(slope + np.sign(a) * density).max() < 4e-4
+    d = np.arange(-64, 65) / 16  # no rounding: half is 23
+    inner, outer = edges(23 - d, 23.0, blur)[0], edges(23 + d, 23.0, blur)[0]
+    np.testing.assert_allclose(inner + outer, 1.0, rtol=0, atol=6e-8)  # symmetric
+
+
+@pytest.mark.parametrize('level', ['clean', 'brutal'])  # the second: a real lens, tilted
+def test_pixels_lie_where_the_camera_puts_them(level):
+    camera = clutter_calibration(level)
+    x, y, yaw = 0.31, -0.27, 0.4
+    d, px = np.empty(12), pixels.empty()
+    pixels.taylor(camera.packed(), x, y, yaw, d)
+    image = read_only(np.zeros((camera.image_height, camera.image_width), np.uint8))
+    face = np.ones((12, 12), np.float32)
+    count = pixels.gather(image, d, HALF_M, 4.0, 8.0, np.ones(32, np.float32), face, face, px)
+    assert 1000 < count < 2500
+    scale = pixels.scale_of(d)
+    rows = px[: count // pixels.LANES]
+    a = rows[:, pixels.A : pixels.A + pixels.LANES].ravel() / scale
+    b = rows[:, pixels.B : pixels.B + pixels.LANES].ravel() / scale
+    c, s = math.cos(yaw), math.sin(yaw)
+    there = camera.to_pixels(np.column_stack([x + c * a - s * b, y + s * a + c * b]))
+    assert np.abs(there - np.rint(there)).max() < 0.02  # a pixel's centre, to the Taylor remainder
+    assert len(np.unique(np.rint(there), axis=0)) == len(there)  # each once
+
+
+def test_normal_equations_are_those_of_dense_algebra():
+    rng = np.random.default_rng(3)
+    px, count, half = pixels.empty(), 203, 22.9
+    px[:] = 0
+    values = {
+        pixels.A: rng.uniform(-30, 30, count), pixels.B: rng.uniform(-30, 30, count),
+        pixels.LIGHT: rng.uniform(0.5, 1.5, count), pixels.LIGHT_A: rng.normal(0, 0.01, count),
+        pixels.LIGHT_B: rng.normal(0, 0.01, count), pixels.NOISE: rng.uniform(2, 9, count),
+        pixels.SPREAD: rng.uniform(0, 0.01, count), pixels.GREY: rng.uniform(0, 200, count),
+    }  # fmt: skip
+    n = np.arange(count)
+    for at, numbers in values.items():
+        px[n // 8, n % 8 + at] = numbers
+    px[(count - 1) // 8, count % 8 + pixels.NOISE : pixels.NOISE + 8] = 1e12
+    z, sigma2, widen = np.array([0.3, -0.2, 0.02, 120.0, 20.0, 3.0, -2.0]), 0.04, 1.5
+    sums, room = np.empty(fit.SUMS + 7), np.empty((10, 750, 8), np.float32)
+    fit.normal_equations(px, count, half, BLUR_PX, z, sigma2, widen, room, sums)
+
+    def model(p):
+        x, y = values[pixels.A] - p[0], values[pixels.B] - p[1]
+        a = math.cos(p[2]) * x + math.sin(p[2]) * y
+        b = math.cos(p[2]) * y - math.sin(p[2]) * x
+        light = values[pixels.LIGHT] + values[pixels.LIGHT_A] * (a - values[pixels.A])
+        light += values[pixels.LIGHT_B] * (b - values[pixels.B])
+        face = light * normal(a, half) * normal(b, half)
+        return p[3] * face + p[4] + (p[5] * a + p[6] * b) / half, face
+
+    # pose steps are in the frame of the turned block, ground moves with it: differences of `model`
+    step = np.array([1e-3, 1e-3, 1e-5, 1e-2, 1e-2, 1e-2, 1e-2])
+    c, s = math.cos(z[2]), math.sin(z[2])
+    axes = np.eye(7)
+    axes[:2, :2] = [[c, s], [-s, c]]
+    jac = np.array(
+        [
+            (model(z + h * e)[0] - model(z - h * e)[0]) / (2 * h)
+            for h, e in zip(step, axes, strict=True)
+        ]
+    )
+    plane = np.array([0 * n, 0 * n, 0 * n])
+    x, y = values[pixels.A] - z[0], values[pixels.B] - z[1]
+    a, b = c * x + s * y, c * y - s * x
+    plane[0], plane[1] = -z[5] / half, -z[6] / half
+    plane[2] = (z[5] * b - z[6] * a) / half
+    jac[:3] -= plane  # the ground plane stays where it is
+    residual = values[pixels.GREY] - model(z)[0]
+    e = normal(a, half) * normal(b, half)
+    slope2 = (jac[0] ** 2 + jac[1] ** 2) / z[3] ** 2
+    variance = widen * (
+        values[pixels.NOISE] + z[3] ** 2 * (values[pixels.SPREAD] * e + sigma2 * slope2)
+    )
+    weight = np.maximum(1 - residual**2 / variance / fit.TUKEY, 0) ** 2 / variance
+    matrix = (jac * weight) @ jac.T
+    scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
+    got = np.zeros((7, 7))
+    got[np.triu_indices(7)] = sums[: fit.SUMS]
+    assert np.abs((got - np.triu(matrix)) / scale).max() < 2e-2  # the edge is within 2e-4
+    np.testing.assert_allclose(sums[fit.SUMS :], (jac * weight) @ residual, rtol=2e-2, atol=0.2)
+
+    work = np.empty((7, 11))
+    assert fit.solve(sums, np.full(7, 1e-3), work)
+    full = got + np.triu(got, 1).T
+    full[np.diag_indices(7)] = full[np.diag_indices(7)] * (1 + 1e-9) + 1e-3
+    np.testing.assert_allclose(work[:, 7], np.linalg.solve(full, sums[fit.SUMS :]), rtol=1e-8)
+    np.testing.assert_allclose(work[:3, 8:11], np.linalg.inv(full)[:3, :3], rtol=1e-8)
+    assert not fit.solve(np.zeros_like(sums), np.zeros(7), work)
+
+
+def registered(noise, images=12, start_px=0.7):
+    """Return errors (n, 2) px and sigmas (n,) px of flat blocks at random poses."""
+    renderer = Renderer(RenderOptions(noise=noise), None, 1)
+    camera, rng = renderer.calibration, np.random.default_rng(3)
+    follower, errors, sigmas = Follower(camera), [], []
+    found, faces = follower.found, follower.faces
+    faces.spread[:] = 1e-5
+    for k in range(images):
+        xy = REST + rng.normal(0, 0.004, (25, 2))
+        yaw = rng.uniform(-0.8, 0.8, 25)
+        image = read_only(renderer.render(*xy.T, yaw, k))
+        curve = np.empty(32, np.float32)
+        find.noise_by_level(image, curve)
+        start = xy + rng.normal(0, start_px / 2 / 545, xy.shape)
+        found['x'], found['y'], found['yaw'] = *start.T, yaw + rng.normal(0, 0.01, 25)
+        found['start_px'], found['expected'] = start_px, 170.0
+        register(
+            image, camera.packed(), HALF_M, BLUR_PX, curve, faces.light, faces.spread,
+            np.zeros(25, bool), np.arange(25), found, faces.own, faces.own_px,
+        )  # fmt: skip
+        errors.append(np.column_stack([found['x'], found['y']]) - xy)
+        sigmas.append(found['sigma_m'].copy())
+    return np.concatenate(errors) * 545, np.concatenate(sigmas) * 545
+
+
+@pytest.mark.parametrize('noise', ['L0', 'L2', 'L4'])
+def test_registration_is_near_the_bound_and_says_how_near(noise):
+    errors, sigmas = registered(noise)
+    rms, bound = np.sqrt((errors**2).mean()), position_bound_px(*NOISE_LEVELS[noise])
+    # 600 coordinates: the rms is known to 3 %
+    assert bound * 0.9 < rms < bound * 1.4
+    assert 0.67 < rms / np.sqrt((sigmas**2).mean()) < 1.5
+    assert np.abs(errors.mean(axis=0)).max() < 4 * rms / math.sqrt(len(errors))
+
+
+def test_a_wide_start_ends_at_the_same_place():
+    near, _ = registered('L2', 4)
+    far, _ = registered('L2', 4, 4.0)
+    assert np.sqrt((far**2).mean()) < 1.1 * np.sqrt((near**2).mean())
+
+
+@pytest.mark.parametrize('level', ['ordinary', 'brutal'])
+@pytest.mark.parametrize('angle', [0.0, 0.5, 1.2])
+def test_the_lattice_is_found_in_one_image_at_every_angle(level, angle):
+    camera = clutter_calibration(level)
+    renderer = Renderer(RenderOptions(noise='L3', clutter=level), camera, 5)
+    at = turned(angle, (0.05, -0.08)) + np.random.default_rng(4).normal(0, 0.008, (25, 2))
+    image = read_only(renderer.render(*at.T, np.full(25, angle), 3))
+    lattice = find.find_lattice(image, camera.packed(), REST, BLOCK_SIDE_M, 20.0)
+    away = np.hypot(*(lattice.nodes[:, None, :2] - at[None]).T).min(axis=0)
+    hidden = renderer.visible_share(*at.T, np.full(25, angle), 3) < 0.9
+    assert (away < 0.016).sum() >= 23 - hidden.sum()
+    assert abs((lattice.angle - angle + np.pi / 4) % (np.pi / 2) - np.pi / 4) < math.radians(6)
+
+
+def test_neighbours_put_a_block_where_an_affine_map_does():
+    rng = np.random.default_rng(6)
+    linear = np.array([[0.8, -0.5], [0.55, 0.85]])
+    xy, out = REST @ linear.T + [0.02, -0.03], np.zeros((25, 4))
+    seen = rng.random(25) < 0.6
+    neighbours.predict(REST, xy, seen, out)
+    assert np.hypot(*(out[:, :2] - xy).T).max() < 0.01  # drawn to a similarity
+    rotation = turned(2.5, (0.1, 0.0))
+    neighbours.predict(REST, rotation, seen, out)
+    np.testing.assert_allclose(out[:, :2], rotation, atol=1e-9)
+    np.testing.assert_allclose(out[:, 2], 2.5, atol=1e-9)
+    assert (out[:, 3] == seen.sum() - seen).all()
+
+
+def followed(images, camera, step_s=1 / 60):
+    """Return blocks (n, 25) of a video."""
+    follower = Follower(camera)
+    return np.array(
+        [follower.update(k * step_s, read_only(i)).copy() for k, i in enumerate(images)]
+    )
+
+
+def test_a_whole_turn_of_the_rim_keeps_all_names():
+    renderer = Renderer(RenderOptions(noise='L2'), None, 2)
+    angles = np.linspace(0, 2 * np.pi, 240)  # 94 degrees a second
+    poses = [turned(a) for a in angles]
+    found = followed(
+        (
+            renderer.render(*p.T, np.full(25, a), k)
+            for k, (p, a) in enumerate(zip(poses, angles, strict=True))
+        ),
+        renderer.calibration,
+    )
+    assert found['seen'].all()
+    off = np.stack([found['x'], found['y']], axis=2) - np.array(poses)
+    assert np.abs(off).max() < 1e-3
+    np.testing.assert_allclose(found['yaw'], angles[:, None] * np.ones(25), atol=0.02)
+
+
+def test_light_that_changes_moves_no_block():
+    renderer = Renderer(RenderOptions(noise='none'), None, 2)
+    steady = renderer.render(*REST.T, np.zeros(25), 0).astype(float)
+    exposures = [1.0] * 40 + [0.7, 1.3, 0.8, 1.2]
+    found = followed(
+        (np.clip(steady * e, 0, 255).astype(np.uint8) for e in exposures), renderer.calibration
+    )
+    assert found['seen'].all()
+    for name in 'xy':
+        assert np.abs(found[name][40:] - found[name][39]).max() * 545 < 0.02
+
+
+def covered(image, camera, block, share, level=40):
+    """Return the image with `share` of a block's width under something flat, from the left."""
+    u, v = camera.to_pixels(REST[block : block + 1])[0]
+    side = round(0.084 * 545)
+    image = image.copy()
+    left = round(u - side / 2) - 40
+    image[round(v - side) : round(v + side), left : round(u - side / 2 + share * side)] = level
+    return image
+
+
+def test_a_covered_block_is_not_reported_and_comes_back_by_its_name():
+    renderer = Renderer(RenderOptions(noise='L2'), None, 2)
+    camera = renderer.calibration
+    images = [renderer.render(*REST.T, np.zeros(25), k) for k in range(90)]
+    for k in range(40, 60):
+        images[k] = covered(images[k], camera, 12, 1.2)
+    found = followed(images, camera)
+    seen = found['seen']
+    assert seen[:40].all() and seen[61:].all()
+    assert not seen[40:60, 12].any()
+    assert np.delete(seen[40:60], 12, axis=1).all()
+    assert np.hypot(found['x'] - REST[:, 0], found['y'] - REST[:, 1])[:, 12].max() < 0.005
+
+
+def test_half_a_block_in_sight_lies_where_the_whole_does():
+    renderer = Renderer(RenderOptions(noise='L2'), None, 2)
+    camera = renderer.calibration
+    images = [renderer.render(*REST.T, np.zeros(25), k) for k in range(70)]
+    for k in range(40, 70):
+        images[k] = covered(images[k], camera, 12, 0.3)
+    found = followed(images, camera)
+    assert found['seen'].all()
+    assert np.abs(found['x'][40:, 12] * 545).max() < 0.5
+
+
+def test_the_glow_of_a_lamp_is_no_block():
+    renderer = Renderer(RenderOptions(noise='L2'), None, 2)
+    v, u = np.mgrid[0:800, 0:1280]
+    at = renderer.calibration.to_pixels(REST)
+    images = []
+    for k in range(40):
+        image = renderer.render(*REST.T, np.zeros(25), k).astype(float)
+        side = 40
+        cu, cv = at[12]
+        image[round(cv) - side : round(cv) + side, round(cu) - side : round(cu) + side] = 14
+        image += 150 * np.exp(-((u - cu) ** 2 + (v - cv) ** 2) / (2 * 14.0**2))
+        images.append(np.clip(image, 0, 255).astype(np.uint8))
+    found = followed(images, renderer.calibration)
+    assert not found['seen'][:, 12].any()
+    assert np.delete(found['seen'], 12, axis=1)[12:].all()
+
+
+def test_states_of_the_tracker():
+    renderer = Renderer(RenderOptions(noise='L2'), None, 2)
+    camera = renderer.calibration
+    tracker = AppearanceTracker(TrackerSettings(), camera)
+    dark = np.random.default_rng(1).integers(8, 14, (800, 1280)).astype(np.uint8)
+    empty = tracker.update(0.0, dark)
+    assert empty.state == SEARCHING and np.isnan(empty.world).all() and not empty.seen.any()
+    good = tracker.update(0.1, renderer.render(*REST.T, np.zeros(25), 0))
+    assert good.state == TRACKING and good.seen.all() and not good.symmetry_ambiguous
+    assert np.abs(good.px - camera.to_pixels(REST)).max() < 0.05
+    assert tracker.update(0.2, dark).state == LOST
+    bad = tracker.update(0.3, np.zeros((80, 128), np.uint8))
+    assert bad.state == FAULT and '128x80' in bad.why
+    assert tracker.update(0.4, renderer.render(*REST.T, np.zeros(25), 1)).state == TRACKING
+    assert 45.0 < tracker.side_px() < 46.5
+
+
+def test_what_it_does_not_know_it_refuses():
+    with pytest.raises(ConfigError, match='needs a calibration'):
+        AppearanceTracker(TrackerSettings(), None)
+
+
+def test_twice_the_same_bits():
+    renderer = Renderer(RenderOptions(noise='L3', clutter='hard'), clutter_calibration('hard'), 2)
+    images = [renderer.render(*REST.T, np.zeros(25), k) for k in range(20)]
+    one, other = (followed(images, renderer.calibration) for _ in range(2))
+    assert one.tobytes() == other.tobytes()
