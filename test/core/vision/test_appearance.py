@@ -162,7 +162,7 @@ def registered(noise, images=12, start_px=0.7):
         found['start_px'], found['expected'] = start_px, 170.0
         register(
             image, camera.packed(), HALF_M, BLUR_PX, curve, faces.light, faces.spread,
-            np.zeros(25, bool), np.arange(25), found, faces.own, faces.own_px,
+            np.zeros(25, bool), np.ones(25, bool), np.arange(25), found, faces.own, faces.own_px,
         )  # fmt: skip
         errors.append(np.column_stack([found['x'], found['y']]) - xy)
         sigmas.append(found['sigma_m'].copy())

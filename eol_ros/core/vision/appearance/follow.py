@@ -62,7 +62,7 @@ class Follower:
         self.last_s = -math.inf
         self.lattice = False  # whether it was ever found
         self._near = np.zeros((n, 4))
-        self._all, self._turn, self._lost = np.arange(n), 0, 0
+        self._all, self._turn, self._lost, self._images = np.arange(n), 0, 0, 0
         self._places, self._angles = np.zeros((2, 13, 13), np.float32)
 
     def lose(self) -> None:
@@ -72,7 +72,9 @@ class Follower:
     def update(self, stamp_s: float, image: np.ndarray) -> np.ndarray:
         """Take the next image (h, w) uint8, read-only; return blocks."""
         blocks, found = self.blocks, self.found
-        self.quiet = find.noise_by_level(image, self.noise)
+        if self._images % model.CLOSELY == 0:
+            self.quiet = find.noise_by_level(image, self.noise)
+        self._images += 1
         ahead_s = stamp_s - self.last_s
         if not self.lattice or self._lost > model.LOST_IMAGES or blocks['seen'].sum() < 5:
             good = self._acquire(image)
@@ -101,10 +103,10 @@ class Follower:
         blocks = self.blocks
         known = blocks['known'] & (not fresh)
         self.found['expected'] = np.where(known, blocks['gain'] * self.exposure, 0)
-        faces = self.faces
+        faces, close = self.faces, ~known | ((self._all + self._images) % model.CLOSELY == 0)
         register(
             image, self.packed, BLOCK_SIDE_M / 2, self.blur_px, self.noise, faces.light,
-            faces.spread, ~known, which, self.found, faces.own, faces.own_px,
+            faces.spread, ~known, close, which, self.found, faces.own, faces.own_px,
         )  # fmt: skip
 
     def _judge(self, which: np.ndarray, fresh: bool = False) -> np.ndarray:
@@ -208,7 +210,13 @@ class Follower:
         # an arm over a block crosses a side: with four clear sides all light is the cover's own
         clear = found['nats'] > model.CLEAR_NATS
         alike = (found['visible'] > 0.95) & (found['nats'] > np.where(known, 8.0, 4.0))
-        whole = seen & (found['ring'] > 0.85) & (blocks['fresh'] == 0) & (clear | alike)
+        whole = (
+            seen
+            & found['close']
+            & (found['ring'] > 0.85)
+            & (blocks['fresh'] == 0)
+            & (clear | alike)
+        )
         slow = moved_px < model.LEARN_PX
         for block in np.flatnonzero(whole & slow):
             gain = found['gain'][block]
@@ -226,7 +234,7 @@ class Follower:
 
     def _sharpen(self, good: np.ndarray) -> None:
         """Learn how blurred edges are, from blocks that are seen well."""
-        good = good & (self.found['wider_weight'] > 0)
+        good = good & self.found['close'] & (self.found['wider_weight'] > 0)
         if good.sum() >= 5:
             self._blur_looks = min(self._blur_looks + 1, 60)
             wider = np.median(self.found['wider'][good] / self.found['wider_weight'][good])
@@ -275,7 +283,7 @@ def _accept(blocks, found, near, which, fresh, usual_gain, first_nats, px_per_m,
         i = which[k]
         b, f = blocks[i], found[i]
         young = fresh or not b.known
-        total = b.evidence + min(max(f.nats, low), high)
+        total = b.evidence + (min(max(f.nats, low), high) if f.close else 0.0)
         far = 0.0
         if near[i, 3] >= 3:
             far = math.sqrt((f.x - near[i, 0]) ** 2 + (f.y - near[i, 1]) ** 2)

@@ -20,7 +20,7 @@ LANES = 8  # pixels of one vector of AVX2, whose records lie together
 MOST_PX = 6000  # pixels of one block
 EVERY = 3  # row and column of the pixels that are read where light does not change
 DENSE = 2.6  # standard deviations of an edge, 99 % of its slope: within them every pixel is read
-MARGIN_PX = 1.5  # beyond that, for the rounding of a pose
+MARGIN_PX = 0.5  # beyond that, for the rounding of a pose
 OUTSIDE_PX = 3.0  # beyond that, for the ground around a block
 FULL = 250.0  # grey levels; from here a pixel may be saturated
 TUKEY = 20.0  # variances; 4.5 standard deviations: 95 % efficient for normal noise (Huber, 2009)
@@ -32,6 +32,8 @@ PLANE_SIGMA = 0.05  # of the gain: slope of the ground's light over half a block
 STEP_PX, STEP_RAD = 6.0, 0.2  # the longest step of one iteration
 
 # Decisions
+CLOSELY = 4  # images between two close looks at a block that looks as usual
+ALIKE, MISFIT = 0.97, 1.5  # visible less, or misfit more, is not as usual
 AGREE = 12.0  # variances; chi squared of one pixel exceeds it with probability 5e-4
 WIDEN = 3.0  # residuals may exceed their variance by so much, in the median, while a pose is sought
 WIDEN_JUDGED = 1.5  # and when it is judged

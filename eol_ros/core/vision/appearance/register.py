@@ -28,6 +28,7 @@ FOUND = np.dtype(
         ('step_px', 'f8'),  # the last step
         ('misfit', 'f8'),  # mean squared residual in variances, of the pixels that agree
         ('side_px', 'f8'),
+        ('close', '?'),  # whether sides and brightness are of this image
         ('wider', 'f8'), ('wider_weight', 'f8'),  # of edges, see fit.widening
     ]
 )  # fmt: skip
@@ -35,12 +36,15 @@ FOUND = np.dtype(
 
 
 @njit(cache=True)
-def register(image, c, half_m, blur_px, noise, light, spread, fresh, which, found, own, own_px):
+def register(
+    image, c, half_m, blur_px, noise, light, spread, fresh, close, which, found, own, own_px
+):
     """Fit the blocks `which` (k,) to an image, from the start that `found` (n,) holds.
 
     c: Calibration.packed(). blur_px: standard deviation of an edge. noise (32,): variance by grey
     level. light, spread (n, CELLS, CELLS): their faces. fresh (n,): whether to take the face from
-    this image. own, own_px (n, CELLS, CELLS): brightness of each cover there, and its pixels.
+    this image. close (n,): whether to look closely, at sides and brightness; else these stay as
+    they were found last. own, own_px (n, CELLS, CELLS): brightness of each cover there, and its pixels.
     """
     d, z, prior = np.empty(12), np.zeros(fit.NUMBERS), np.zeros(fit.NUMBERS)
     sums, work = np.empty(fit.SUMS + fit.NUMBERS), np.empty((fit.NUMBERS, 11))
@@ -114,8 +118,9 @@ def register(image, c, half_m, blur_px, noise, light, spread, fresh, which, foun
             if sigma_px < 0.2 and f.step_px < enough and (not fresh[n] or it > 4):
                 break
             sigma_px = min(0.4 * sigma_px, 0.5 * f.step_px + m.MODEL_PX)
-        f.visible = f.ring = f.ratio = f.nats = f.wider_weight = 0.0
+        f.visible = f.ring = f.ratio = 0.0
         if not settled or count < 8 * LANES:
+            f.nats = f.wider_weight = 0.0
             continue
         f.gain, f.side_px = z[3], 2 * half
         for i in range(3):
@@ -125,9 +130,12 @@ def register(image, c, half_m, blur_px, noise, light, spread, fresh, which, foun
         fit.residuals(px, count, half, blur_px, z, m.MODEL_PX**2)
         widen = fit.widen_of(px, count, m.WIDEN_JUDGED, few)
         f.visible, f.ring, f.ratio, f.misfit = _judged(px, count, z, widen)
+        f.close = close[n] or f.visible < m.ALIKE or f.misfit > m.MISFIT
+        if not f.close:
+            continue
         near = min(3.5 * blur_px + 1.0, half / 2)
         fit.side_nats(px, count, half, blur_px, z, near, widen, side_room, sides)
-        f.weakest = sides.min()
+        f.weakest, f.nats = sides.min(), 0.0
         for i in range(4):
             f.nats += min(max(sides[i], m.SIDE_NATS[0]), m.SIDE_NATS[1])
         f.wider, f.wider_weight = fit.widening(px, count, half, blur_px, z, 2 * widen * m.AGREE)
