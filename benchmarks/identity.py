@@ -22,7 +22,7 @@ from scipy import stats
 from support.relief import films
 from support.stick_slip import Onlooker, Ours, Table
 
-from benchmarks.machine import tell
+from benchmarks import held_out
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.detect import cover_light
 from eol_ros.errors import ConfigError
@@ -33,6 +33,7 @@ EXAMPLES = [
     'eol bench identity --fps 120 --rough 1.4 --permanent 3',
     'eol bench identity --hours 10 --methods lattice --seed 7',
     'eol bench identity --hours 1 --seeds 100 --methods lattice --keep names.jsonl',
+    'eol bench identity --hours 1 --methods lattice --seeds-from-time',
     'eol bench identity --hours 1 --methods lattice --losses 120 --yaw-offset 0',
 ]
 Figures = dict[str, dict[str, float | None]]  # of each method
@@ -74,6 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--no-taps', action='store_true', help='accelerometers are silent')
     parser.add_argument('--methods', default=','.join(METHODS))
+    held_out.add_argument(parser)
     parser.add_argument('--json', action='store_true')
 
 
@@ -88,16 +90,13 @@ def run(args: argparse.Namespace) -> int:
             not args.no_taps, np.radians(args.yaw_offset),
         )  # fmt: skip
 
-    if args.seeds == 1 and args.keep is None:
-        scores = one(args.seed)
-    else:
-        scores = measure_seeds(
-            one,
-            range(args.seed, args.seed + args.seeds),
-            {name: getattr(args, name) for name in SETTINGS},
-            args.keep,
-        )
-    tell(scores, args.json, _table)
+    def block(first: int) -> dict[str, dict[str, float | None]]:
+        if args.seeds == 1 and args.keep is None:
+            return one(first)
+        settings = {name: getattr(args, name) for name in SETTINGS}
+        return measure_seeds(one, range(first, first + args.seeds), settings, args.keep)
+
+    held_out.measure(args.seeds_from_time, args.seed, block, args.json, _table)
     return 0
 
 

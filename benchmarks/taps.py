@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from support.true_slips import FPS, NEAR_S, Slip, Twin, compare
 
-from benchmarks.machine import tell
+from benchmarks import held_out
 from benchmarks.twin_slips import LEARN_S, NOISE_M, TAIL_S, TrueSlip
 from benchmarks.twin_slips import compare as compare_images
 from eol_ros.core.geometry import N_BLOCKS
@@ -43,6 +43,7 @@ HELP = 'Knocks felt by the blocks: missed and false per hour over thresholds, by
 EXAMPLES = [
     'eol bench taps --minutes 10',
     'eol bench taps --parts told --minutes 10 --seed 11',
+    'eol bench taps --minutes 10 --seeds-from-time',
     'eol bench taps --drops 0.25 --minutes 60 --json',
 ]
 PARTS = 'curve', 'told', 'sleep'
@@ -68,32 +69,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--rim-hit-mg', type=float, default=TwinSettings.rim_hit_mg, help='how hard, in the median'
     )
+    held_out.add_argument(parser)
     parser.add_argument('--json', action='store_true')
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
     thresholds = [float(t) for t in args.thresholds.split(',')]
-    settings = TwinSettings(
-        seed=args.seed, rim_hits_per_min=args.rim_hits, rim_hit_mg=args.rim_hit_mg
-    )
     parts = args.parts.split(',')
     for part in parts:
         if part not in PARTS:
             raise UsageError(f'--parts {part}: there are {", ".join(PARTS)}')
     seconds, drops = 60 * args.minutes, [float(drop) for drop in args.drops.split(',')]
-    result: dict[str, Any] = {
-        'default_mg': defaults().threshold / 16, 'curve': [], 'told': [], 'sleep': {},
-    }  # fmt: skip
-    for drop in drops:
-        print(f'drop {drop:g}, {args.minutes:g} minutes', file=sys.stderr, flush=True)
-        if 'curve' in parts:
-            result['curve'] += curve(drop, seconds, settings, thresholds)
-        if 'told' in parts:
-            result['told'].append(told(drop, seconds, settings))
-    if 'sleep' in parts:
-        result['sleep'] = sleeping(seconds, args.seed)
-    tell(result, args.json, _table)
+
+    def one(seed: int) -> dict[str, Any]:
+        settings = TwinSettings(
+            seed=seed, rim_hits_per_min=args.rim_hits, rim_hit_mg=args.rim_hit_mg
+        )
+        result: dict[str, Any] = {
+            'default_mg': defaults().threshold / 16, 'curve': [], 'told': [], 'sleep': {},
+        }  # fmt: skip
+        for drop in drops:
+            print(f'drop {drop:g}, {args.minutes:g} minutes', file=sys.stderr, flush=True)
+            if 'curve' in parts:
+                result['curve'] += curve(drop, seconds, settings, thresholds)
+            if 'told' in parts:
+                result['told'].append(told(drop, seconds, settings))
+        if 'sleep' in parts:
+            result['sleep'] = sleeping(seconds, seed)
+        return result
+
+    held_out.measure(args.seeds_from_time, args.seed, one, args.json, _table)
     return 0
 
 

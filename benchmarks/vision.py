@@ -4,6 +4,7 @@
 import sys
 from pathlib import Path
 
+from benchmarks import held_out
 from eol_ros.errors import UsageError
 
 HELP = 'Position error and run time, beside tuned peers and the Cramer-Rao bound.'
@@ -17,7 +18,7 @@ EXAMPLES = [
     'eol bench vision --truth film1 film2',
     'eol bench vision --hard all --seconds 10 --seeds 3',
     'eol bench vision --hard sleeves --seconds 60 --json',
-    'eol bench vision --arms all --seconds 20 --seeds 6 --json',
+    'eol bench vision --arms all --seconds 20 --seeds 6 --seeds-from-time --json',
 ]
 CLUTTER = ('ordinary', 'hard', 'brutal')
 
@@ -58,6 +59,7 @@ def add_arguments(parser):
     )
     parser.add_argument('--surfaces', default='flat,relief', help='with --hard and --arms')
     parser.add_argument('--first-seed', type=int, default=41, help='with those: of --seeds')
+    held_out.add_argument(parser)
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
 
@@ -73,7 +75,7 @@ def run(args) -> int:
     from eol_ros.verbs.progress import track
 
     cv2.setNumThreads(1)
-    if args.plots and (args.films or args.truth or args.hard or args.arms):
+    if args.plots and (args.seeds_from_time or args.films or args.truth or args.hard or args.arms):
         raise UsageError('--plots draws noise levels and clutter alone')
     if args.films:
         from support.relief.films import FOLDER
@@ -95,29 +97,36 @@ def run(args) -> int:
         videos, option = (vision_hard, '--hard') if args.hard else (vision_arms, '--arms')
         kinds = _named(option, args.hard or args.arms, videos.KINDS)
         surfaces = _named('--surfaces', args.surfaces, vision_hard.SURFACES)
-        found = videos.measure(kinds, surfaces, args.seconds, args.seeds, args.first_seed)
-        tell(found, args.json, videos.table)
+
+        def hard(first: int) -> dict:
+            return videos.measure(kinds, surfaces, args.seconds, args.seeds, first)
+
+        held_out.measure(args.seeds_from_time, args.first_seed, hard, args.json, videos.table)
         return 0
     levels = _named('--levels', args.levels, LEVELS)
-    result: dict = {'noise': {}, 'clutter': {}}
-    if not args.no_clean:
-        for noise in track([n for n in NOISE_LEVELS if n != 'none'], 'noise levels'):
-            bound = position_bound_px(*NOISE_LEVELS[noise])
-            result['noise'][noise] = {
-                'bound_px': bound,
-                'methods': run_clean(noise, args.images, bound),
-            }
-    films = [(level, 11 + seed) for level in levels for seed in range(args.seeds)]
-    for level, seed in track(films, 'films'):
-        result['clutter'].setdefault(level, {})[f'seed {seed}'] = run_film(
-            level, 'L2', seed, round(args.seconds * RATE_HZ), not args.no_peers, every=2
-        )
-    if args.plots:
-        from benchmarks.vision_plots import draw
 
-        for path in draw(result, args.plots):
-            print(f'drawn {path}', file=sys.stderr)
-    tell(result, args.json, _table)
+    def one(first: int) -> dict:
+        result: dict = {'noise': {}, 'clutter': {}}
+        if not args.no_clean:
+            for noise in track([n for n in NOISE_LEVELS if n != 'none'], 'noise levels'):
+                bound = position_bound_px(*NOISE_LEVELS[noise])
+                result['noise'][noise] = {
+                    'bound_px': bound,
+                    'methods': run_clean(noise, args.images, bound, first),
+                }
+        films = [(level, first + 10 + seed) for level in levels for seed in range(args.seeds)]
+        for level, seed in track(films, 'films'):
+            result['clutter'].setdefault(level, {})[f'seed {seed}'] = run_film(
+                level, 'L2', seed, round(args.seconds * RATE_HZ), not args.no_peers, every=2
+            )
+        if args.plots:
+            from benchmarks.vision_plots import draw
+
+            for path in draw(result, args.plots):
+                print(f'drawn {path}', file=sys.stderr)
+        return result
+
+    held_out.measure(args.seeds_from_time, 1, one, args.json, _table)
     return 0
 
 

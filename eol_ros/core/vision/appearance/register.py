@@ -44,7 +44,7 @@ def register(
     c: Calibration.packed(). blur_px: standard deviation of an edge. noise (32,): variance by grey
     level. light, spread (n, CELLS, CELLS): their faces. fresh (n,): whether to take the face from
     this image. close (n,): whether to look closely, at sides and brightness; else these stay as
-    they were found last. own, own_px (n, CELLS, CELLS): brightness of each cover there, and its pixels.
+    they were found last. own, own_px (n, CELLS, CELLS): brightness of each cover, and its pixels.
     """
     d, z, prior = np.empty(12), np.zeros(fit.NUMBERS), np.zeros(fit.NUMBERS)
     sums, work = np.empty(fit.SUMS + fit.NUMBERS), np.empty((fit.NUMBERS, 11))
