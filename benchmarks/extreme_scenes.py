@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eol_ros.core.physics import builders, presets
+from eol_ros.core.physics import builders
 from eol_ros.core.physics.builders import Plain, offsets, plate, single, table
 from eol_ros.core.physics.result import Limits
+from eol_ros.lab import presets
 
 PULL, CIRCLE, STILL = presets.PULL, presets.CIRCLE, {'kind': 'none'}
 ASLANT = {'kind': 'constant_velocity', 'par': [0.012, 0.016]}

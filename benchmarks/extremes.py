@@ -22,11 +22,11 @@ from benchmarks import extreme_parts
 from benchmarks import physics_peers as peers
 from benchmarks.extreme_scenes import Case, cases
 from benchmarks.machine import tell
-from eol_ros.core.physics import choose
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, Run, sample_times
 from eol_ros.core.physics.scene import Scene, from_mapping
 from eol_ros.errors import UsageError
+from eol_ros.lab import choose
 from eol_ros.verbs.progress import track
 
 HELP = 'error, run time and status of stiff and extreme cases, with a peer beside each'

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.physics.automaton.ofc import Automaton, ExactAutomaton
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.mixer import Mixer
@@ -26,6 +25,7 @@ from eol_ros.core.sound.offline import render_all
 from eol_ros.core.sound.select import FORGET_S, Selector
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.errors import DeviceMissing
+from eol_ros.lab.automaton.ofc import Automaton, ExactAutomaton
 from eol_ros.settings import GrainsSettings
 
 

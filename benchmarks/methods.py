@@ -22,7 +22,7 @@ from eol_ros.core.clock_sync import ClockSync
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.motion import onset
 from eol_ros.core.played_clock import PlayedClock
-from eol_ros.core.science import powerlaw, spectra
+from eol_ros.core.science import powerlaw
 from eol_ros.core.sound import descriptors, layout, loudness
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.mixer import Mixer
@@ -31,6 +31,7 @@ from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.vision.calibration import calibrate
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.errors import UsageError
+from eol_ros.lab.science import spectra
 from eol_ros.verbs.progress import track
 
 HELP = 'error against run time of clocks, onsets, calibration, layout, pitch, fits, loudness ...'

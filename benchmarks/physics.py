@@ -18,14 +18,15 @@ from support.scipy_solver import scipy_events, scipy_smooth
 
 from benchmarks import physics_peers as peers
 from benchmarks.machine import tell
-from eol_ros.core.physics import builders, choose, presets
+from eol_ros.core.physics import builders
 from eol_ros.core.physics.event import solver as event
-from eol_ros.core.physics.exact import solver as exact
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, sample_times
 from eol_ros.core.physics.rotation import solver as rotation
 from eol_ros.core.physics.scene import Scene, from_mapping
 from eol_ros.core.physics.twin.play import Play
+from eol_ros.lab import choose, presets
+from eol_ros.lab.exact import solver as exact
 from eol_ros.verbs.progress import track
 
 HELP = 'error against run time of the spring-block solvers and their peers'
@@ -123,7 +124,7 @@ def own_rows(name: str, quick: bool) -> list[dict]:
         )
     for step_s in (1e-3, 1e-4) if quick else (1e-3, 1e-4, 1e-5):
         if np.sqrt(8 * model.k.max() / model.mass.min()) * step_s < 1.8:
-            from eol_ros.core.physics.stepping import solver as stepping
+            from eol_ros.lab.stepping import solver as stepping
 
             add(
                 f'stepping {step_s:g}',

@@ -32,10 +32,10 @@ def run(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from benchmarks.machine import tell
-    from eol_ros.analysis.sweeps import crews, spec, work
-    from eol_ros.analysis.sweeps.run import Counts
-    from eol_ros.analysis.sweeps.run import run as run_sweep
-    from eol_ros.analysis.sweeps.table import Table
+    from eol_ros.lab.sweeps import crews, spec, work
+    from eol_ros.lab.sweeps.run import Counts
+    from eol_ros.lab.sweeps.run import run as run_sweep
+    from eol_ros.lab.sweeps.table import Table
     from eol_ros.verbs.progress import track
 
     if args.tasks < 10 or not args.task_ms > 0 or args.workers < 1:
@@ -76,7 +76,7 @@ def _events(seconds: float) -> int:
     """Return how many events of the automaton take so long."""
     import time
 
-    from eol_ros.core.physics.automaton.ofc import Automaton
+    from eol_ros.lab.automaton.ofc import Automaton
 
     lattice = Automaton.random(SIZE, ALPHA, 1)
     lattice.run(1000, full=True)

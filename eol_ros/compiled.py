@@ -34,7 +34,12 @@ PARTS = ('tracker', 'twin', 'sound', 'ice', 'simulate')
 AT_FIRST = ('tracker', 'twin', 'sound', 'ice')  # what a scene may need
 WAIT_S = 120.0  # wait for a process that compiles the same function; then compile here, too
 WAIT_PARTS_S = 1800.0  # for another `eol compile`
-_SOURCES = ('eol_ros.core', 'eol_ros.devices', 'eol_ros.verbs.compile')  # that parts depend on
+_SOURCES = (
+    'eol_ros.core',
+    'eol_ros.lab',
+    'eol_ros.devices',
+    'eol_ros.verbs.compile',
+)  # that parts depend on
 _NO_MATTER = ('NUMBA_CACHE_DIR', 'NUMBA_NUM_THREADS')  # of the settings of numba
 _DO = 'set NUMBA_CACHE_DIR to a folder that can be written, where compiled loops are kept'
 # Processor features of the target of `core/compiled.py`, as /proc/cpuinfo spells them.

@@ -12,10 +12,10 @@ import sys
 import numpy as np
 
 from eol_ros.core.physics import builders
-from eol_ros.core.physics.choose import simulate
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.devices.files import physics_file
 from eol_ros.errors import EolError
+from eol_ros.lab.choose import simulate
 
 POSES = [  # s, m, m, rad; a smooth curve goes through them
     [0.0, 0.00, 0.00, 0.0],

@@ -13,8 +13,6 @@ import pytest
 from support.sound_reference import score
 
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.physics import presets
-from eol_ros.core.physics.choose import simulate
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.twin.play import Play
 from eol_ros.core.sound.bank import Bank
@@ -23,6 +21,8 @@ from eol_ros.core.sound.offline import render_all
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.tracker import Tracker
+from eol_ros.lab import presets
+from eol_ros.lab.choose import simulate
 from eol_ros.settings import TrackerSettings
 
 pytestmark = pytest.mark.slow

@@ -43,13 +43,13 @@ API = {
     'Physics': {
         'eol_ros.core.physics.builders': ('table',),
         'eol_ros.core.physics.scene': ('from_mapping',),
-        'eol_ros.core.physics.choose': ('simulate',),
+        'eol_ros.lab.choose': ('simulate',),
         'eol_ros.core.physics.result': ('Run',),
     },
     'Science': {
         'eol_ros.core.science.powerlaw': ('fit', 'cascade_law', 'goodness'),
-        'eol_ros.core.science.catalogue': ('magnitude_law', 'omori'),
-        'eol_ros.core.science.spectra': ('spectrum', 'slope'),
+        'eol_ros.lab.science.catalogue': ('magnitude_law', 'omori'),
+        'eol_ros.lab.science.spectra': ('spectrum', 'slope'),
     },
     'Scenes': {'eol_ros.scene': ('load',)},
 }  # fmt: skip

@@ -19,13 +19,14 @@ from scipy import stats
 
 from eol_ros.analysis import catalogue_file, figures, report
 from eol_ros.analysis.bag import Bag, open_bag
-from eol_ros.analysis.sweeps import work
-from eol_ros.analysis.sweeps.crews import Crew, work_through
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.science import catalogue, powerlaw
+from eol_ros.core.science import powerlaw
 from eol_ros.devices.bag.reader import bags_in as bags_of_folder
 from eol_ros.devices.bag.writer import REPLAY_OF, SAMPLE
 from eol_ros.errors import ConfigError, EolError, writing
+from eol_ros.lab.science import catalogue
+from eol_ros.lab.sweeps import work
+from eol_ros.lab.sweeps.crews import Crew, work_through
 from eol_ros.streams.slips import START
 
 TOPICS = ('slips', 'cascades', 'block_taps')

@@ -13,7 +13,7 @@ import numpy as np
 from eol_ros.analysis.bag import Table, seconds
 from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS
 from eol_ros.core.science import powerlaw
-from eol_ros.core.science.one_over_f import Answer
+from eol_ros.lab.science.one_over_f import Answer
 from eol_ros.streams.slips import START, STOP
 
 # Okabe and Ito's colours, told apart by everyone.

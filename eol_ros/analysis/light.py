@@ -8,7 +8,7 @@ import numpy as np
 
 from eol_ros.analysis.bag import Bag, Table
 from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS
-from eol_ros.core.science import patterns
+from eol_ros.lab.science import patterns
 
 MOMENT_S = 0.2  # most flashes of a cascade fall into one or two of them
 FLASH = 48  # levels (of 255) that a light rises by from packet to packet when it flashes up

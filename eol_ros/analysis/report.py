@@ -15,9 +15,10 @@ from eol_ros.analysis.bag import Bag, Table, seconds
 from eol_ros.analysis.recorded_settings import recorded_settings
 from eol_ros.analysis.retrack import Retracked
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.science import alternatives, catalogue, powerlaw, quiescent
-from eol_ros.core.science.one_over_f import Answer
+from eol_ros.core.science import powerlaw
 from eol_ros.errors import writing
+from eol_ros.lab.science import alternatives, catalogue, quiescent
+from eol_ros.lab.science.one_over_f import Answer
 from eol_ros.settings import TwinSettings
 from eol_ros.streams import felt
 from eol_ros.streams.graph import topic_of

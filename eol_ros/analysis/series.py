@@ -8,9 +8,9 @@ import numpy as np
 
 from eol_ros.analysis import sound
 from eol_ros.analysis.bag import Bag, Table
-from eol_ros.core.science import one_over_f, surrogates
 from eol_ros.core.sound.loudness import k_weighted, lufs
 from eol_ros.errors import EolError
+from eol_ros.lab.science import one_over_f, surrogates
 
 RATE_HZ = 20.0  # of every series; all of their means over 1 / RATE_HZ
 HIGH_HZ = 5.0

@@ -204,9 +204,10 @@ def _ice():
 
 
 def _simulate():
-    from eol_ros.core.physics import builders, presets
-    from eol_ros.core.physics.choose import simulate
+    from eol_ros.core.physics import builders
     from eol_ros.core.physics.scene import from_mapping
+    from eol_ros.lab import presets
+    from eol_ros.lab.choose import simulate
 
     spinning = {'side': 0.084, 'spin0': [1.0]}
     rotating = builders.single({'kind': 'none'}, 0.1, dim1=False, rotation=spinning)

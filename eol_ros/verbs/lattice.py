@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     """Warm up, run, fit, print."""
     import numpy as np
 
-    from eol_ros.core.physics.automaton.ofc import Events
+    from eol_ros.lab.automaton.ofc import Events
 
     lattice, exact = _lattice(args)
     count = args.events if args.events is not None else (EXACT_EVENTS if exact else FIXED_EVENTS)
@@ -108,8 +108,8 @@ def _lattice(args):
 
     import numpy as np
 
-    from eol_ros.core.physics.automaton.ofc import LARGEST_SIDE, Automaton, ExactAutomaton, check
-    from eol_ros.core.physics.automaton.oslo import OsloPile
+    from eol_ros.lab.automaton.ofc import LARGEST_SIDE, Automaton, ExactAutomaton, check
+    from eol_ros.lab.automaton.oslo import OsloPile
 
     size = 64 if args.size is None else args.size
     if not 1 <= size <= LARGEST_SIDE:
@@ -150,8 +150,8 @@ def _lattice(args):
 def _smallest(args):
     import numpy as np
 
-    from eol_ros.core.physics.automaton.ofc import Automaton
-    from eol_ros.core.physics.automaton.oslo import OsloPile
+    from eol_ros.lab.automaton.ofc import Automaton
+    from eol_ros.lab.automaton.oslo import OsloPile
 
     return OsloPile(1, 1) if args.model == 'oslo' else Automaton(np.zeros((1, 1)), 0.2, args.queue)
 

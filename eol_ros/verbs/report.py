@@ -117,7 +117,7 @@ def _exhibition(args):
 def _read(args, paths):
     """Yield what is kept of each bag: read here, by processes, or on a cluster."""
     from eol_ros.analysis import exhibition
-    from eol_ros.analysis.sweeps import crews
+    from eol_ros.lab.sweeps import crews
 
     if not args.scheduler and args.workers in (None, 1):
         yield from map(exhibition.digest, paths)

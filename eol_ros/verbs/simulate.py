@@ -49,11 +49,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from eol_ros import folders
-    from eol_ros.core.physics import choose
     from eol_ros.core.physics.model import Model
     from eol_ros.core.physics.result import Limits
     from eol_ros.devices.files import physics_file
     from eol_ros.errors import UsageError
+    from eol_ros.lab import choose
     from eol_ros.verbs import compile
 
     for name in ('sample', 'step', 'repeat', 'max_steps', 'max_events'):
@@ -119,10 +119,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _scene(given: str):
-    from eol_ros.core.physics.presets import NAMED, scene
     from eol_ros.core.physics.scene import from_mapping
     from eol_ros.devices.files.physics_file import load_scene
     from eol_ros.errors import DeviceMissing
+    from eol_ros.lab.presets import NAMED, scene
 
     if given in NAMED:
         return from_mapping(scene(given))

@@ -42,11 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from eol_ros.analysis.sweeps import spec as specs
-    from eol_ros.analysis.sweeps import work
-    from eol_ros.analysis.sweeps.run import Counts, missing
-    from eol_ros.analysis.sweeps.table import Table
     from eol_ros.errors import UsageError
+    from eol_ros.lab.sweeps import spec as specs
+    from eol_ros.lab.sweeps import work
+    from eol_ros.lab.sweeps.run import Counts, missing
+    from eol_ros.lab.sweeps.table import Table
 
     if args.parameters:
         return _parameters(args.parameters)
@@ -87,8 +87,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _compute(args, spec, table, counts, lacks: int) -> None:
-    from eol_ros.analysis.sweeps import crews
-    from eol_ros.analysis.sweeps.run import run as run_sweep
+    from eol_ros.lab.sweeps import crews
+    from eol_ros.lab.sweeps.run import run as run_sweep
     from eol_ros.verbs import compile
     from eol_ros.verbs.progress import track
 
@@ -118,7 +118,7 @@ def _compute(args, spec, table, counts, lacks: int) -> None:
 
 
 def _default(spec: str) -> Path:
-    from eol_ros.analysis.sweeps.table import has_parquet
+    from eol_ros.lab.sweeps.table import has_parquet
 
     if has_parquet():
         return Path(f'{Path(spec).stem}.parquet')
@@ -129,9 +129,9 @@ def _default(spec: str) -> Path:
 def _parameters(model: str) -> int:
     import dataclasses
 
-    from eol_ros.analysis.sweeps.table import columns
-    from eol_ros.core.science.sweep import MODELS, RESULTS
     from eol_ros.errors import UsageError
+    from eol_ros.lab.science.sweep import MODELS, RESULTS
+    from eol_ros.lab.sweeps.table import columns
 
     if model not in MODELS:
         raise UsageError(f'--parameters {model}: not one of {", ".join(MODELS)}')

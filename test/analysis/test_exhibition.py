@@ -15,12 +15,12 @@ from rclpy.serialization import serialize_message
 from eol_ros import cli
 from eol_ros.analysis import catalogue_file, exhibition, report
 from eol_ros.analysis.bag import open_bag
-from eol_ros.analysis.sweeps import crews, work
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.science import powerlaw
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import REPLAY_OF, BagWriter
 from eol_ros.errors import ConfigError
+from eol_ros.lab.sweeps import crews, work
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.stamps import to_msg
 from eol_ros.web import notices

@@ -104,7 +104,7 @@ def test_every_module_that_a_sweep_loads_is_among_its_sources():
     """The oracle: what an interpreter imports for three kinds of task."""
     code = (
         'import sys\n'
-        'from eol_ros.core.science import sweep\n'
+        'from eol_ros.lab.science import sweep\n'
         "sweep.compute('table', {'travel_m': 0.05}, {})\n"
         "sweep.compute('table', {'drive': 'circle', 'travel_m': 0.002}, {})\n"
         "sweep.compute('ofc', {'events': 100, 'warmup': 10}, {})\n"
@@ -112,5 +112,5 @@ def test_every_module_that_a_sweep_loads_is_among_its_sources():
     )
     ran = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     loaded = set(ran.stdout.split())
-    assert {f'eol_ros.core.{m}' for m in ('physics.event.solver', 'physics.exact.solver')} <= loaded
-    assert loaded <= sources.reached(['eol_ros.core.science.sweep'])
+    assert {'eol_ros.core.physics.event.solver', 'eol_ros.lab.exact.solver'} <= loaded
+    assert loaded <= sources.reached(['eol_ros.lab.science.sweep'])

@@ -15,10 +15,10 @@ from support.sweeps import computed
 
 import eol_ros
 from eol_ros import cli
-from eol_ros.analysis.sweeps import crews, spec, work
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import ConfigError
+from eol_ros.lab.sweeps import crews, spec, work
 
 pytestmark = pytest.mark.slow
 
@@ -134,7 +134,7 @@ def test_a_cluster_of_another_version_is_refused_with_both(cluster, given, tmp_p
     other = tmp_path / 'other'
     ignored = shutil.ignore_patterns('__pycache__', 'static', 'walls')
     shutil.copytree(Path(eol_ros.__file__).parent, other / 'eol_ros', ignore=ignored)
-    changed = other / 'eol_ros' / 'core' / 'science' / 'sweep.py'
+    changed = other / 'eol_ros' / 'lab' / 'science' / 'sweep.py'
     changed.write_text(changed.read_text() + '\n_RUN |= {}  # another version\n')
     crew = crews.Cluster(cluster.address)
     cluster.worker('stranger', path=other)

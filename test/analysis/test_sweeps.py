@@ -14,10 +14,10 @@ import pytest
 from support.sweeps import computed
 
 from eol_ros import cli
-from eol_ros.analysis.sweeps import crews, spec, table, work
-from eol_ros.analysis.sweeps.run import Counts, run
-from eol_ros.core.science import sweep
 from eol_ros.errors import ConfigError, EolError, UsageError
+from eol_ros.lab.science import sweep
+from eol_ros.lab.sweeps import crews, spec, table, work
+from eol_ros.lab.sweeps.run import Counts, run
 
 AUTOMATA = """
 model: ofc
@@ -97,7 +97,7 @@ def test_all_mistakes_are_said_at_once(write):
 
 
 def test_a_scene_in_a_file_is_known_by_what_it_contains(write):
-    from eol_ros.core.physics import presets
+    from eol_ros.lab import presets
 
     write(json.dumps(presets.scene('S1')), 'one.json')
     given = 'model: scene\nvary: {scene: [S1, one.json]}'

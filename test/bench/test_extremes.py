@@ -10,11 +10,12 @@ from support.physics_oracles import ORACLES
 from benchmarks import extreme_parts, extremes
 from benchmarks.extreme_scenes import cases
 from eol_ros.cli import main
-from eol_ros.core.physics import builders, presets
-from eol_ros.core.physics.choose import simulate
+from eol_ros.core.physics import builders
 from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.errors import ConfigError
+from eol_ros.lab import presets
+from eol_ros.lab.choose import simulate
 
 ALL = cases()
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from benchmarks import method_parts, methods
-from eol_ros.core.physics.automaton.ofc import ExactAutomaton
 from eol_ros.core.sound.select import Selector
+from eol_ros.lab.automaton.ofc import ExactAutomaton
 from eol_ros.settings import GrainsSettings
 
 

@@ -6,10 +6,11 @@ import pytest
 from support import physics_rotating, scipy_solver
 
 from benchmarks import physics
-from eol_ros.core.physics import builders, presets
-from eol_ros.core.physics.choose import simulate
+from eol_ros.core.physics import builders
 from eol_ros.core.physics.result import sample_times
 from eol_ros.core.physics.scene import from_mapping
+from eol_ros.lab import presets
+from eol_ros.lab.choose import simulate
 
 
 @pytest.mark.slow

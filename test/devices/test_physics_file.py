@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from eol_ros import cli
-from eol_ros.core.physics import presets
 from eol_ros.devices.files.physics_file import load_scene, save_scene
 from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.lab import presets
 
 
 def test_saved_scene_is_the_same_scene(tmp_path):

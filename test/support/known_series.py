@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from eol_ros.core.science import one_over_f, surrogates
-from eol_ros.core.science.spectra import coloured_noise
+from eol_ros.lab.science import one_over_f, surrogates
+from eol_ros.lab.science.spectra import coloured_noise
 
 RATE_HZ, HIGH_HZ = 20.0, 5.0  # as `eol report` asks the series of a bag
 

@@ -17,10 +17,10 @@ from eol_ros.core.measure import friction, light, springs
 from eol_ros.core.measure.estimate import Estimate, SampleMean
 from eol_ros.core.measure.springs import NATURAL_SIGMA_M, RIM_SIGMA_M, outwards
 from eol_ros.core.physics import builders
-from eol_ros.core.physics.choose import simulate
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.twin.live import Coupling, LiveTable
 from eol_ros.errors import EolError
+from eol_ros.lab.choose import simulate
 
 NOISE_M, NOISE_RAD = 9e-6, 3e-4  # of the tracker, `eol bench vision`
 SCALE_KG = 6e-4  # of a kitchen scale that shows grams

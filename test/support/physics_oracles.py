@@ -8,7 +8,7 @@ import numpy as np
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import Scene
-from eol_ros.core.physics.stepping import solver as stepping
+from eol_ros.lab.stepping import solver as stepping
 from support import physics_rotating, scipy_solver
 
 CAPTURE_MPS, ARM_S = 1e-8, 1e-6  # a hundredth and a tenth of what a peer takes

@@ -108,7 +108,7 @@ def sound() -> dict:
 
 def automaton() -> dict:
     """Events of the automaton."""
-    from eol_ros.core.physics.automaton.ofc import Automaton
+    from eol_ros.lab.automaton.ofc import Automaton
 
     events = Automaton.random(32, Fraction(1, 5), 1).run(2000, full=True)
     return {'events': digest(events.size, events.area, events.duration, events.first)}

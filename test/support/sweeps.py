@@ -3,8 +3,8 @@
 
 import hashlib
 
-from eol_ros.analysis.sweeps import table, work
-from eol_ros.analysis.sweeps.run import Counts, run
+from eol_ros.lab.sweeps import table, work
+from eol_ros.lab.sweeps.run import Counts, run
 
 
 def computed(path, given, crew, on_done=lambda count: None):

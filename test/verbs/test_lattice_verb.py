@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eol_ros.cli import main
-from eol_ros.core.physics.automaton.ofc import ExactAutomaton
+from eol_ros.lab.automaton.ofc import ExactAutomaton
 
 pytestmark = pytest.mark.slow  # numba
 

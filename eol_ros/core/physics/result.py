@@ -62,7 +62,8 @@ class Run:
 
     Examples
     --------
-    >>> from eol_ros.core.physics import builders, choose, scene
+    >>> from eol_ros.core.physics import builders, scene
+    >>> from eol_ros.lab import choose
     >>> drive = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}
     >>> run = choose.simulate(scene.from_mapping(builders.single(drive, 4.0)), sample_s=1.0)
     >>> run.t.tolist(), run.u.shape

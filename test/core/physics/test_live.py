@@ -14,7 +14,6 @@ from eol_ros.core.geometry import (
     rest_lattice,
 )
 from eol_ros.core.physics import builders
-from eol_ros.core.physics.choose import simulate
 from eol_ros.core.physics.drive import Drive
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.twin.hands import (
@@ -27,6 +26,7 @@ from eol_ros.core.physics.twin.hands import (
 )
 from eol_ros.core.physics.twin.live import CLEAR_M, SOFT, Coupling, LiveTable
 from eol_ros.core.physics.twin.play import Play
+from eol_ros.lab.choose import simulate
 
 IMAGE_S = 1 / 60
 BESIDE = np.array([(i, j) for i in range(N_BLOCKS) for j in neighbours(i, True) if i < j]).T

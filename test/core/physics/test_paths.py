@@ -9,15 +9,16 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from support import physics_oracles
 
-from eol_ros.core.physics import builders, presets
-from eol_ros.core.physics.choose import choose_path, simulate
+from eol_ros.core.physics import builders
 from eol_ros.core.physics.event.step import stop_in_closed_form
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.science import powerlaw
-from eol_ros.core.science.quiescent import cascades
 from eol_ros.errors import UsageError
+from eol_ros.lab import presets
+from eol_ros.lab.choose import choose_path, simulate
+from eol_ros.lab.science.quiescent import cascades
 
 PULL = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}
 NONE = {'kind': 'none'}

@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from eol_ros.core.physics import builders, presets
-from eol_ros.core.physics.choose import choose_path, simulate
+from eol_ros.core.physics import builders
 from eol_ros.core.physics.rotation.taylor import LEVER
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.errors import ConfigError, UsageError
+from eol_ros.lab import presets
+from eol_ros.lab.choose import choose_path, simulate
 
 NONE = {'kind': 'none'}
 SIDE, MASS, MU, G = 0.084, 0.25, 0.65, 9.81

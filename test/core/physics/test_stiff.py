@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from eol_ros.core.physics import builders, presets
-from eol_ros.core.physics.choose import simulate
+from eol_ros.core.physics import builders
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.numerics import length_scale
 from eol_ros.core.physics.scene import from_mapping
+from eol_ros.lab import presets
+from eol_ros.lab.choose import simulate
 
 PULL = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}
 CIRCLE = {'kind': 'circle_and_rotation', 'par': [0.06, 0.9, 0.12, 0.7]}

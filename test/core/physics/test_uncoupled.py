@@ -4,8 +4,9 @@
 import numpy as np
 import pytest
 
-from eol_ros.core.physics import builders, choose
+from eol_ros.core.physics import builders
 from eol_ros.core.physics.scene import from_mapping
+from eol_ros.lab import choose
 
 DRIVE = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}
 

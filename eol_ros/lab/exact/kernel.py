@@ -7,7 +7,10 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.physics.drive import NONE, VELOCITY
-from eol_ros.core.physics.exact.closed_form import (
+from eol_ros.core.physics.numerics import ON_LIMIT
+from eol_ros.core.physics.series import UNCOUNTED, add_exactly, drive_series
+from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
+from eol_ros.lab.exact.closed_form import (
     clear_of_limits,
     lone_ledger,
     lone_slip,
@@ -17,7 +20,7 @@ from eol_ros.core.physics.exact.closed_form import (
     modes_path,
     modes_state,
 )
-from eol_ros.core.physics.exact.taylor import (
+from eol_ros.lab.exact.taylor import (
     DENSE,
     Lanes,
     bounds,
@@ -31,9 +34,6 @@ from eol_ros.core.physics.exact.taylor import (
     stop_root,
     weakening_reach,
 )
-from eol_ros.core.physics.numerics import ON_LIMIT
-from eol_ros.core.physics.series import UNCOUNTED, add_exactly, drive_series
-from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
 
 FAR = 1e18  # of the truncation error: the distance after which the origin moves along
 LANES = 4  # of a vector: rows of series are padded to it

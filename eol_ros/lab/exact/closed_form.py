@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.physics.exact.taylor import force_now
 from eol_ros.core.physics.numerics import ON_LIMIT
+from eol_ros.lab.exact.taylor import force_now
 
 MARCH_ROUNDS = 400
 FREE = 1e-12  # of the highest w^2: below it a mode has no spring at all

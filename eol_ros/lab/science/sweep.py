@@ -16,15 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from eol_ros.core.physics import builders, choose, presets
-from eol_ros.core.physics.automaton.ofc import Automaton
-from eol_ros.core.physics.automaton.oslo import OsloPile
+from eol_ros.core.physics import builders
 from eol_ros.core.physics.result import Limits, Run
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.twin.hands import PUSH_MPS, Rim, Visitors
-from eol_ros.core.science import one_over_f, powerlaw, sounding, surrogates
-from eol_ros.core.science.quiescent import cascades
+from eol_ros.core.science import powerlaw
 from eol_ros.errors import EolError
+from eol_ros.lab import choose, presets
+from eol_ros.lab.automaton.ofc import Automaton
+from eol_ros.lab.automaton.oslo import OsloPile
+from eol_ros.lab.science import one_over_f, sounding, surrogates
+from eol_ros.lab.science.quiescent import cascades
 from eol_ros.settings import GrainsSettings, setting
 
 DRIVES = ('pull', 'circle', 'hands')

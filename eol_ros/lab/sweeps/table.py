@@ -20,8 +20,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from eol_ros.core.science import sweep
 from eol_ros.errors import ConfigError, UsageError, pip_install, writing
+from eol_ros.lab.science import sweep
 
 FLUSH_ROWS, FLUSH_S = 5000, 30.0
 BATCH_ROWS = 256  # of each file, while files are merged

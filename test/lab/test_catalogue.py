@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eol_ros.core.science import catalogue
 from eol_ros.core.science.powerlaw import FitError
+from eol_ros.lab.science import catalogue
 
 
 def rng(seed=1):

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from eol_ros.core.science import spectra
-from eol_ros.core.science.spectra import SeriesError, slope, spectrum
+from eol_ros.lab.science import spectra
+from eol_ros.lab.science.spectra import SeriesError, slope, spectrum
 
 
 def rng(seed=1):

@@ -12,8 +12,8 @@ import numpy as np
 from numba import uint64
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.physics.automaton.ofc import LARGEST_SIDE, Events
 from eol_ros.errors import ConfigError
+from eol_ros.lab.automaton.ofc import LARGEST_SIDE, Events
 
 
 @njit(cache=True)

@@ -6,10 +6,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from eol_ros.core.physics.automaton.ofc import Automaton, ExactAutomaton, LongLattice
-from eol_ros.core.physics.automaton.oslo import OsloPile
 from eol_ros.core.science import powerlaw
 from eol_ros.errors import ConfigError
+from eol_ros.lab.automaton.ofc import Automaton, ExactAutomaton, LongLattice
+from eol_ros.lab.automaton.oslo import OsloPile
 
 pytestmark = pytest.mark.slow  # numba compiles, unless it has before
 NAMES = ('size', 'area', 'duration', 'first')

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eol_ros.core.science import sounding
+from eol_ros.lab.science import sounding
 from eol_ros.settings import GrainsSettings
 
 FREE = GrainsSettings(refractory_s=0.0, block_cap=1000, total_cap=10_000)

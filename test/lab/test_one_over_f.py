@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from support.known_series import SERIES, ask
 
-from eol_ros.core.science import one_over_f, spectra
+from eol_ros.lab.science import one_over_f, spectra
 
 NOT = [name for name, (right, _) in SERIES.items() if right == 'no']
 IS = [name for name, (right, _) in SERIES.items() if right == 'yes']

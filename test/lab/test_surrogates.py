@@ -4,7 +4,7 @@ import itertools
 import numpy as np
 import pytest
 
-from eol_ros.core.science import spectra, surrogates
+from eol_ros.lab.science import spectra, surrogates
 
 
 def rng(seed=1):

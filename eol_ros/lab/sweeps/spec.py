@@ -28,10 +28,10 @@ from typing import Any
 import numpy as np
 import yaml
 
-from eol_ros.core.physics.presets import NAMED
-from eol_ros.core.science.sweep import MODELS, Plain
 from eol_ros.devices.files.physics_file import load_scene
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
+from eol_ros.lab.presets import NAMED
+from eol_ros.lab.science.sweep import MODELS, Plain
 from eol_ros.scene import check_value
 
 KEYS = ('model', 'fixed', 'vary')

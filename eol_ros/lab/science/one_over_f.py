@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from eol_ros.core.science import spectra, surrogates
-from eol_ros.core.science.spectra import Shape, Slope, Spectrum
+from eol_ros.lab.science import spectra, surrogates
+from eol_ros.lab.science.spectra import Shape, Slope, Spectrum
 
 ONE_OVER_F = (0.5, 1.5)
 DECADES = 2.0  # of the band, at least

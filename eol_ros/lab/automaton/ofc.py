@@ -20,8 +20,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from eol_ros.core.physics.automaton.ofc_kernel import OK, SHARE_BITS, SINK, topple
 from eol_ros.errors import ConfigError
+from eol_ros.lab.automaton.ofc_kernel import OK, SHARE_BITS, SINK, topple
 
 ONE = 1 << 50  # the threshold in fixed point: a step is 9e-16
 LARGEST_SIDE = 4096

@@ -6,12 +6,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from eol_ros.core.physics import builders, choose, presets
-from eol_ros.core.physics.automaton.ofc import Automaton
+from eol_ros.core.physics import builders
 from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import from_mapping
-from eol_ros.core.science import one_over_f, powerlaw, surrogates, sweep
-from eol_ros.core.science.quiescent import cascades
+from eol_ros.core.science import powerlaw
+from eol_ros.lab import choose, presets
+from eol_ros.lab.automaton.ofc import Automaton
+from eol_ros.lab.science import one_over_f, surrogates, sweep
+from eol_ros.lab.science.quiescent import cascades
 
 pytestmark = pytest.mark.slow  # numba
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.ndimage import label
 
-from eol_ros.core.science import patterns
+from eol_ros.lab.science import patterns
 
 ROW, COLUMN = np.indices((5, 5))
 DARK = np.zeros((5, 5), bool)

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from eol_ros.core.science import alternatives, powerlaw
+from eol_ros.core.science import powerlaw
 from eol_ros.core.science.powerlaw import fit, histogram, sample
+from eol_ros.lab.science import alternatives
 
 SUPPORT = np.arange(1, 201.0)
 

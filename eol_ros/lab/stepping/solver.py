@@ -9,7 +9,7 @@ from eol_ros.core.physics.numerics import energy_ledger
 from eol_ros.core.physics.result import Limits, Run
 from eol_ros.core.physics.scene import Scene
 from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT, WORDS
-from eol_ros.core.physics.stepping.moreau_jean import place_anchors, step_many
+from eol_ros.lab.stepping.moreau_jean import place_anchors, step_many
 
 
 def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s: float) -> Run:

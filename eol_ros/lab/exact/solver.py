@@ -4,13 +4,13 @@
 import numpy as np
 
 from eol_ros.core.physics.drive import VELOCITY
-from eol_ros.core.physics.exact import kernel
 from eol_ros.core.physics.kernel_args import Grid, empty_log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.numerics import energy_ledger, length_scale
 from eol_ros.core.physics.result import Limits, Run
 from eol_ros.core.physics.scene import Scene
 from eol_ros.core.physics.status import WORDS
+from eol_ros.lab.exact import kernel
 
 ORDER = 14
 TRUNCATION = 2e-17  # of the displacements' scale: below their rounding

@@ -5,11 +5,11 @@ import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from eol_ros.analysis.sweeps import work
-from eol_ros.analysis.sweeps.crews import Crew, work_through
-from eol_ros.analysis.sweeps.spec import Spec
-from eol_ros.analysis.sweeps.table import Table
-from eol_ros.core.science import sweep
+from eol_ros.lab.science import sweep
+from eol_ros.lab.sweeps import work
+from eol_ros.lab.sweeps.crews import Crew, work_through
+from eol_ros.lab.sweeps.spec import Spec
+from eol_ros.lab.sweeps.table import Table
 
 BATCH_S = 1.0  # of work in one batch: giving it away and its way back cost some milliseconds
 MOST_IN_BATCH = 1000

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from eol_ros.core.science.quiescent import NotAtRest, cascades, joined
+from eol_ros.lab.science.quiescent import NotAtRest, cascades, joined
 
 
 def test_cascades_end_where_nothing_moves():

@@ -15,8 +15,8 @@ from importlib import metadata
 from typing import Any, Protocol
 
 from eol_ros import parent_death
-from eol_ros.analysis.sweeps import work
 from eol_ros.errors import DeviceMissing, EolError, UsageError, pip_install
+from eol_ros.lab.sweeps import work
 
 MOST_DEATHS = 3  # of workers over one batch: then it is the batch
 REACH_S = 10.0

@@ -40,8 +40,8 @@ class Batch:
 
     def rows(self) -> list[Any]:
         """Compute: return a row for each task."""
-        from eol_ros.analysis.sweeps.table import row_of
-        from eol_ros.core.science import sweep
+        from eol_ros.lab.science import sweep
+        from eol_ros.lab.sweeps.table import row_of
 
         rows = []
         for key, parameters in self.tasks:

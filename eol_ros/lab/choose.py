@@ -3,12 +3,12 @@
 
 import numpy as np
 
-from eol_ros.core.physics import modal
 from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Energy, Limits, Run, cut_short, sample_times
 from eol_ros.core.physics.scene import Scene
 from eol_ros.errors import UsageError
+from eol_ros.lab import modal
 
 DEFAULT_STEP_S = 1e-4
 
@@ -146,7 +146,7 @@ def _solved(
             raise UsageError(
                 'path exact: this scene has geometric springs or moves along y; use event'
             )
-        from eol_ros.core.physics.exact.solver import solve as solve_exact
+        from eol_ros.lab.exact.solver import solve as solve_exact
 
         return solve_exact(scene, model, times, limits, ledger)
     if chosen == 'event':
@@ -168,10 +168,10 @@ def _solved(
             return solve_rotation(scene, model, times, limits, ledger, tolerance)
         return event.solve(scene, model, times, limits, ledger, tolerance)
     if scene.rotation is not None:
-        from eol_ros.core.physics.rotation.stepping import solve as step_rotation
+        from eol_ros.lab.stepping.rotating import solve as step_rotation
 
         return step_rotation(scene, model, times, limits, step_s)
-    from eol_ros.core.physics.stepping.solver import solve as solve_in_steps
+    from eol_ros.lab.stepping.solver import solve as solve_in_steps
 
     return solve_in_steps(scene, model, times, limits, step_s)
 

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The laboratory: simulations, automata, laws, sweeps; nothing that runs on site imports it."""
