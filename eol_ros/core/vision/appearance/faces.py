@@ -92,8 +92,8 @@ def brightness(px, count, half, blur, fit, light, counts):
 
 
 @njit(cache=True)
-def fill(light, counts):
-    """Give cells without a look the mean of those within two cells, or 1."""
+def fill(cells, counts, otherwise):
+    """Give cells without a look the mean of those within two cells, or `otherwise`."""
     for q in range(CELLS):
         for p in range(CELLS):
             if counts[q, p] > 0.0:
@@ -103,11 +103,11 @@ def fill(light, counts):
                 for j in range(max(q - reach, 0), min(q + reach + 1, CELLS)):
                     for i in range(max(p - reach, 0), min(p + reach + 1, CELLS)):
                         if counts[j, i] > 0.0:
-                            total += light[j, i]
+                            total += cells[j, i]
                             n += 1
                 if n:
                     break
-            light[q, p] = total / n if n else 1.0
+            cells[q, p] = total / n if n else otherwise
 
 
 @njit(cache=True)
@@ -136,4 +136,6 @@ def _draw(light, spread, total, squares, count, first):
                 if first:
                     v = squares[j, i] / count[j, i] - mean * mean
                     spread[j, i] = min(max(v, _LEAST), _MOST)
-    fill(light, count)
+    fill(light, count, 1.0)
+    if first:
+        fill(spread, count, _MOST)

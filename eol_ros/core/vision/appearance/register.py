@@ -81,7 +81,7 @@ def register(
                 if own_face:
                     face = own[n]
                     faces.brightness(px, count, half, blur_px, z, face, own_px[n])
-                    faces.fill(face, own_px[n])
+                    faces.fill(face, own_px[n], 1.0)
                     pixels.shade(px, count, half, noise, face, spread[n])
             if it == 0:
                 fit.residuals(px, count, half, blur_px, z, sigma_px**2)
