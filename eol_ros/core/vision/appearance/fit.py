@@ -230,7 +230,7 @@ def widening(px, count, half, blur, fit, reach):
 
 @njit(cache=True, inner=True)
 def quantile(values, n, share):
-    """Return what `share` of values[:n] does not exceed; they are put in another order (Hoare, 1961)."""
+    """Return what `share` of values[:n] does not exceed (Hoare, 1961); they change their order."""
     lo, hi, k = 0, n - 1, int(share * n)
     while lo < hi:
         pivot = values[(lo + hi) // 2]
