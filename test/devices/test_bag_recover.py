@@ -3,6 +3,7 @@
 
 import json
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -214,6 +215,18 @@ def test_a_repair_that_was_cut_off_at_its_last_step_is_finished(tmp_path):
     part.write_bytes(before)
     assert BagReader(tmp_path / 'run').counts['/eol/point'] == 100
     assert [r.message_count for r in repair_all(tmp_path)] == [110]
+    assert not part.exists()
+
+
+def test_a_left_over_file_beside_another_file_of_its_name_is_kept(tmp_path):
+    part = cut_bag(tmp_path / 'run')
+    write_bag(tmp_path / 'other', 7).close()
+    target = part.with_suffix('')
+    shutil.copy(tmp_path / 'other' / 'other_0.mcap', target)
+    kept, complete = part.read_bytes(), target.read_bytes()
+    done = repair(part)
+    assert done.aside.read_bytes() == kept
+    assert target.read_bytes() == complete
     assert not part.exists()
 
 

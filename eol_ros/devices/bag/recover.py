@@ -72,10 +72,12 @@ def repair(
         unchanged = known and known.size == path.stat().st_size
         old = known if known and unchanged else BagFileReader(path, breathe, quiet=True)
         count = sum(old.counts.values())
+        of_another = False
         swapped = path != target and target.exists()  # a repair was cut off before its last step
         if swapped:
-            made = BagFileReader(target)
+            made, own = BagFileReader(target), count
             count = sum(made.counts.values()) if made.indexed else 0
+            of_another = count != own  # then the file that is there is not made of this one
         elif count and not old.indexed:  # else it was cut off just before it got its name
             _write(old, work, breathe, min_free_gb)
     if not count:
@@ -88,7 +90,7 @@ def repair(
     source = path if old.indexed else work
     if path != target and not swapped:
         DISK.rename(source, target)
-    if damage and not old.indexed:
+    if (damage and not old.indexed) or (of_another and path.exists()):
         aside = _set_aside(path)
     elif path != target:
         path.unlink(missing_ok=True)
