@@ -32,7 +32,7 @@ class Faces:
         self.looks = np.zeros(n)
 
     def forget(self, block: int) -> None:
-        """Begin anew with a block whose cover is another one."""
+        """Begin again with a block whose cover is another one."""
         self.light[block], self.spread[block] = 1.0, _MOST
         for sums in (self._sum, self._squares, self._count, self.looks):
             sums[block] = 0

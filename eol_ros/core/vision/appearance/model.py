@@ -68,7 +68,7 @@ PREDICTED_PX, PREDICTED_SHARE = (
 )  # standard deviation of a prediction: fixed, and of the way
 LOST_PX = 6.0
 LEAST = 5  # blocks that say what is usual for all
-SEEN_BLOCKS, LOST_IMAGES = 20, 6  # with fewer blocks for longer, the lattice is sought anew
+SEEN_BLOCKS, LOST_IMAGES = 20, 6  # with fewer blocks for longer, the lattice is sought again
 SEEKS = 3  # blocks that are looked for in one image
 LEARN_PX = 4.0  # in one image: a cell of a face; faster blocks are not learned from
 STILL_PX = 1.0  # slower ones show the width of edges

@@ -14,7 +14,7 @@ from eol_ros.core.vision.tracker import M_STEP, PX_STEP, RAD_STEP, SIGMA_STEPS, 
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
 
-LEAST = 5  # blocks in sight; with fewer the lattice is sought anew
+LEAST = 5  # blocks in sight; with fewer the lattice is sought again
 
 
 class AppearanceTracker:
