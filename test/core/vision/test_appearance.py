@@ -86,6 +86,7 @@ def test_normal_equations_are_those_of_dense_algebra():
         pixels.LIGHT: rng.uniform(0.5, 1.5, count), pixels.LIGHT_A: rng.normal(0, 0.01, count),
         pixels.LIGHT_B: rng.normal(0, 0.01, count), pixels.NOISE: rng.uniform(2, 9, count),
         pixels.SPREAD: rng.uniform(0, 0.01, count), pixels.GREY: rng.uniform(0, 200, count),
+        pixels.TRUST: rng.uniform(0, 1, count),
     }  # fmt: skip
     n = np.arange(count)
     for at, numbers in values.items():
@@ -128,6 +129,7 @@ def test_normal_equations_are_those_of_dense_algebra():
         values[pixels.NOISE] + z[3] ** 2 * (values[pixels.SPREAD] * e + sigma2 * slope2)
     )
     weight = np.maximum(1 - residual**2 / variance / fit.TUKEY, 0) ** 2 / variance
+    weight *= values[pixels.TRUST]
     matrix = (jac * weight) @ jac.T
     scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
     got = np.zeros((7, 7))
@@ -329,3 +331,25 @@ def test_twice_the_same_bits():
     images = [renderer.render(*REST.T, np.zeros(25), k) for k in range(20)]
     one, other = (followed(images, renderer.calibration) for _ in range(2))
     assert one.tobytes() == other.tobytes()
+
+
+def test_the_outer_half_of_a_hidden_edge_is_not_trusted():
+    px, half, count = pixels.empty(), 23.0, 0
+    for a in np.arange(-30.5, 31):
+        for b in np.arange(-30.5, 31):
+            if max(abs(a), abs(b)) > 18:
+                k, z = divmod(count, pixels.LANES)
+                e = float(max(abs(a), abs(b)) < half)
+                covered = a > 0 and abs(b) < 18 and e > 0.5  # the inner half of the right side
+                values = {pixels.A: a, pixels.B: b, pixels.AREA: 1.0, pixels.TRUST: 1.0}
+                values |= {pixels.EDGE: e, pixels.Q: 100.0 if covered else 1.0}
+                for at, value in values.items():
+                    px[k, z + at] = value
+                count += 1
+    fit.trust(px, count, half, 5.0, 1.0, np.empty((4, fit.PARTS, 2)))
+    n = np.arange(count)
+    a, b, found = (px[n // 8, n % 8 + at] for at in (pixels.A, pixels.B, pixels.TRUST))
+    right, left = (a > 23) & (abs(b) < 14), (a < -23) & (abs(b) < 14)
+    assert right.sum() == left.sum() > 100
+    assert (found[right] == 0).all()
+    assert (found[left] == 1).all()

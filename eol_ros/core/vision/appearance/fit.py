@@ -18,7 +18,7 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
-from eol_ros.core.vision.appearance.model import FULL, LANES, TUKEY
+from eol_ros.core.vision.appearance.model import AGREE, FULL, LANES, PARTS, TUKEY
 from eol_ros.core.vision.appearance.pixels import (
     AREA,
     BY_A,
@@ -36,6 +36,7 @@ from eol_ros.core.vision.appearance.pixels import (
     NOISE,
     RESIDUAL,
     SPREAD,
+    TRUST,
     WEIGHT,
     A,
     B,
@@ -124,7 +125,7 @@ def _derivatives(px, count, half, blur, fit, sigma2_px, widen):
             px[group, BY_TURN + i], px[group, BY_GAIN + i] = g * (ta * b - tb * a), light * e
             px[group, BY_O + i], px[group, BY_OA + i], px[group, BY_OB + i] = one, ja, jb
             px[group, RESIDUAL + i] = r
-            px[group, WEIGHT + i] = zero if grey > full else z * z * s2
+            px[group, WEIGHT + i] = zero if grey > full else z * z * s2 * px[group, TRUST + i]
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
@@ -282,6 +283,36 @@ def levels(px, count, half, blur, scratch):
         elif n:
             outer = quantile(scratch, n, 0.5)
     return inner, outer
+
+
+@njit(cache=True, error_model='numpy')
+def trust(px, count, half, near, widen, bins):
+    """Trust the pixels at each part of a side by how many of those inside agree; see residuals.
+
+    An arm as dark as the ground hides the inner half of an edge and leaves the outer half, which
+    would draw the side inwards. bins (4, PARTS, 2): scratch.
+    """
+    bins[:] = 0.0
+    for step in range(2):
+        for i in range(count):
+            k, z = i // LANES, i % LANES
+            a, b = px[k, z + A], px[k, z + B]
+            far = max(abs(a), abs(b))
+            if px[k, z + AREA] > 1.0 or far < half - near:
+                continue
+            if abs(a) > abs(b):
+                side, t = 0 if a > 0 else 2, b
+            else:
+                side, t = 1 if b > 0 else 3, a
+            part = min(max(int((t / half + 1.0) * (PARTS / 2)), 0), PARTS - 1)
+            if step:
+                if bins[side, part, 0] > 0.0:
+                    share = bins[side, part, 1] / bins[side, part, 0]
+                    px[k, z + TRUST] = share * share * share
+            elif px[k, z + EDGE] > 0.5:
+                bins[side, part, 0] += 1.0
+                if px[k, z + Q] < AGREE * widen:
+                    bins[side, part, 1] += 1.0
 
 
 @njit(cache=True, error_model='numpy')

@@ -15,13 +15,13 @@ from eol_ros.core.vision.calibration.mapping import to_pixel
 
 # Numbers of a pixel: block coordinates in px of the block's scale, grey level, brightness of the
 # face there and its slopes, variance of the grey level, of the brightness, pixels that it stands
-# for; then what a fit makes of it: squared residual in variances, edge function, derivatives by
-# pose (3), gain, ground (3), residual, weight.
+# for, trust in it; then what a fit makes of it: squared residual in variances, edge function,
+# derivatives by pose (3), gain, ground (3), residual, weight.
 (
-    A, B, GREY, LIGHT, LIGHT_A, LIGHT_B, NOISE, SPREAD, AREA, Q, EDGE,
+    A, B, GREY, LIGHT, LIGHT_A, LIGHT_B, NOISE, SPREAD, AREA, TRUST, Q, EDGE,
     BY_A, BY_B, BY_TURN, BY_GAIN, BY_O, BY_OA, BY_OB, RESIDUAL, WEIGHT,
-) = range(0, 20 * LANES, LANES)  # fmt: skip
-ROWS = 20
+) = range(0, 21 * LANES, LANES)  # fmt: skip
+ROWS = 21
 _STEP_M = 0.03  # for derivatives of the camera's map: two thirds of half a block
 
 
@@ -170,6 +170,7 @@ def shade(px, count, half, noise, light, spread):
         px[k, z + LIGHT_B] = (bottom - top) * per_cell
         px[k, z + NOISE] = noise[int(px[k, z + GREY]) >> 3]
         px[k, z + SPREAD] = spread[j, i]
+        px[k, z + TRUST] = one
     for n in range(count, (count + LANES - 1) // LANES * LANES):
         px[n // LANES, n % LANES + NOISE] = 1e12
 

@@ -50,13 +50,15 @@ def register(
     sums, work = np.empty(fit.SUMS + fit.NUMBERS), np.empty((fit.NUMBERS, 11))
     px = np.empty((m.MOST_PX // LANES, pixels.ROWS * LANES), np.float32)
     room = np.empty((10, m.MOST_PX // LANES, LANES), np.float32)
+    bins = np.empty((4, m.PARTS, 2))
     few, side_room, sides = np.empty(m.MOST_PX, np.float32), np.empty((4, 11)), np.empty(4)
     for k in range(which.shape[0]):
         n = which[k]
         f = found[n]
         sigma_px, settled, widen, count = f.start_px, False, 1.0, 0
-        half = scale = 1.0
+        half = scale = near = 1.0
         face = light[n]
+        doubtful = not fresh[n] and (f.visible < m.ALIKE or f.misfit > m.MISFIT)
         x0, y0, yaw0 = f.x, f.y, f.yaw
         z[:] = 0.0
         for it in range(m.ROUNDS):
@@ -86,6 +88,9 @@ def register(
             if it == 0:
                 fit.residuals(px, count, half, blur_px, z, sigma_px**2)
                 widen = fit.widen_of(px, count, m.WIDEN, few)
+            if doubtful and it >= 1 and sigma_px < 1.0:
+                fit.residuals(px, count, half, blur_px, z, sigma_px**2)
+                fit.trust(px, count, half, near, widen, bins)
             fit.normal_equations(px, count, half, blur_px, z, sigma_px**2, widen, room, sums)
             prior[0] = prior[1] = 1.0 / f.start_px**2
             prior[2] = (half / (1.5 * f.start_px)) ** 2
