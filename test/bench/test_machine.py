@@ -46,4 +46,6 @@ def test_figures_of_an_earlier_run_keep_theirs(capsys):
 @pytest.mark.parametrize('name', [name for name in names() if name != 'films'])  # makes images
 def test_every_benchmark_names_it(name):
     source = inspect.getsource(importlib.import_module(f'benchmarks.{name}').run)
-    assert 'tell(' in source and 'print(json' not in source
+    # held_out.measure tells what it has measured
+    assert 'tell(' in source or 'held_out.measure(' in source
+    assert 'print(json' not in source
