@@ -38,6 +38,8 @@ EXAMPLES = [
 ]
 PATIENCE_S = 60  # an oracle or a peer that takes longer is left, and the row says so
 SAMPLES = 50
+SMALL_SHARE = 0.02  # of a run: an error that covers less says so in its row
+NO_PEER = 'no peer run'
 PEERS: dict[str, tuple[str, str, Callable[[Scene, np.ndarray], np.ndarray]]] = {
     'dop853': ('SciPy DOP853 events 1e-7', 'scipy', lambda s, t: scipy_events(s, t, 1e-7)),
     'sliding': ('SciPy DOP853 1e-9', 'scipy', lambda s, t: scipy_sliding(s, t, 1e-9)),
@@ -52,8 +54,10 @@ Made by `eol bench extremes --markdown`, on the machine named above. Times are p
 one core, without energy ledger and compilation. *Error* is the largest displacement error against
 what shares no code with the solver: a formula, mpmath, or SciPy's DOP853 between events of its
 own (tolerance 3e-13; it stops blocks below 1e-8 m/s); on the first seconds only where that takes
-too long, and `-` where nothing independent came to an end within 60 s. A peer stands beside on
-the same stretch, with its error, its time, and ours in brackets. Each row is a test of its status
+too long, and `-` where nothing independent came to an end within 60 s. Where these seconds are
+less than 2 % of the run, the row gives their share: the rest of that run has no reference. A peer
+stands beside on the same stretch, with its error, its time, and ours in brackets, or the row says
+that no peer was run. Each row is a test of its status
 (`test/bench/test_extremes.py`, the long ones in `make soak`): no NaN, no more steps than
 `eol simulate` allows (one says how many more), and what ends early says how far it came and what
 would let it go on."""
@@ -262,8 +266,8 @@ def markdown(result: dict[str, Any]) -> str:
         for r in rows:
             against = r.get('against', 'none')
             if r.get('stretch_s', r['duration_s']) != r['duration_s']:
-                against += f', first {r["stretch_s"]:g} s'
-            peer = r.get('peer', '-')
+                against += f', first {r["stretch_s"]:g} s{_small(r["stretch_s"], r["t_reached"])}'
+            peer = r.get('peer', NO_PEER)
             if 'peer_error_m' in r:
                 peer += f': {r["peer_error_m"]:.0e}; {r["peer_ms"]:.3g} ({r["own_ms"]:.2g})'
             reached = f'{r["t_reached"]:.4g}'
@@ -289,6 +293,11 @@ def markdown(result: dict[str, Any]) -> str:
             for r in live
         ]
     return '\n'.join(lines)
+
+
+def _small(stretch_s: float, run_s: float) -> str:
+    share = stretch_s / run_s if run_s else 1.0
+    return f' ({100 * share:.1g} % of the run)' if share < SMALL_SHARE else ''
 
 
 def _exponent(value: float | None) -> str:
