@@ -51,8 +51,8 @@ def add_arguments(parser):
     )  # fmt: skip
     parser.add_argument(
         '--tracker', choices=('edges', 'appearance'), default='edges',
-        help='how blocks are found: by the edges of their covers, as in the node, or by learned '
-             'faces, which takes more clutter and faster rims, and knows flat covers only',
+        help='`edges`: by the edges of the covers, as in the node; `appearance`: by learned '
+             'faces, for fast rims and clutter; flat covers only',
     )  # fmt: skip
     parser.add_argument('-o', '--output', metavar='ANS.npz', help='where the answer goes')
     parser.add_argument('--overlay', metavar='OUT.mp4', help='video, or image, with what was seen')
