@@ -301,7 +301,7 @@ def test_a_camera_that_hangs_or_ends_is_lost_and_found_again(tmp_path, monkeypat
             source.close()
             gige.kill()
             gige.communicate()
-    assert source.opened == 3
+    assert source.opened >= 3  # more where a busy machine keeps an image for PATIENCE_S
     assert np.abs(images[-1].astype(int) - 77).max() < 4
 
 
