@@ -7,6 +7,7 @@ A folder holds `frames.npy` (n, h, w) uint8, `calibration.yaml`, and `truth.npz`
 
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -28,17 +29,29 @@ def load(folder: Path) -> tuple[np.ndarray, dict, Any]:
     for name in ('frames.npy', 'truth.npz', 'calibration.yaml'):
         if not (folder / name).is_file():
             raise UsageError(f'{folder}: no {name} in it')
-    frames = np.load(folder / 'frames.npy', mmap_mode='r')
-    with np.load(folder / 'truth.npz', allow_pickle=False) as file:
-        try:
+    try:
+        frames = np.load(folder / 'frames.npy', mmap_mode='r')
+    except (ValueError, OSError) as error:
+        raise UsageError(f'{folder}/frames.npy: {error}') from None
+    try:
+        with np.load(folder / 'truth.npz') as file:
             truth = {name: file[name] for name in ('t', 'world', 'visible')}
-        except (KeyError, ValueError) as error:
-            raise UsageError(f'{folder}/truth.npz: {error}') from None
+    except (KeyError, TypeError, ValueError, OSError, BadZipFile) as error:
+        raise UsageError(f'{folder}/truth.npz: {error}') from None
+    camera = calibration_file.load(str(folder / 'calibration.yaml'), False)
+    size = (camera.image_height, camera.image_width)
+    if frames.ndim != 3 or frames.dtype != np.uint8 or frames.shape[1:] != size or not len(frames):
+        raise UsageError(
+            f'{folder}/frames.npy: {frames.shape} {frames.dtype}, '
+            f'not (n, {size[0]}, {size[1]}) uint8 as calibration.yaml says'
+        )
     shapes = {'t': (len(frames),), 'world': (len(frames), 25, 3), 'visible': (len(frames), 25)}
     for name, shape in shapes.items():
         if truth[name].shape != shape:
             raise UsageError(f'{folder}/truth.npz: {name} is {truth[name].shape}, not {shape}')
-    return frames, truth, calibration_file.load(str(folder / 'calibration.yaml'), False)
+        if not np.isfinite(truth[name].astype(float)).all():
+            raise UsageError(f'{folder}/truth.npz: {name} has values that are not finite')
+    return frames, truth, camera
 
 
 def score(seen: np.ndarray, px: np.ndarray, at: np.ndarray, visible: np.ndarray) -> dict:
