@@ -25,7 +25,7 @@ from support.stick_slip import Onlooker, Ours, Table
 from benchmarks import held_out
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.detect import cover_light
-from eol_ros.errors import ConfigError
+from eol_ros.errors import ConfigError, UsageError
 
 HELP = 'Identity failures per simulated hour, ours against nearest neighbour and Hungarian.'
 EXAMPLES = [
@@ -81,6 +81,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
+    if not args.hours > 0 or not args.fps > 0 or args.seeds < 1:
+        raise UsageError('--hours, --fps and --seeds must be positive')
     covers = None if args.covers == 'unseen' else patterns()
 
     def one(seed: int) -> dict[str, dict[str, float | None]]:

@@ -13,6 +13,7 @@ from eol_ros.core.vision.appearance import find, fit, neighbours, pixels
 from eol_ros.core.vision.appearance.follow import Follower
 from eol_ros.core.vision.appearance.register import register
 from eol_ros.core.vision.appearance.tracker import AppearanceTracker
+from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import NOISE_LEVELS, Renderer, RenderOptions
 from eol_ros.core.vision.states import FAULT, LOST, SEARCHING, TRACKING
@@ -353,3 +354,23 @@ def test_the_outer_half_of_a_hidden_edge_is_not_trusted():
     assert right.sum() == left.sum() > 100
     assert (found[right] == 0).all()
     assert (found[left] == 1).all()
+
+
+@pytest.mark.parametrize(('size', 'px_per_m'), [((1920, 1200), 1400.0), ((1280, 800), 180.0)])
+def test_blocks_of_15_to_118_px_are_tracked(size, px_per_m):
+    camera = Calibration.ideal(*size, px_per_m)
+    renderer = Renderer(RenderOptions(noise='L2'), camera, 1)
+    found = followed((renderer.render(*REST.T, np.zeros(25), k) for k in range(14)), camera)
+    assert found['seen'].all()
+    off = np.hypot(found['x'] - REST[:, 0], found['y'] - REST[:, 1])
+    assert off.max() * px_per_m < 0.2
+
+
+def test_a_block_larger_than_its_room_overflows_nothing():
+    camera = Calibration.ideal(1280, 800, 3000.0)  # a block of 252 px
+    renderer = Renderer(RenderOptions(noise='L2'), camera, 1)
+    image = read_only(renderer.render(*REST.T, np.zeros(25), 0))
+    d, px, face = np.empty(12), pixels.empty(), np.ones((12, 12), np.float32)
+    pixels.taylor(camera.packed(), 0.0, 0.0, 0.3, d)
+    count = pixels.gather(image, d, HALF_M, 60.0, 90.0, np.ones(32, np.float32), face, face, px)
+    assert 8000 < count <= px.shape[0] * pixels.LANES

@@ -17,7 +17,7 @@ SPREAD_LOOKS = 100.0  # over which it is averaged
 
 # Registration
 LANES = 8  # pixels of one vector of AVX2, whose records lie together
-MOST_PX = 6000  # pixels of one block
+MOST_PX = 16000  # pixels of one block: enough for one 200 px wide; what exceeds them is left out
 EVERY = 3  # row and column of the pixels that are read where light does not change
 DENSE = 2.6  # standard deviations of an edge, 99 % of its slope: within them every pixel is read
 MARGIN_PX = 0.5  # beyond that, for the rounding of a pose

@@ -105,7 +105,7 @@ def _pick(image, m, half_m, near_px, out_px, px):
         near, nearly = _row_of(half + near_px, ia, ja, at_a, at_b, m[0])
         hole, holed = _row_of(half - near_px, ia, ja, at_a, at_b, m[0])
         u, stop = max(int(math.ceil(low)), 0), min(int(math.floor(high)), cols - 1)
-        while u <= stop:
+        while u <= stop and count < MOST_PX:
             area = 1.0
             inside = hole < u < holed
             if inside and not sparse:
