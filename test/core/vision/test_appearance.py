@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The appearance tracker: its parts against independent oracles, then videos with known truth."""
 
+import inspect
 import math
 
 import numpy as np
@@ -30,6 +31,16 @@ def edges(a, half, w):
     for i in range(len(a)):
         e[i], slope[i] = fit.edge(np.float32(a[i]), np.float32(half), np.float32(1 / w))
     return e, slope
+
+
+@njit
+def gather(*arguments):
+    return pixels.gather(*arguments)
+
+
+@njit
+def normal_equations(*arguments):
+    fit.normal_equations(*arguments)
 
 
 def normal(a, half):
@@ -66,7 +77,7 @@ def test_pixels_lie_where_the_camera_puts_them(level):
     pixels.taylor(camera.packed(), x, y, yaw, d)
     image = read_only(np.zeros((camera.image_height, camera.image_width), np.uint8))
     face = np.ones((12, 12), np.float32)
-    count = pixels.gather(image, d, HALF_M, 4.0, 8.0, np.ones(32, np.float32), face, face, px)
+    count = gather(image, d, HALF_M, 4.0, 8.0, np.ones(32, np.float32), face, face, px)
     assert 1000 < count < 2500
     scale = pixels.scale_of(d)
     rows = px[: count // pixels.LANES]
@@ -95,7 +106,7 @@ def test_normal_equations_are_those_of_dense_algebra():
     px[(count - 1) // 8, count % 8 + pixels.NOISE : pixels.NOISE + 8] = 1e12
     z, sigma2, widen = np.array([0.3, -0.2, 0.02, 120.0, 20.0, 3.0, -2.0]), 0.04, 1.5
     sums, room = np.empty(fit.SUMS + 7), np.empty((10, 750, 8), np.float32)
-    fit.normal_equations(px, count, half, BLUR_PX, z, sigma2, widen, room, sums)
+    normal_equations(px, count, half, BLUR_PX, z, sigma2, widen, room, sums)
 
     def model(p):
         x, y = values[pixels.A] - p[0], values[pixels.B] - p[1]
@@ -372,5 +383,12 @@ def test_a_block_larger_than_its_room_overflows_nothing():
     image = read_only(renderer.render(*REST.T, np.zeros(25), 0))
     d, px, face = np.empty(12), pixels.empty(), np.ones((12, 12), np.float32)
     pixels.taylor(camera.packed(), 0.0, 0.0, 0.3, d)
-    count = pixels.gather(image, d, HALF_M, 60.0, 90.0, np.ones(32, np.float32), face, face, px)
+    count = gather(image, d, HALF_M, 60.0, 90.0, np.ones(32, np.float32), face, face, px)
     assert 8000 < count <= px.shape[0] * pixels.LANES
+
+
+@pytest.mark.parametrize('module', [find, fit, neighbours, pixels])
+def test_loops_that_llvm_may_reorder_are_compiled_with_their_caller_alone(module):
+    for text in inspect.getsource(module).split('\n@njit')[1:]:
+        options = text.split('\ndef ')[0]
+        assert 'fastmath' not in options or 'inner=True' in options, text[:120]

@@ -10,6 +10,9 @@ E that falls from 1 to 0 over the sides, as wide as lens and pixel make it. Gaus
 Tukey's weights (Huber and Ronchetti, Robust Statistics, 2009, 7.8) fit it to the pixels themselves,
 none of which is interpolated. E is symmetric about the side: brightness learned wrongly does not
 move a block.
+
+Loops with `fastmath` are inner ones: they are compiled together with `register` and nowhere else,
+for the order in which LLVM adds depends on what it compiles them with.
 """
 
 import math
@@ -68,7 +71,7 @@ def edge(a, half, per_blur):
     return tail if z > 0 else one - tail, slope if a > 0 else -slope
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def residuals(px, count, half, blur, fit, sigma2_px):
     """Set Q and EDGE of px. half, blur: of a side and of its edge, px; sigma2_px:
     variance of a pose."""
@@ -95,7 +98,7 @@ def residuals(px, count, half, blur, fit, sigma2_px):
             px[group, EDGE + i] = e
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def _derivatives(px, count, half, blur, fit, sigma2_px, widen):
     """Set the derivatives of each pixel, its residual and Tukey's weight over the variance."""
     zero, one = np.float32(0.0), np.float32(1.0)
@@ -128,20 +131,20 @@ def _derivatives(px, count, half, blur, fit, sigma2_px, widen):
             px[group, WEIGHT + i] = zero if grey > full else z * z * s2 * px[group, TRUST + i]
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def _row(px, at, groups, out):
     for group in range(groups):
         for i in range(LANES):
             out[group, i] = px[group, at + i]
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def _times(x, y, n, out):
     for i in range(n):
         out[i] = x[i] * y[i]
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def _dot(x, y, n):
     total = np.float32(0.0)
     for i in range(n):
@@ -149,7 +152,7 @@ def _dot(x, y, n):
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def normal_equations(px, count, half, blur, fit, sigma2_px, widen, scratch, sums):
     """Fill sums (35,): the upper triangle of the normal matrix row by row, then the right side.
 
@@ -200,7 +203,7 @@ def solve(sums, prior, m):
     return True
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def widening(px, count, half, blur, fit, reach):
     """Return sums (top, weight): their quotient is by how many px edges are wider than blur."""
     pa, pb, zero = np.float32(fit[0]), np.float32(fit[1]), np.float32(0.0)

@@ -133,7 +133,7 @@ def _pick(image, m, half_m, near_px, out_px, px):
     return count
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def _place(m, px, groups):
     """Turn u, v of px into block coordinates, in px of the block's scale."""
     f, scale = np.float32, scale_of(m)
@@ -175,7 +175,7 @@ def shade(px, count, half, noise, light, spread):
         px[n // LANES, n % LANES + NOISE] = 1e12
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def gather(image, m, half_m, near_px, out_px, noise, light, spread, px):
     """Fill px with the pixels of a block with derivatives m (12,); return their count."""
     count = _pick(image, m, half_m, near_px, out_px, px)
