@@ -90,7 +90,7 @@ def repair(
     source = path if old.indexed else work
     if path != target and not swapped:
         DISK.rename(source, target)
-    if (damage and not old.indexed) or (of_another and path.exists()):
+    if of_another or (damage and not old.indexed):
         aside = _set_aside(path)
     elif path != target:
         path.unlink(missing_ok=True)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the lattice of blocks lies in an image, from nothing.
 
-Each place of a grid on the table is asked how much a square of a block's size stands out there from
-the ring around it. Blocks stray from the nodes of their lattice by centimetres, so that the
-greatest answer within that reach counts for a node. The lattice lies where the sum over its nodes
+The response at each place of a grid on the table is by how much a square of a block's size differs
+from the ring around it. Blocks stray from the nodes of their lattice by centimetres, so a node
+takes the greatest response within that distance. The lattice lies where the sum over its nodes
 is greatest.
 """
 

@@ -71,13 +71,30 @@ def edge(a, half, per_blur):
     return tail if z > 0 else one - tail, slope if a > 0 else -slope
 
 
+@njit(inline='always')
+def _floats(fit):
+    """Return a, b, cosine and sine of the turn, gain and ground of a fit (7,) as float32."""
+    f = np.float32
+    cs, sn = f(cos(fit[2])), f(sin(fit[2]))
+    return f(fit[0]), f(fit[1]), cs, sn, f(fit[3]), f(fit[4]), f(fit[5]), f(fit[6])
+
+
+@njit(inline='always')
+def _side(a, b):
+    """Return the side (0 to 3) nearest to a point, and the point across and along that side."""
+    if abs(a) > abs(b):
+        return 0 if a > 0 else 2, abs(a), b
+    return 1 if b > 0 else 3, abs(b), a
+
+
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def residuals(px, count, half, blur, fit, sigma2_px):
-    """Set Q and EDGE of px. half, blur: of a side and of its edge, px; sigma2_px:
-    variance of a pose."""
-    pa, pb = np.float32(fit[0]), np.float32(fit[1])
-    cs, sn = np.float32(cos(fit[2])), np.float32(sin(fit[2]))
-    g, o, oa, ob = np.float32(fit[3]), np.float32(fit[4]), np.float32(fit[5]), np.float32(fit[6])
+    """Set Q and EDGE of px.
+
+    half, blur: half a side and the standard deviation of its edge, px. sigma2_px: variance of the
+    pose.
+    """
+    pa, pb, cs, sn, g, o, oa, ob = _floats(fit)
     g2, e2, h, zero = g * g, np.float32(sigma2_px), np.float32(half), np.float32(0.0)
     per_blur, per, full = np.float32(1.0 / blur), np.float32(1.0 / half), np.float32(FULL)
     for group in range((count + LANES - 1) // LANES):
@@ -102,9 +119,7 @@ def residuals(px, count, half, blur, fit, sigma2_px):
 def _derivatives(px, count, half, blur, fit, sigma2_px, widen):
     """Set the derivatives of each pixel, its residual and Tukey's weight over the variance."""
     zero, one = np.float32(0.0), np.float32(1.0)
-    pa, pb = np.float32(fit[0]), np.float32(fit[1])
-    cs, sn = np.float32(cos(fit[2])), np.float32(sin(fit[2]))
-    g, o, oa, ob = np.float32(fit[3]), np.float32(fit[4]), np.float32(fit[5]), np.float32(fit[6])
+    pa, pb, cs, sn, g, o, oa, ob = _floats(fit)
     g2, e2, wd, h = g * g, np.float32(sigma2_px), np.float32(widen), np.float32(half)
     per_blur, per = np.float32(1.0 / blur), np.float32(1.0 / half)
     cut, full = np.float32(1.0 / TUKEY), np.float32(FULL)
@@ -206,9 +221,8 @@ def solve(sums, prior, m):
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def widening(px, count, half, blur, fit, reach):
     """Return sums (top, weight): their quotient is by how many px edges are wider than blur."""
-    pa, pb, zero = np.float32(fit[0]), np.float32(fit[1]), np.float32(0.0)
-    cs, sn = np.float32(cos(fit[2])), np.float32(sin(fit[2]))
-    g, o, oa, ob = np.float32(fit[3]), np.float32(fit[4]), np.float32(fit[5]), np.float32(fit[6])
+    pa, pb, cs, sn, g, o, oa, ob = _floats(fit)
+    zero = np.float32(0.0)
     h, per_blur, per = np.float32(half), np.float32(1.0 / blur), np.float32(1.0 / half)
     full, far = np.float32(FULL), np.float32(reach)
     for group in range((count + LANES - 1) // LANES):
@@ -261,7 +275,8 @@ def quantile(values, n, share):
 def widen_of(px, count, most, scratch):
     """Return by how much squared residuals exceed their variance, 1 to `most`.
 
-    By the 30 % quantile: up to two thirds of a block may be covered."""
+    By the 30 % quantile: up to two thirds of a block may be covered.
+    """
     n = 0
     for i in range(0, count, 11):
         scratch[n] = px[i // LANES, i % LANES + Q]
@@ -299,14 +314,9 @@ def trust(px, count, half, near, widen, bins):
     for step in range(2):
         for i in range(count):
             k, z = i // LANES, i % LANES
-            a, b = px[k, z + A], px[k, z + B]
-            far = max(abs(a), abs(b))
+            side, far, t = _side(px[k, z + A], px[k, z + B])
             if px[k, z + AREA] > 1.0 or far < half - near:
                 continue
-            if abs(a) > abs(b):
-                side, t = 0 if a > 0 else 2, b
-            else:
-                side, t = 1 if b > 0 else 3, a
             part = min(max(int((t / half + 1.0) * (PARTS / 2)), 0), PARTS - 1)
             if step:
                 if bins[side, part, 0] > 0.0:
@@ -334,11 +344,9 @@ def side_nats(px, count, half, blur, fit, near, widen, m, out):
             continue
         x, y = px[k, z + A] - fit[0], px[k, z + B] - fit[1]
         a, b = cs * x + sn * y, cs * y - sn * x
-        if abs(a) > abs(b):
-            d, t, side = abs(a) - half, abs(b), 0 if a > 0 else 2
-        else:
-            d, t, side = abs(b) - half, abs(a), 1 if b > 0 else 3
-        if abs(d) > near or t > half - near:
+        side, far, t = _side(a, b)
+        d = far - half
+        if abs(d) > near or abs(t) > half - near:
             continue
         e, _ = edge(np.float32(half + d), h32, per_blur)
         v = px[k, z + GREY] - fit[4] - (fit[5] * a + fit[6] * b) / half

@@ -75,11 +75,13 @@ class Follower:
         if self._images % model.CLOSELY == 0:
             self.quiet = find.noise_by_level(image, self.noise)
         self._images += 1
-        ahead_s = stamp_s - self.last_s
-        if not self.lattice or self._lost > model.LOST_IMAGES or blocks['seen'].sum() < 5:
+        passed_s = stamp_s - self.last_s
+        seen = blocks['seen'].sum()
+        if not self.lattice or self._lost > model.LOST_IMAGES or seen < model.LEAST:
             good = self._acquire(image)
-            ahead_s = math.inf
+            passed_s = math.inf
         else:
+            ahead_s = passed_s if 0.0 < passed_s < model.MAX_AHEAD_S else 0.0
             _predict(blocks, found, self._near, self.rest, ahead_s, self.px_per_m)
             self._register(image, self._all)
             good = self._judge(self._all)
@@ -93,8 +95,8 @@ class Follower:
                 self._turn += 1
                 self._seek(image, lost[self._turn % len(lost)], good)
         if self.lattice:
-            _take(blocks, found, self._near, good, ahead_s, self.px_per_m)
-            self._learn(ahead_s)
+            _take(blocks, found, self._near, good, passed_s)
+            self._learn(passed_s)
             self._lost = 0 if good.sum() >= model.SEEN_BLOCKS else self._lost + 1
         self.last_s = stamp_s
         return blocks
@@ -157,7 +159,7 @@ class Follower:
         blocks, found = self.blocks, self.found
         lattice = find.find_lattice(image, self.packed, self.rest, BLOCK_SIDE_M, self.quiet)
         if lattice.response < model.MIN_SUM:
-            blocks['seen'] = False
+            self.lose()
             return np.zeros(len(blocks), bool)
         nodes, turn = self._named(lattice.nodes)
         found['x'], found['y'] = nodes[:, 0], nodes[:, 1]
@@ -174,7 +176,7 @@ class Follower:
             self._register(image, self._all)
             self._sharpen((found['visible'] > 0.8) & (found['ratio'] > 2.0))
         self.lattice = True
-        blocks['seen'] = False
+        self.lose()
         return self._judge(self._all)
 
     def _named(self, nodes: np.ndarray) -> tuple[np.ndarray, float]:
@@ -197,14 +199,14 @@ class Follower:
                 best = cost, at, turn
         return best[1], best[2]
 
-    def _learn(self, ahead_s: float) -> None:
+    def _learn(self, passed_s: float) -> None:
         blocks, found, faces = self.blocks, self.found, self.faces
         for block in np.flatnonzero(~blocks['seen'] & ~blocks['known'] & (faces.looks > 0)):
             self._forget(int(block))  # what was looked at was none, or only part of one
         known, seen = blocks['known'], blocks['seen']
         moved_px = (
             elementary.hypot(blocks['vx'], blocks['vy'])
-            * min(ahead_s, model.MAX_AHEAD_S)
+            * min(passed_s, model.MAX_AHEAD_S)
             * self.px_per_m
         )
         # an arm over a block crosses a side: with four clear sides all light is the cover's own
@@ -226,7 +228,7 @@ class Follower:
             blocks['gain'][block] += rate * (gain / self.exposure - blocks['gain'][block])
             blocks['known'][block] = faces.looks[block] >= YOUNG
         still = seen & (found['visible'] > 0.95) & (moved_px < model.STILL_PX)
-        if (still & known).sum() >= 5:
+        if (still & known).sum() >= model.LEAST:
             self.exposure = float(
                 np.median(found['gain'][still & known] / blocks['gain'][still & known])
             )
@@ -235,7 +237,7 @@ class Follower:
     def _sharpen(self, good: np.ndarray) -> None:
         """Learn how blurred edges are, from blocks that are seen well."""
         good = good & self.found['close'] & (self.found['wider_weight'] > 0)
-        if good.sum() >= 5:
+        if good.sum() >= model.LEAST:
             self._blur_looks = min(self._blur_looks + 1, 60)
             wider = np.median(self.found['wider'][good] / self.found['wider_weight'][good])
             low, high = model.BLUR_PX
@@ -249,16 +251,15 @@ def _predict(blocks, found, near, rest, ahead_s, px_per_m):
     """Set the starts of `found` by velocity, or for blocks out of sight by their neighbours."""
     n = blocks.shape[0]
     xy, seen = np.empty((n, 2)), np.empty(n, np.bool_)
-    ahead = ahead_s if 0.0 < ahead_s < model.MAX_AHEAD_S else 0.0
     for i in range(n):
         b = blocks[i]
-        xy[i, 0], xy[i, 1], seen[i] = b.x + b.vx * ahead, b.y + b.vy * ahead, b.seen
+        xy[i, 0], xy[i, 1], seen[i] = b.x + b.vx * ahead_s, b.y + b.vy * ahead_s, b.seen
     neighbours.predict(rest, xy, seen, near)
     for i in range(n):
         b, f = blocks[i], found[i]
-        f.x, f.y, f.yaw, f.start_px = xy[i, 0], xy[i, 1], b.yaw + b.spin * ahead, model.LOST_PX
+        f.x, f.y, f.yaw, f.start_px = xy[i, 0], xy[i, 1], b.yaw + b.spin * ahead_s, model.LOST_PX
         if b.seen:
-            way_px = math.sqrt(b.vx * b.vx + b.vy * b.vy) * ahead * px_per_m
+            way_px = math.sqrt(b.vx * b.vx + b.vy * b.vy) * ahead_s * px_per_m
             f.start_px = model.PREDICTED_PX + model.PREDICTED_SHARE * way_px
         elif near[i, 3] >= 3:
             f.x, f.y, f.yaw = near[i, 0], near[i, 1], near[i, 2] + b.yaw_offset
@@ -266,9 +267,8 @@ def _predict(blocks, found, near, rest, ahead_s, px_per_m):
 
 def _start_wide(blocks: np.ndarray, found: np.ndarray, which: np.ndarray, ahead_s: float) -> None:
     """Start blocks that were not found where they are predicted once more, with a wide prior."""
-    ahead = ahead_s if 0.0 < ahead_s < model.MAX_AHEAD_S else 0.0
     for name, rate in (('x', 'vx'), ('y', 'vy'), ('yaw', 'spin')):
-        found[name][which] = blocks[name][which] + blocks[rate][which] * ahead
+        found[name][which] = blocks[name][which] + blocks[rate][which] * ahead_s
     found['start_px'][which] = model.LOST_PX
 
 
@@ -308,7 +308,7 @@ def _accept(blocks, found, near, which, fresh, usual_gain, first_nats, px_per_m,
 
 
 @njit(cache=True)
-def _take(blocks, found, near, good, ahead_s, px_per_m):
+def _take(blocks, found, near, good, passed_s):
     """Set places, velocities and what is in sight."""
     n = blocks.shape[0]
     for i in range(n):
@@ -320,19 +320,14 @@ def _take(blocks, found, near, good, ahead_s, px_per_m):
     for i in range(n):
         b, f = blocks[i], found[i]
         b.evidence = f.evidence
+        b.vx = b.vy = b.spin = 0.0
         if good[i]:
-            b.vx = b.vy = b.spin = 0.0
-            if b.seen and 0.0 < ahead_s < 0.5:
-                b.vx, b.vy, b.spin = (
-                    (f.x - b.x) / ahead_s,
-                    (f.y - b.y) / ahead_s,
-                    (f.yaw - b.yaw) / ahead_s,
-                )
+            if b.seen and 0.0 < passed_s < 0.5:
+                b.vx, b.vy = (f.x - b.x) / passed_s, (f.y - b.y) / passed_s
+                b.spin = (f.yaw - b.yaw) / passed_s
             b.x, b.y, b.yaw = f.x, f.y, f.yaw
             if near[i, 3] >= 3:
                 b.yaw_offset = f.yaw - near[i, 2]
-        else:
-            b.vx = b.vy = b.spin = 0.0
-            if near[i, 3] >= 3:
-                b.x, b.y, b.yaw = near[i, 0], near[i, 1], near[i, 2] + b.yaw_offset
+        elif near[i, 3] >= 3:
+            b.x, b.y, b.yaw = near[i, 0], near[i, 1], near[i, 2] + b.yaw_offset
         b.seen = good[i]

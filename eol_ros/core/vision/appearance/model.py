@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Constants of the appearance tracker: each with its unit and where it comes from.
 
-None was fitted on images of one renderer: they are sizes of the table, probabilities, or limits of
-the arithmetic. Lengths in px are of the image.
+Sizes and tolerances follow from the table, the image and the arithmetic. The shares, gains and nats
+under *Decisions* and *Motion* were chosen on some ten films of two renderers that were looked at.
+Lengths in px are of the image.
 """
 
 # The face of a block
@@ -36,7 +37,7 @@ STEP_PX, STEP_RAD = 6.0, 0.2  # the longest step of one iteration
 CLOSELY = 4  # images between two close looks at a block that looks as usual
 ALIKE, MISFIT = 0.97, 1.5  # visible less, or misfit more, is not as usual
 AGREE = 12.0  # variances; chi squared of one pixel exceeds it with probability 5e-4
-WIDEN = 3.0  # residuals may exceed their variance by so much, in the median, while a pose is sought
+WIDEN = 3.0  # residuals may exceed their variance by so much while a pose is sought
 WIDEN_JUDGED = 1.5  # and when it is judged
 MIN_VISIBLE = 0.5  # of a cover
 MIN_VISIBLE_YOUNG = 0.9
@@ -50,7 +51,7 @@ CLEAR_NATS = 28.0  # all four sides show
 MOSTLY = 0.7  # visible: then a lamp may hide the sides
 THREE_NATS = 23.0  # three sides show
 WEAKEST_NATS = -2.0  # the weakest side of a square whose face is not known
-FRESH_NATS = 30.0  # a square other than the face learned: three sides must show
+FRESH_NATS = 30.0  # a square other than the face learned: more than three sides must show
 NATS = -3.0, 20.0
 MAX_SIGMA_PX = 0.7
 GAINS = 0.45, 2.2  # of the gain expected
@@ -63,12 +64,12 @@ STRAY_M = 0.065  # of a block that is looked for: 0.4 pitch, so that no neighbou
 NEAR_SIDES = 0.7  # of a side between two middles: closer, both are one square
 NEIGHBOURHOOD = 1.3  # pitches: width of the weight of neighbours
 MAX_AHEAD_S = 0.1  # a velocity is not carried on for longer
-PREDICTED_PX, PREDICTED_SHARE = (
-    0.7,
-    0.3,
-)  # standard deviation of a prediction: fixed, and of the way
+# standard deviation of a prediction: fixed, and as a share of the way
+PREDICTED_PX, PREDICTED_SHARE = 0.7, 0.3
 LOST_PX = 6.0
-LEAST = 5  # blocks that say what is usual for all
+LEAST = (
+    5  # blocks: fewer do not say what is usual for all, and with fewer in sight the lattice is lost
+)
 SEEN_BLOCKS, LOST_IMAGES = 20, 6  # with fewer blocks for longer, the lattice is sought again
 SEEKS = 3  # blocks that are looked for in one image
 LEARN_PX = 4.0  # in one image: a cell of a face; faster blocks are not learned from
@@ -80,11 +81,8 @@ TURNS = 5  # angles of a square within its quarter turn
 NODE_STRAY_M = 0.035  # how far a block may lie from its node when nothing is known
 ANGLES = 30  # of the lattice, within its quarter turn
 CLIP = 8.0  # standard deviations; a square that stands out further cannot do so more
-INNER, RING, GAP = (
-    5,
-    5,
-    0.14,
-)  # samples along the axes inside, along a side of the ring; its distance
+# samples along the axes inside, along a side of the ring; its distance as a share of a side
+INNER, RING, GAP = 5, 5, 0.14
 REACH_M = 0.75  # of places from the middle of the table
 CENTRE_M = 0.26  # of the rim's middle from that of the table: RIM_REACH_M and a margin
 MIN_SUM = 0.35  # of the greatest response of all nodes

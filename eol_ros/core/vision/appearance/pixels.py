@@ -12,6 +12,7 @@ from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
 from eol_ros.core.vision.appearance.model import CELLS, EVERY, LANES, MOST_PX
 from eol_ros.core.vision.calibration.mapping import to_pixel
+from eol_ros.core.vision.detect.scan import span
 
 # Numbers of a pixel: block coordinates in px of the block's scale, grey level, brightness of the
 # face there and its slopes, variance of the grey level, of the brightness, pixels that it stands
@@ -25,7 +26,8 @@ ROWS = 21
 _STEP_M = 0.03  # for derivatives of the camera's map: two thirds of half a block
 
 
-def empty() -> np.ndarray:
+@njit(cache=True)
+def empty():
     """Return room for the pixels of one block."""
     return np.empty((MOST_PX // LANES, ROWS * LANES), np.float32)
 
@@ -60,20 +62,11 @@ def scale_of(m):
     return math.sqrt(abs(m[1] * m[8] - m[2] * m[7]))
 
 
-@njit(inline='always', error_model='numpy')
-def _span(at, slope, half, low, high):
-    """Narrow low, high to where |at + slope x| <= half."""
-    if abs(slope) < 1e-9:
-        return (low, high) if abs(at) <= half else (1.0, 0.0)
-    a, b = (-half - at) / slope, (half - at) / slope
-    return max(low, min(a, b)), min(high, max(a, b))
-
-
 @njit(inline='always')
 def _row_of(square, slope_a, slope_b, at_a, at_b, u0):
     """Return the columns between which a row lies within a square of half side `square`."""
-    low, high = _span(at_a, slope_a, square, -1e4, 1e4)
-    low, high = _span(at_b, slope_b, square, low, high)
+    low, high = span(at_a, slope_a, square, -1e4, 1e4)
+    low, high = span(at_b, slope_b, square, low, high)
     return u0 + low, u0 + high
 
 

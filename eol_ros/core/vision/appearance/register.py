@@ -48,7 +48,7 @@ def register(
     """
     d, z, prior = np.empty(12), np.zeros(fit.NUMBERS), np.zeros(fit.NUMBERS)
     sums, work = np.empty(fit.SUMS + fit.NUMBERS), np.empty((fit.NUMBERS, 11))
-    px = np.empty((m.MOST_PX // LANES, pixels.ROWS * LANES), np.float32)
+    px = pixels.empty()
     room = np.empty((10, m.MOST_PX // LANES, LANES), np.float32)
     bins = np.empty((4, m.PARTS, 2))
     few, side_room, sides = np.empty(m.MOST_PX, np.float32), np.empty((4, 11)), np.empty(4)

@@ -4,6 +4,7 @@
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.vision.appearance import model
 from eol_ros.core.vision.appearance.follow import Follower
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
@@ -13,8 +14,6 @@ from eol_ros.core.vision.states import FAULT, LOST, SEARCHING, TRACKING
 from eol_ros.core.vision.tracker import M_STEP, PX_STEP, RAD_STEP, SIGMA_STEPS, Tracked
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
-
-LEAST = 5  # blocks in sight; with fewer the lattice is sought again
 
 
 class AppearanceTracker:
@@ -101,7 +100,7 @@ class AppearanceTracker:
         blocks = self.follower.update(stamp_s, image)
         if not self.follower.lattice:
             return self._answer(stamp_s, SEARCHING, 'no lattice of squares in sight')
-        if blocks['seen'].sum() < LEAST:
+        if blocks['seen'].sum() < model.LEAST:
             return self._answer(stamp_s, LOST, 'blocks out of sight')
         return self._answer(stamp_s, TRACKING, '')
 

@@ -84,7 +84,7 @@ def bright_level(grid, share):
 
 
 @njit(inline='always')
-def _span(at, slope, half, low, high):
+def span(at, slope, half, low, high):
     """Narrow `low`, `high` to where |at + slope x| <= half."""
     if abs(slope) < 1e-9:
         return (low, high) if abs(at) <= half else (1.0, 0.0)
@@ -95,8 +95,8 @@ def _span(at, slope, half, low, high):
 @njit(inline='always')
 def _columns(y, c, sn, half, reach, u, cols):
     """Return the samples (begin, end) of a row `y` below the centre that lie in a square."""
-    low, high = _span(-y * sn, c, half, -reach, reach)
-    low, high = _span(-y * c, -sn, half, low, high)
+    low, high = span(-y * sn, c, half, -reach, reach)
+    low, high = span(-y * c, -sn, half, low, high)
     if low > high:
         return 0, 0
     return max(int(math.ceil(u + low)), 0), min(int(math.floor(u + high)) + 1, cols)
