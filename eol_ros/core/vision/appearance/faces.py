@@ -37,10 +37,11 @@ class Faces:
         for sums in (self._sum, self._squares, self._count, self.looks):
             sums[block] = 0
 
-    def learn(self, block: int, noise: float, whole: bool) -> None:
+    def learn(self, block: int, noise: float, whole: bool) -> bool:
         """Take a look: the last image's brightness, with the variance `noise` of a pixel.
 
-        whole: no cell is covered by something else, however it differs from before.
+        whole: no cell is covered by something else, however it differs from before. Returns whether
+        the face was drawn again.
         """
         self.looks[block] += 1
         looks = round(self.looks[block])
@@ -58,11 +59,13 @@ class Faces:
             noise,
             rate,
         )
-        if looks == YOUNG or (not young and (looks in model.REDRAWN or looks % 8 == 0)):
+        drawn = looks == YOUNG or (not young and (looks in model.REDRAWN or looks % 8 == 0))
+        if drawn:
             _draw(self.light[block], self.spread[block], *sums, looks == YOUNG)
             if looks >= model.MAX_LOOKS:
                 for kept in (self._sum, self._squares, self._count, self.looks):
                     kept[block] *= 0.75
+        return drawn
 
 
 @njit(cache=True)

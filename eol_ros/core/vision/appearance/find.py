@@ -33,7 +33,7 @@ QUARTER = math.pi / 2
 
 @njit(cache=True)
 def noise_by_level(image, out):
-    """Fill out (32,) with the variance of noise at each 8 grey levels; return that of most pixels.
+    """Fill out (2,): variance of a dark pixel and its growth by grey level; return that of most.
 
     It grows with light along a line, as shot noise does. From second differences along rows, whose
     median hardly sees edges; levels that only edges have say too much: the least slope counts.
@@ -64,8 +64,7 @@ def noise_by_level(image, out):
             slope = min(slope, max(found[k] - dark, 0.0) / (k - at))
     if slope == np.inf:
         slope = 0.0
-    for k in range(32):
-        out[k] = max(dark + slope * (k - at), 1.0 / 12)
+    out[0], out[1] = dark - slope * (at + 0.5), slope / 8  # levels come by eights
     return dark
 
 

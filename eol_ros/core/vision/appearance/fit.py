@@ -21,7 +21,7 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
-from eol_ros.core.vision.appearance.model import AGREE, FULL, LANES, PARTS, TUKEY
+from eol_ros.core.vision.appearance.model import AGREE, FULL, LANES, LEAST_VARIANCE, TUKEY
 from eol_ros.core.vision.appearance.pixels import (
     AREA,
     BY_A,
@@ -36,7 +36,7 @@ from eol_ros.core.vision.appearance.pixels import (
     LIGHT,
     LIGHT_A,
     LIGHT_B,
-    NOISE,
+    PART,
     RESIDUAL,
     SPREAD,
     TRUST,
@@ -44,6 +44,7 @@ from eol_ros.core.vision.appearance.pixels import (
     A,
     B,
     Q,
+    side_of,
 )  # fmt: skip
 
 NUMBERS = 7  # of a fit: a, b in px and turn in rad from where pixels were gathered, g, o, oa, ob
@@ -80,24 +81,23 @@ def _floats(fit):
 
 
 @njit(inline='always')
-def _side(a, b):
-    """Return the side (0 to 3) nearest to a point, and the point across and along that side."""
-    if abs(a) > abs(b):
-        return 0 if a > 0 else 2, abs(a), b
-    return 1 if b > 0 else 3, abs(b), a
+def _noise(noise):
+    """Return the variance of a dark pixel, its growth by grey level, and the least."""
+    return np.float32(noise[0]), np.float32(noise[1]), np.float32(LEAST_VARIANCE)
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def residuals(px, count, half, blur, fit, sigma2_px):
-    """Set Q and EDGE of px.
+def residuals(px, count, every, half, blur, noise, fit, sigma2_px):
+    """Set Q and EDGE of px, in every `every`-th group.
 
-    half, blur: half a side and the standard deviation of its edge, px. sigma2_px: variance of the
-    pose.
+    half, blur: half a side and the standard deviation of its edge, px. noise (2,): variance of a
+    dark pixel, and by how much it grows with a grey level. sigma2_px: variance of the pose.
     """
     pa, pb, cs, sn, g, o, oa, ob = _floats(fit)
     g2, e2, h, zero = g * g, np.float32(sigma2_px), np.float32(half), np.float32(0.0)
     per_blur, per, full = np.float32(1.0 / blur), np.float32(1.0 / half), np.float32(FULL)
-    for group in range((count + LANES - 1) // LANES):
+    n0, n1, least = _noise(noise)
+    for group in range(0, (count + LANES - 1) // LANES, every):
         for i in range(LANES):
             a0, b0, grey = px[group, A + i], px[group, B + i], px[group, GREY + i]
             x, y = a0 - pa, b0 - pb
@@ -110,20 +110,22 @@ def residuals(px, count, half, blur, fit, sigma2_px):
             ta, tb = light * sa * eb, light * ea * sb
             r = grey - g * light * e - o - (oa * a + ob * b) * per
             r = max(r, zero) if grey > full else r
-            s2 = px[group, NOISE + i] + g2 * (px[group, SPREAD + i] * e + e2 * (ta * ta + tb * tb))
+            s2 = max(n0 + n1 * grey, least)
+            s2 += g2 * (px[group, SPREAD + i] * e + e2 * (ta * ta + tb * tb))
             px[group, Q + i] = r * r / s2
             px[group, EDGE + i] = e
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _derivatives(px, count, half, blur, fit, sigma2_px, widen):
-    """Set the derivatives of each pixel, its residual and Tukey's weight over the variance."""
+def _derivatives(px, count, every, half, blur, noise, fit, sigma2_px, widen):
+    """Set derivatives, residual and Tukey's weight over the variance, and what residuals sets."""
     zero, one = np.float32(0.0), np.float32(1.0)
     pa, pb, cs, sn, g, o, oa, ob = _floats(fit)
     g2, e2, wd, h = g * g, np.float32(sigma2_px), np.float32(widen), np.float32(half)
     per_blur, per = np.float32(1.0 / blur), np.float32(1.0 / half)
     cut, full = np.float32(1.0 / TUKEY), np.float32(FULL)
-    for group in range((count + LANES - 1) // LANES):
+    n0, n1, least = _noise(noise)
+    for group in range(0, (count + LANES - 1) // LANES, every):
         for i in range(LANES):
             a0, b0, grey = px[group, A + i], px[group, B + i], px[group, GREY + i]
             x, y = a0 - pa, b0 - pb
@@ -136,8 +138,11 @@ def _derivatives(px, count, half, blur, fit, sigma2_px, widen):
             ta, tb = light * sa * eb + la * e, light * ea * sb + lb * e
             ja, jb = a * per, b * per
             r = grey - g * light * e - o - oa * ja - ob * jb
-            s2 = px[group, NOISE + i] + g2 * (px[group, SPREAD + i] * e + e2 * (ta * ta + tb * tb))
-            s2 = one / (s2 * wd)
+            s2 = max(n0 + n1 * grey, least)
+            s2 = one / (s2 + g2 * (px[group, SPREAD + i] * e + e2 * (ta * ta + tb * tb)))
+            over = max(r, zero) if grey > full else r
+            px[group, Q + i], px[group, EDGE + i] = over * over * s2, e
+            s2 /= wd
             z = max(one - r * r * s2 * cut, zero)
             px[group, BY_A + i], px[group, BY_B + i] = -g * ta, -g * tb
             px[group, BY_TURN + i], px[group, BY_GAIN + i] = g * (ta * b - tb * a), light * e
@@ -147,10 +152,10 @@ def _derivatives(px, count, half, blur, fit, sigma2_px, widen):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _row(px, at, groups, out):
+def _row(px, at, groups, every, out):
     for group in range(groups):
         for i in range(LANES):
-            out[group, i] = px[group, at + i]
+            out[group, i] = px[group * every, at + i]
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
@@ -160,31 +165,41 @@ def _times(x, y, n, out):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _dot(x, y, n):
-    total = np.float32(0.0)
+def _dots(x, a, b, c, d, n):
+    """Return the products of x with four vectors."""
+    p = q = r = s = np.float32(0.0)
     for i in range(n):
-        total += x[i] * y[i]
-    return total
+        p += x[i] * a[i]
+        q += x[i] * b[i]
+        r += x[i] * c[i]
+        s += x[i] * d[i]
+    return p, q, r, s
 
 
 @njit(cache=True, inner=True)
-def normal_equations(px, count, half, blur, fit, sigma2_px, widen, scratch, sums):
+def normal_equations(px, count, every, half, blur, noise, fit, sigma2_px, widen, rows, sums):
     """Fill sums (35,): the upper triangle of the normal matrix row by row, then the right side.
 
-    scratch (10, groups, LANES). widen: by which all variances are multiplied.
+    Of every `every`-th group. rows (10, n): scratch, n at least count and a group more. widen: by
+    which all variances are multiplied.
     """
-    _derivatives(px, count, half, blur, fit, sigma2_px, widen)
-    groups = (count + LANES - 1) // LANES
-    n = groups * LANES
+    _derivatives(px, count, every, half, blur, noise, fit, sigma2_px, widen)
+    groups = ((count + LANES - 1) // LANES + every - 1) // every
+    n, k = groups * LANES, 0
     for r in range(NUMBERS + 2):
-        _row(px, BY_A + r * LANES, groups, scratch[r])
-    weighted, k = scratch[NUMBERS + 2].reshape(-1), 0
+        _row(px, BY_A + r * LANES, groups, every, rows[r].reshape(-1, LANES))
     for i in range(NUMBERS):
-        _times(scratch[NUMBERS + 1].reshape(-1), scratch[i].reshape(-1), n, weighted)
-        for j in range(i, NUMBERS):
-            sums[k] = _dot(weighted, scratch[j].reshape(-1), n)
-            k += 1
-        sums[SUMS + i] = _dot(weighted, scratch[NUMBERS].reshape(-1), n)
+        _times(rows[NUMBERS + 1], rows[i], n, rows[NUMBERS + 2])
+        for j in range(i, NUMBERS + 1, 4):
+            last = NUMBERS  # the residual
+            at = min(j + 1, last), min(j + 2, last), min(j + 3, last)
+            products = _dots(rows[NUMBERS + 2], rows[j], rows[at[0]], rows[at[1]], rows[at[2]], n)
+            for t in range(4):
+                if j + t < NUMBERS:
+                    sums[k] = products[t]
+                    k += 1
+                elif j + t == NUMBERS:
+                    sums[SUMS + i] = products[t]
 
 
 @njit(cache=True)
@@ -219,12 +234,13 @@ def solve(sums, prior, m):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def widening(px, count, half, blur, fit, reach):
+def widening(px, count, half, blur, noise, fit, reach):
     """Return sums (top, weight): their quotient is by how many px edges are wider than blur."""
     pa, pb, cs, sn, g, o, oa, ob = _floats(fit)
     zero = np.float32(0.0)
     h, per_blur, per = np.float32(half), np.float32(1.0 / blur), np.float32(1.0 / half)
     full, far = np.float32(FULL), np.float32(reach)
+    n0, n1, least = _noise(noise)
     for group in range((count + LANES - 1) // LANES):
         for i in range(LANES):
             x, y, grey = px[group, A + i] - pa, px[group, B + i] - pb, px[group, GREY + i]
@@ -234,7 +250,7 @@ def widening(px, count, half, blur, fit, reach):
             light = g * px[group, LIGHT + i]
             r = grey - light * ea * eb - o - (oa * a + ob * b) * per
             j = light * per_blur * (abs(sa) * eb * (abs(a) - h) + ea * abs(sb) * (abs(b) - h))
-            s2 = px[group, NOISE + i]
+            s2 = max(n0 + n1 * grey, least)
             r = r if r * r < far * s2 else zero
             r = zero if grey > full else r
             px[group, BY_A + i], px[group, BY_B + i] = j * r / s2, j * j / s2
@@ -272,15 +288,16 @@ def quantile(values, n, share):
 
 
 @njit(cache=True)
-def widen_of(px, count, most, scratch):
-    """Return by how much squared residuals exceed their variance, 1 to `most`.
+def widen_of(px, count, every, most, scratch):
+    """Return by how much squared residuals of every `every`-th group exceed their variance.
 
-    By the 30 % quantile: up to two thirds of a block may be covered.
+    1 to `most`, by the 30 % quantile: up to two thirds of a block may be covered.
     """
-    n = 0
-    for i in range(0, count, 11):
-        scratch[n] = px[i // LANES, i % LANES + Q]
-        n += 1
+    n, step = 0, max(12 // every, 1)
+    for group in range(0, count // LANES, every):
+        for i in range(group % step, LANES, step):
+            scratch[n] = px[group, Q + i]
+            n += 1
     return min(max(quantile(scratch, n, 0.3) / 0.148, 1.0), most)  # that of chi squared
 
 
@@ -290,7 +307,7 @@ def levels(px, count, half, blur, scratch):
     inner = outer = 0.0
     for part in range(2):
         n = 0
-        for i in range(part, count, 3):
+        for i in range(part, count, 7):
             k, z = i // LANES, i % LANES
             far = max(abs(px[k, z + A]), abs(px[k, z + B]))
             if (far < half - 2 * blur) if part else (far > half + 2 * blur):
@@ -304,52 +321,52 @@ def levels(px, count, half, blur, scratch):
 
 
 @njit(cache=True, error_model='numpy')
-def trust(px, count, half, near, widen, bins):
+def trust(px, count, widen, bins):
     """Trust the pixels at each part of a side by how many of those inside agree; see residuals.
 
     An arm as dark as the ground hides the inner half of an edge and leaves the outer half, which
-    would draw the side inwards. bins (4, PARTS, 2): scratch.
+    would draw the side inwards. bins (4 * PARTS, 2): scratch.
     """
     bins[:] = 0.0
-    for step in range(2):
-        for i in range(count):
-            k, z = i // LANES, i % LANES
-            side, far, t = _side(px[k, z + A], px[k, z + B])
-            if px[k, z + AREA] > 1.0 or far < half - near:
-                continue
-            part = min(max(int((t / half + 1.0) * (PARTS / 2)), 0), PARTS - 1)
-            if step:
-                if bins[side, part, 0] > 0.0:
-                    share = bins[side, part, 1] / bins[side, part, 0]
-                    px[k, z + TRUST] = share * share * share
-            elif px[k, z + EDGE] > 0.5:
-                bins[side, part, 0] += 1.0
-                if px[k, z + Q] < AGREE * widen:
-                    bins[side, part, 1] += 1.0
+    for i in range(count):
+        k, z = i // LANES, i % LANES
+        part = int(px[k, z + PART])
+        if part >= 0 and px[k, z + EDGE] > 0.5:
+            bins[part, 0] += 1.0
+            if px[k, z + Q] < AGREE * widen:
+                bins[part, 1] += 1.0
+    for part in range(bins.shape[0]):
+        share = bins[part, 1] / bins[part, 0] if bins[part, 0] > 0.0 else 1.0
+        bins[part, 0] = share * share * share
+    for i in range(count):
+        k, z = i // LANES, i % LANES
+        part = int(px[k, z + PART])
+        if part >= 0:
+            px[k, z + TRUST] = bins[part, 0]
 
 
 @njit(cache=True, error_model='numpy')
-def side_nats(px, count, half, blur, fit, near, widen, m, out):
+def side_nats(px, count, half, blur, noise, fit, near, widen, m, out):
     """Fill out (4,): log likelihood ratio that light falls at each side as E does, not steadily.
 
     Across a side light is fitted by a level, a slope and E: the glow of a lamp is all slope.
-    m (4, 11): scratch.
+    m (4, 11): scratch. After residuals.
     """
     m[:] = 0.0
     cs, sn = cos(fit[2]), sin(fit[2])
-    h32, per_blur = np.float32(half), np.float32(1.0 / blur)
     for i in range(count):
         k, z = i // LANES, i % LANES
-        if px[k, z + AREA] > 1.0 or px[k, z + GREY] > FULL:
+        grey = px[k, z + GREY]
+        if px[k, z + AREA] > 1.0 or grey > FULL:
             continue
         x, y = px[k, z + A] - fit[0], px[k, z + B] - fit[1]
         a, b = cs * x + sn * y, cs * y - sn * x
-        side, far, t = _side(a, b)
+        side, far, t = side_of(a, b)
         d = far - half
         if abs(d) > near or abs(t) > half - near:
             continue
-        e, _ = edge(np.float32(half + d), h32, per_blur)
-        v = px[k, z + GREY] - fit[4] - (fit[5] * a + fit[6] * b) / half
+        e = px[k, z + EDGE]  # far from the corners that of this side
+        v = grey - fit[4] - (fit[5] * a + fit[6] * b) / half
         d /= blur
         row = m[side]
         row[0] += 1.0
@@ -362,9 +379,9 @@ def side_nats(px, count, half, blur, fit, near, widen, m, out):
         row[7] += v * d
         row[8] += v * e
         row[9] += fit[3] * px[k, z + LIGHT]
-        row[10] += px[k, z + NOISE]
+        row[10] += max(noise[0] + noise[1] * grey, LEAST_VARIANCE)
     for side in range(4):
-        n, sd, sdd, se, sed, see, sv, svd, sve, step, noise = m[side]
+        n, sd, sdd, se, sed, see, sv, svd, sve, step, noises = m[side]
         out[side] = 0.0
         if n < 30.0:
             continue
@@ -374,5 +391,5 @@ def side_nats(px, count, half, blur, fit, near, widen, m, out):
         see -= se * se / n + sed * sed / sdd
         sve -= sv * se / n + sed * svd / sdd
         step /= n
-        variance = noise / n * widen / see / step**2 + 0.02
+        variance = noises / n * widen / see / step**2 + 0.02
         out[side] = (sve / see / step - 0.5) / variance

@@ -13,7 +13,7 @@ import numpy as np
 from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
-from eol_ros.core.vision.appearance import find, model, neighbours
+from eol_ros.core.vision.appearance import find, model, neighbours, pixels
 from eol_ros.core.vision.appearance.faces import Faces
 from eol_ros.core.vision.appearance.model import YOUNG
 from eol_ros.core.vision.appearance.register import FOUND, register
@@ -55,8 +55,8 @@ class Follower:
         n = len(self.rest)
         self.blocks, self.found = np.zeros(n, BLOCK), np.zeros(n, FOUND)
         self.blocks['x'], self.blocks['y'] = self.rest.T
-        self.faces = Faces(n)
-        self.noise, self.quiet = np.ones(32, np.float32), 1.0
+        self.faces, self._patches = Faces(n), pixels.empty_patches(n)
+        self.noise, self.quiet = np.ones(2), 1.0
         self.blur_px, self._blur_looks = model.FIRST_BLUR_PX, 0
         self.exposure = 1.0
         self.last_s = -math.inf
@@ -72,7 +72,7 @@ class Follower:
     def update(self, stamp_s: float, image: np.ndarray) -> np.ndarray:
         """Take the next image (h, w) uint8, read-only; return blocks."""
         blocks, found = self.blocks, self.found
-        if self._images % model.CLOSELY == 0:
+        if self._images % model.NOISE_EVERY == 0:
             self.quiet = find.noise_by_level(image, self.noise)
         self._images += 1
         passed_s = stamp_s - self.last_s
@@ -109,6 +109,7 @@ class Follower:
         register(
             image, self.packed, BLOCK_SIDE_M / 2, self.blur_px, self.noise, faces.light,
             faces.spread, ~known, close, which, self.found, faces.own, faces.own_px,
+            *self._patches,
         )  # fmt: skip
 
     def _judge(self, which: np.ndarray, fresh: bool = False) -> np.ndarray:
@@ -151,6 +152,7 @@ class Follower:
 
     def _forget(self, block: int) -> None:
         self.faces.forget(block)
+        self._patches[0]['count'][block] = 0
         for name in ('known', 'gain', 'fresh'):
             self.blocks[name][block] = 0
 
@@ -222,8 +224,9 @@ class Follower:
         slow = moved_px < model.LEARN_PX
         for block in np.flatnonzero(whole & slow):
             gain = found['gain'][block]
-            noise = self.noise[int(min(gain, 248)) >> 3] / gain**2
-            faces.learn(int(block), noise, bool(clear[block]))
+            noise = max(self.noise[0] + self.noise[1] * min(gain, 255.0), model.LEAST_VARIANCE)
+            if faces.learn(int(block), noise / gain**2, bool(clear[block])):
+                self._patches[0]['count'][block] = 0
             rate = 1 / min(faces.looks[block], 60)
             blocks['gain'][block] += rate * (gain / self.exposure - blocks['gain'][block])
             blocks['known'][block] = faces.looks[block] >= YOUNG

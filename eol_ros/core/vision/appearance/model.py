@@ -23,18 +23,22 @@ EVERY = 3  # row and column of the pixels that are read where light does not cha
 DENSE = 2.6  # standard deviations of an edge, 99 % of its slope: within them every pixel is read
 MARGIN_PX = 0.5  # beyond that, for the rounding of a pose
 OUTSIDE_PX = 3.0  # beyond that, for the ground around a block
+LEAST_VARIANCE = 1 / 12  # grey levels squared, of a pixel: that of rounding
 FULL = 250.0  # grey levels; from here a pixel may be saturated
 TUKEY = 20.0  # variances; 4.5 standard deviations: 95 % efficient for normal noise (Huber, 2009)
-SETTLED = 0.3  # of the standard deviation of a pose: a smaller step ends the iteration
+SETTLED = 1.0  # of the standard deviation of a pose: a smaller step ends the iteration
 MODEL_PX = 0.012  # what the edge function leaves of a real edge
+JUDGED_PX = 0.03  # a pose that was taken to be less sure is fitted once more
 PARTS = 12  # of a side, each trusted by itself: 3.8 px at 545 px/m
 ROUNDS = 9
+HOPELESS = 0.3  # of a cover that agrees after half of the rounds
 GAIN_SIGMA = 0.25  # of the gain expected: flash and battery within a frame
 PLANE_SIGMA = 0.05  # of the gain: slope of the ground's light over half a block
 STEP_PX, STEP_RAD = 6.0, 0.2  # the longest step of one iteration
 
 # Decisions
-CLOSELY = 4  # images between two close looks at a block that looks as usual
+NOISE_EVERY = 16  # images between two looks at the image's noise
+CLOSELY = 8  # images between two close looks at a block that looks as usual
 ALIKE, MISFIT = 0.97, 1.5  # visible less, or misfit more, is not as usual
 AGREE = 12.0  # variances; chi squared of one pixel exceeds it with probability 5e-4
 WIDEN = 3.0  # residuals may exceed their variance by so much while a pose is sought

@@ -2,6 +2,7 @@
 """The pixels of one block, in block coordinates, for loops that take LANES of them at a time.
 
 `px` is (groups, ROWS * LANES): a row of it holds LANES pixels, each number of them side by side.
+What does not change while a block rests, its *patch*, is kept from image to image.
 """
 
 import math
@@ -10,26 +11,45 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
-from eol_ros.core.vision.appearance.model import CELLS, EVERY, LANES, MOST_PX
+from eol_ros.core.vision.appearance.model import CELLS, EVERY, LANES, MOST_PX, PARTS
 from eol_ros.core.vision.calibration.mapping import to_pixel
 from eol_ros.core.vision.detect.scan import span
 
-# Numbers of a pixel: block coordinates in px of the block's scale, grey level, brightness of the
-# face there and its slopes, variance of the grey level, of the brightness, pixels that it stands
-# for, trust in it; then what a fit makes of it: squared residual in variances, edge function,
-# derivatives by pose (3), gain, ground (3), residual, weight.
+# Numbers of a pixel. Of a patch: block coordinates in px of the block's scale, pixels that it
+# stands for, brightness of the face there and its slopes, variance of the brightness, part of a
+# side (side * PARTS + part, or -1). Of an image: grey level, trust in it. Of a fit: squared
+# residual in variances, edge function, derivatives by pose (3), gain, ground (3), residual, weight.
 (
-    A, B, GREY, LIGHT, LIGHT_A, LIGHT_B, NOISE, SPREAD, AREA, TRUST, Q, EDGE,
-    BY_A, BY_B, BY_TURN, BY_GAIN, BY_O, BY_OA, BY_OB, RESIDUAL, WEIGHT,
+    A, B, AREA, LIGHT, LIGHT_A, LIGHT_B, SPREAD, PART,
+    GREY, TRUST, Q, EDGE, BY_A, BY_B, BY_TURN, BY_GAIN, BY_O, BY_OA, BY_OB, RESIDUAL, WEIGHT,
 ) = range(0, 21 * LANES, LANES)  # fmt: skip
-ROWS = 21
+ROWS, KEPT_ROWS = 21, 8
 _STEP_M = 0.03  # for derivatives of the camera's map: two thirds of half a block
+
+PATCH = np.dtype(
+    [
+        ('x', 'f8'), ('y', 'f8'), ('yaw', 'f8'), ('scale', 'f8'),  # where it was made; px per m
+        ('near_px', 'f8'),  # how far from the sides every pixel is in it
+        ('count', 'i8'),  # of pixels; 0: none is kept
+    ]
+)  # fmt: skip
+"""One block's patch; its numbers are kept beside it."""
 
 
 @njit(cache=True)
 def empty():
     """Return room for the pixels of one block."""
     return np.empty((MOST_PX // LANES, ROWS * LANES), np.float32)
+
+
+def empty_patches(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return room for the patches of n blocks: PATCH, numbers, and places in the image."""
+    groups = MOST_PX // LANES
+    return (
+        np.zeros(n, PATCH),
+        np.empty((n, groups, KEPT_ROWS * LANES), np.float32),
+        np.empty((n, MOST_PX), np.int32),
+    )
 
 
 @njit(cache=True)
@@ -71,13 +91,12 @@ def _row_of(square, slope_a, slope_b, at_a, at_b, u0):
 
 
 @njit(cache=True, error_model='numpy')
-def _pick(image, m, half_m, near_px, out_px, px):
-    """Put pixels of a block into px: u, v from its middle, grey level, area; return their count.
+def _pick(rows, cols, m, half_m, near_px, out_px, px, at):
+    """Put pixels of a block into px: u, v from its middle, and area; return their count.
 
     All within near_px of its sides; beyond that, as far as out_px, and inside every EVERY-th row
-    and column.
+    and column. at: their places in an image of rows x cols.
     """
-    rows, cols = image.shape
     det = m[1] * m[8] - m[2] * m[7]
     scale = scale_of(m)
     ia, ib, ja, jb = (
@@ -115,14 +134,15 @@ def _pick(image, m, half_m, near_px, out_px, px):
                     continue
                 area = float(EVERY * EVERY)
             k, z = count // LANES, count % LANES
-            px[k, z + A], px[k, z + B] = u - m[0], dv
-            px[k, z + GREY], px[k, z + AREA] = image[v, u], area
+            px[k, z + A], px[k, z + B], px[k, z + AREA] = u - m[0], dv, area
+            at[count] = v * cols + u
             count += 1
             u += 1
-    for i in range(count, (count + LANES - 1) // LANES * LANES):
+    for i in range(count, (count + LANES - 1) // LANES * LANES):  # far outside, see read
         k, z = i // LANES, i % LANES
         for r in range(ROWS):
             px[k, z + r * LANES] = 0.0
+        at[i] = -1
     return count
 
 
@@ -145,33 +165,70 @@ def _place(m, px, groups):
 
 
 @njit(cache=True, error_model='numpy')
-def shade(px, count, half, noise, light, spread):
-    """Set what the face (CELLS, CELLS) and the noise of the image (32,) say of each pixel."""
-    per_cell, one = np.float32(CELLS / (2 * half)), np.float32(1.0)
-    mid, low, high = np.float32(CELLS / 2 - 0.5), np.float32(-0.5), np.float32(CELLS - 0.5)
+def shade(px, count, half, near_px, light, spread):
+    """Set what the face (CELLS, CELLS) says of each pixel, and the part of a side it lies at."""
+    f = np.float32
+    per_cell, one = f(CELLS / (2 * half)), f(1.0)
+    mid, low, high = f(CELLS / 2 - 0.5), f(-0.5), f(CELLS - 0.5)
+    per_part, within, least = f(PARTS / (2 * half)), f(half - near_px), f(0.05)
+    cells = np.empty(((CELLS - 1) * (CELLS - 1), 5), np.float32)  # bilinear in each: one load
+    for j in range(CELLS - 1):
+        for i in range(CELLS - 1):
+            c = cells[j * (CELLS - 1) + i]
+            c[0], c[1] = light[j, i], light[j, i + 1] - light[j, i]
+            c[2] = light[j + 1, i] - light[j, i]
+            c[3] = light[j + 1, i + 1] - light[j + 1, i] - c[1]
+            c[4] = spread[j, i]
     for n in range(count):
         k, z = n // LANES, n % LANES
-        p = min(max(px[k, z + A] * per_cell + mid, low), high)
-        q = min(max(px[k, z + B] * per_cell + mid, low), high)
+        a, b = px[k, z + A], px[k, z + B]
+        p = min(max(a * per_cell + mid, low), high)
+        q = min(max(b * per_cell + mid, low), high)
         i, j = min(max(int(p), 0), CELLS - 2), min(max(int(q), 0), CELLS - 2)
-        fp, fq = p - np.float32(i), q - np.float32(j)
-        l00, l01 = light[j, i], light[j, i + 1]
-        l10, l11 = light[j + 1, i], light[j + 1, i + 1]
-        top, bottom = l00 + fp * (l01 - l00), l10 + fp * (l11 - l10)
-        px[k, z + LIGHT] = max(top + fq * (bottom - top), np.float32(0.05))
-        px[k, z + LIGHT_A] = ((l01 - l00) * (one - fq) + (l11 - l10) * fq) * per_cell
-        px[k, z + LIGHT_B] = (bottom - top) * per_cell
-        px[k, z + NOISE] = noise[int(px[k, z + GREY]) >> 3]
-        px[k, z + SPREAD] = spread[j, i]
-        px[k, z + TRUST] = one
-    for n in range(count, (count + LANES - 1) // LANES * LANES):
-        px[n // LANES, n % LANES + NOISE] = 1e12
+        fp, fq = p - f(i), q - f(j)
+        c = cells[j * (CELLS - 1) + i]
+        by_p, by_q = c[1] + fq * c[3], c[2] + fp * c[3]
+        px[k, z + LIGHT] = max(c[0] + fp * c[1] + fq * by_q, least)
+        px[k, z + LIGHT_A], px[k, z + LIGHT_B] = by_p * per_cell, by_q * per_cell
+        px[k, z + SPREAD] = c[4]
+        side, far, t = side_of(a, b)
+        part = -1
+        if px[k, z + AREA] == one and far >= within:
+            part = side * PARTS + min(max(int((t + half) * per_part), 0), PARTS - 1)
+        px[k, z + PART] = part
+
+
+@njit(inline='always')
+def side_of(a, b):
+    """Return the side (0 to 3) nearest to a point, and the point across and along that side."""
+    if abs(a) > abs(b):
+        return 0 if a > 0 else 2, abs(a), b
+    return 1 if b > 0 else 3, abs(b), a
 
 
 @njit(cache=True, inner=True)
-def gather(image, m, half_m, near_px, out_px, noise, light, spread, px):
-    """Fill px with the pixels of a block with derivatives m (12,); return their count."""
-    count = _pick(image, m, half_m, near_px, out_px, px)
+def gather(rows, cols, m, half_m, near_px, out_px, light, spread, px, at):
+    """Fill the patch of px for a block with derivatives m (12,); return the count of pixels."""
+    count = _pick(rows, cols, m, half_m, near_px, out_px, px, at)
     _place(m, px, (count + LANES - 1) // LANES)
-    shade(px, count, half_m * scale_of(m), noise, light, spread)
+    shade(px, count, half_m * scale_of(m), near_px, light, spread)
     return count
+
+
+@njit(cache=True, inner=True)
+def copy(source, count, to):
+    """Copy a patch."""
+    for group in range((count + LANES - 1) // LANES):
+        for i in range(KEPT_ROWS * LANES):
+            to[group, i] = source[group, i]
+
+
+@njit(cache=True, inner=True)
+def read(image, at, count, px):
+    """Read the grey levels of a patch from an image (h, w)."""
+    flat, f, zero, one = image.reshape(-1), np.float32, np.float32(0.0), np.float32(1.0)
+    for group in range((count + LANES - 1) // LANES):
+        for i in range(LANES):
+            where = at[group * LANES + i]
+            px[group, GREY + i] = f(flat[max(where, 0)])
+            px[group, TRUST + i] = zero if where < 0 else one  # to fill the last group

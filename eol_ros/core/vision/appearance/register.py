@@ -10,7 +10,7 @@ from eol_ros.core.elementary_kernels import cos, sin
 from eol_ros.core.vision.appearance import faces, fit, pixels
 from eol_ros.core.vision.appearance import model as m
 from eol_ros.core.vision.appearance.model import LANES
-from eol_ros.core.vision.appearance.pixels import AREA, EDGE, GREY, NOISE, SPREAD, Q
+from eol_ros.core.vision.appearance.pixels import AREA, EDGE, GREY, SPREAD, Q
 
 FOUND = np.dtype(
     [
@@ -37,61 +37,69 @@ FOUND = np.dtype(
 
 @njit(cache=True)
 def register(
-    image, c, half_m, blur_px, noise, light, spread, fresh, close, which, found, own, own_px
-):
+    image, c, half_m, blur_px, noise, light, spread, fresh, close, which, found, own, own_px,
+    patches, kept, places,
+):  # fmt: skip
     """Fit the blocks `which` (k,) to an image, from the start that `found` (n,) holds.
 
-    c: Calibration.packed(). blur_px: standard deviation of an edge. noise (32,): variance by grey
-    level. light, spread (n, CELLS, CELLS): their faces. fresh (n,): whether to take the face from
-    this image. close (n,): whether to look closely, at sides and brightness; else these stay as
-    they were found last. own, own_px (n, CELLS, CELLS): brightness of each cover, and its pixels.
+    c: Calibration.packed(). blur_px: standard deviation of an edge. noise (2,): see fit.residuals.
+    light, spread (n, CELLS, CELLS): their faces. fresh (n,): whether to take the face from this
+    image. close (n,): whether to look closely, at sides and brightness; else these stay as they
+    were found last. own, own_px (n, CELLS, CELLS): brightness of each cover, and its pixels.
+    patches, kept, places: of pixels.empty_patches(n), from image to image.
     """
-    d, z, prior = np.empty(12), np.zeros(fit.NUMBERS), np.zeros(fit.NUMBERS)
+    z, prior = np.zeros(fit.NUMBERS), np.zeros(fit.NUMBERS)
     sums, work = np.empty(fit.SUMS + fit.NUMBERS), np.empty((fit.NUMBERS, 11))
     px = pixels.empty()
-    room = np.empty((10, m.MOST_PX // LANES, LANES), np.float32)
-    bins = np.empty((4, m.PARTS, 2))
+    rows = np.empty((10, m.MOST_PX + LANES), np.float32)
+    bins = np.empty((4 * m.PARTS, 2))
     few, side_room, sides = np.empty(m.MOST_PX, np.float32), np.empty((4, 11)), np.empty(4)
     for k in range(which.shape[0]):
         n = which[k]
-        f = found[n]
-        sigma_px, settled, widen, count = f.start_px, False, 1.0, 0
-        half = scale = near = 1.0
-        face = light[n]
+        f, patch, at = found[n], patches[n], places[n]
+        sigma_px, settled, judged, widen = f.start_px, False, False, 1.0
+        half, face = 1.0, light[n]
         doubtful = not fresh[n] and (f.visible < m.ALIKE or f.misfit > m.MISFIT)
-        x0, y0, yaw0 = f.x, f.y, f.yaw
-        z[:] = 0.0
         for it in range(m.ROUNDS):
-            moved = math.sqrt(z[0] * z[0] + z[1] * z[1]) + abs(z[2]) * half
             own_face = fresh[n] and (it == 2 or it == 4)
-            if it == 0 or moved > 1.0 or own_face:
-                x0, y0, yaw0 = f.x, f.y, f.yaw
-                pixels.taylor(c, x0, y0, yaw0, d)
-                scale = pixels.scale_of(d)
-                half = half_m * scale
-                near = m.DENSE * blur_px + m.MARGIN_PX + 0.5 * min(sigma_px, 5.0)
-                count = pixels.gather(
-                    image, d, half_m, near, near + m.OUTSIDE_PX, noise, face, spread[n], px
-                )
-                if count < 8 * LANES:
+            moved = math.sqrt(z[0] ** 2 + z[1] ** 2) + abs(z[2]) * half
+            if it == 0 or own_face or moved > max(0.5 * sigma_px, 1.0):
+                near = m.DENSE * blur_px + m.MARGIN_PX + 0.5 * min(max(sigma_px, 0.7), 5.0)
+                keep = not fresh[n] and it == 0 and _lies_in(patch, f, half_m, near)
+                if keep:
+                    pixels.copy(kept[n], patch.count, px)
+                else:
+                    _gather(image, c, half_m, near, face, spread[n], f, patch, px, at)
+                if patch.count < 8 * LANES:
+                    settled = False
                     break
-                z[0] = z[1] = z[2] = 0.0
+                pixels.read(image, at, patch.count, px)
+                half = half_m * patch.scale
+                _from_patch(patch, f, z)
                 if it == 0:
-                    inner, outer = fit.levels(px, count, half, blur_px, few)
+                    inner, outer = fit.levels(px, patch.count, half, blur_px, few)
                     z[3] = f.expected if f.expected > 0.0 else max(inner - outer, 2.0)
-                    z[4] = outer
+                    z[4], z[5], z[6] = outer, 0.0, 0.0
                 if own_face:
                     face = own[n]
-                    faces.brightness(px, count, half, blur_px, z, face, own_px[n])
+                    faces.brightness(px, patch.count, half, blur_px, z, face, own_px[n])
                     faces.fill(face, own_px[n], 1.0)
-                    pixels.shade(px, count, half, noise, face, spread[n])
+                    pixels.shade(px, patch.count, half, near, face, spread[n])
+                elif not keep:
+                    pixels.copy(px, patch.count, kept[n])
+            count = patch.count
             if it == 0:
-                fit.residuals(px, count, half, blur_px, z, sigma_px**2)
-                widen = fit.widen_of(px, count, m.WIDEN, few)
-            if doubtful and it >= 1 and sigma_px < 1.0:
-                fit.residuals(px, count, half, blur_px, z, sigma_px**2)
-                fit.trust(px, count, half, near, widen, bins)
-            fit.normal_equations(px, count, half, blur_px, z, sigma_px**2, widen, room, sums)
+                fit.residuals(px, count, 4, half, blur_px, noise, z, sigma_px**2)
+                widen = fit.widen_of(px, count, 4, m.WIDEN, few)
+            elif doubtful and sigma_px < 1.0:
+                fit.residuals(px, count, 1, half, blur_px, noise, z, sigma_px**2)
+                fit.trust(px, count, widen, bins)
+                if it > 3 and _judged(px, count, noise, z, widen)[0] < m.HOPELESS:
+                    break
+            every = 2 if it == 0 else 1
+            fit.normal_equations(
+                px, count, every, half, blur_px, noise, z, sigma_px**2, widen, rows, sums
+            )
             prior[0] = prior[1] = 1.0 / f.start_px**2
             prior[2] = (half / (1.5 * f.start_px)) ** 2
             prior[5] = prior[6] = 1.0 / (m.PLANE_SIGMA * z[3]) ** 2
@@ -100,59 +108,103 @@ def register(
                 prior[3] = 1.0 / (m.GAIN_SIGMA * f.expected) ** 2
                 sums[fit.SUMS + 3] += prior[3] * (f.expected - z[3])
             if not fit.solve(sums, prior, work):
+                settled = False
                 break
-            da, db, turn = work[0, 7], work[1, 7], work[2, 7]
-            step = math.sqrt(da * da + db * db)
-            if step > m.STEP_PX:
-                da, db, step = da * m.STEP_PX / step, db * m.STEP_PX / step, m.STEP_PX
-            turn = min(max(turn, -m.STEP_RAD), m.STEP_RAD)
-            cs, sn = cos(z[2]), sin(z[2])
-            z[0] += cs * da - sn * db
-            z[1] += sn * da + cs * db
-            z[2] += turn
-            z[3] = max(z[3] + work[3, 7], 1.0)
-            for i in range(4, 7):
-                z[i] += work[i, 7]
-            cs, sn = cos(yaw0), sin(yaw0)
-            f.x = x0 + (cs * z[0] - sn * z[1]) / scale
-            f.y = y0 + (sn * z[0] + cs * z[1]) / scale
-            f.yaw = yaw0 + z[2]
-            f.step_px = max(step, abs(turn) * half)
+            _step(work, half, patch, f, z)
             settled = True
-            enough = m.SETTLED * math.sqrt(max(work[0, 8], 0.0))
-            if sigma_px < 0.2 and f.step_px < enough and (not fresh[n] or it > 4):
+            sure_px = math.sqrt(max(work[0, 8], 0.0))
+            judged = sigma_px < max(m.JUDGED_PX, 2 * sure_px) and f.step_px < m.SETTLED * sure_px
+            if judged and (not fresh[n] or it > 4):
                 break
             sigma_px = min(0.4 * sigma_px, 0.5 * f.step_px + m.MODEL_PX)
+        count = patch.count
+        if fresh[n] or not settled:
+            patch.count = 0  # of a face that is not kept
         f.visible = f.ring = f.ratio = 0.0
-        if not settled or count < 8 * LANES:
+        if not settled:
             f.nats = f.wider_weight = 0.0
             continue
         f.gain, f.side_px = z[3], 2 * half
         for i in range(3):
             f.ground[i] = z[4 + i]
-        f.sigma_m = math.sqrt(max((work[0, 8] + work[1, 9]) / 2, 0.0)) / scale
+        f.sigma_m = math.sqrt(max((work[0, 8] + work[1, 9]) / 2, 0.0)) / patch.scale
         f.sigma_rad = math.sqrt(max(work[2, 10], 0.0))
-        fit.residuals(px, count, half, blur_px, z, m.MODEL_PX**2)
-        widen = fit.widen_of(px, count, m.WIDEN_JUDGED, few)
-        f.visible, f.ring, f.ratio, f.misfit = _judged(px, count, z, widen)
+        if not judged:
+            fit.residuals(px, count, 1, half, blur_px, noise, z, m.MODEL_PX**2)
+        widen = fit.widen_of(px, count, 1, m.WIDEN_JUDGED, few)
+        f.visible, f.ring, f.ratio, f.misfit = _judged(px, count, noise, z, widen)
         f.close = close[n] or f.visible < m.ALIKE or f.misfit > m.MISFIT
         if not f.close:
             continue
         near = min(3.5 * blur_px + 1.0, half / 2)
-        fit.side_nats(px, count, half, blur_px, z, near, widen, side_room, sides)
+        fit.side_nats(px, count, half, blur_px, noise, z, near, widen, side_room, sides)
         f.weakest, f.nats = sides.min(), 0.0
         for i in range(4):
             f.nats += min(max(sides[i], m.SIDE_NATS[0]), m.SIDE_NATS[1])
-        f.wider, f.wider_weight = fit.widening(px, count, half, blur_px, z, 2 * widen * m.AGREE)
+        f.wider, f.wider_weight = fit.widening(
+            px, count, half, blur_px, noise, z, 2 * widen * m.AGREE
+        )
         faces.brightness(px, count, half, blur_px, z, own[n], own_px[n])
 
 
 @njit(cache=True)
-def _judged(px, count, z, widen):
-    """Return visible, ring, ratio and misfit of FOUND, from every other pixel."""
+def _lies_in(patch, f, half_m, near):
+    """Return whether a block at the start of f can be fitted with the patch that is kept."""
+    if patch.count == 0 or not -0.1 < patch.near_px - near < 0.5:
+        return False
+    moved = math.sqrt((f.x - patch.x) ** 2 + (f.y - patch.y) ** 2) + abs(f.yaw - patch.yaw) * half_m
+    return moved * patch.scale < 1.0
+
+
+@njit(cache=True)
+def _gather(image, c, half_m, near, face, spread, f, patch, px, at):
+    """Make a patch for the block at f."""
+    d = np.empty(12)
+    pixels.taylor(c, f.x, f.y, f.yaw, d)
+    patch.x, patch.y, patch.yaw, patch.scale = f.x, f.y, f.yaw, pixels.scale_of(d)
+    patch.near_px = near
+    rows, cols = image.shape
+    patch.count = pixels.gather(
+        rows, cols, d, half_m, near, near + m.OUTSIDE_PX, face, spread, px, at
+    )
+
+
+@njit(cache=True)
+def _from_patch(patch, f, z):
+    """Set the pose of z from that of f."""
+    cs, sn = cos(patch.yaw), sin(patch.yaw)
+    dx, dy = (f.x - patch.x) * patch.scale, (f.y - patch.y) * patch.scale
+    z[0], z[1], z[2] = cs * dx + sn * dy, cs * dy - sn * dx, f.yaw - patch.yaw
+
+
+@njit(cache=True)
+def _step(work, half, patch, f, z):
+    """Take the step in column 7 of work; set the pose of f, and its step."""
+    da, db, turn = work[0, 7], work[1, 7], work[2, 7]
+    step = math.sqrt(da * da + db * db)
+    if step > m.STEP_PX:
+        da, db, step = da * m.STEP_PX / step, db * m.STEP_PX / step, m.STEP_PX
+    turn = min(max(turn, -m.STEP_RAD), m.STEP_RAD)
+    cs, sn = cos(z[2]), sin(z[2])
+    z[0] += cs * da - sn * db
+    z[1] += sn * da + cs * db
+    z[2] += turn
+    z[3] = max(z[3] + work[3, 7], 1.0)
+    for i in range(4, 7):
+        z[i] += work[i, 7]
+    cs, sn = cos(patch.yaw), sin(patch.yaw)
+    f.x = patch.x + (cs * z[0] - sn * z[1]) / patch.scale
+    f.y = patch.y + (sn * z[0] + cs * z[1]) / patch.scale
+    f.yaw = patch.yaw + z[2]
+    f.step_px = max(step, abs(turn) * half)
+
+
+@njit(cache=True)
+def _judged(px, count, noise, z, widen):
+    """Return visible, ring, ratio and misfit of FOUND, from every third pixel."""
     agree = area = ratio = chi = n = ring = ringed = 0.0
     gain2, ground = z[3] ** 2, z[4]
-    for i in range(0, count, 2):
+    for i in range(0, count, 3):
         k, lane = i // LANES, i % LANES
         q = min(px[k, lane + Q] / widen, m.AGREE)
         good = q < m.AGREE
@@ -164,8 +216,10 @@ def _judged(px, count, z, widen):
             area += part
             if good:
                 agree += part
-            s2 = widen * (px[k, lane + NOISE] + gain2 * px[k, lane + SPREAD])
-            ratio += part * (min((px[k, lane + GREY] - ground) ** 2 / s2, m.AGREE) - q) / 2
+            grey = px[k, lane + GREY]
+            s2 = max(noise[0] + noise[1] * grey, m.LEAST_VARIANCE)
+            s2 = widen * (s2 + gain2 * px[k, lane + SPREAD])
+            ratio += part * (min((grey - ground) ** 2 / s2, m.AGREE) - q) / 2
         elif part == 1.0:
             ring += 1.0
             if good:
