@@ -75,20 +75,30 @@ def test_pixels_lie_where_the_camera_puts_them(level):
     x, y, yaw = 0.31, -0.27, 0.4
     d, px = np.empty(12), pixels.empty()
     pixels.taylor(camera.packed(), x, y, yaw, d)
-    rows, cols, face = camera.image_height, camera.image_width, np.ones((12, 12), np.float32)
+    rows, cols, starts = camera.image_height, camera.image_width, np.zeros(6, np.int64)
     at = np.empty(px.size // pixels.ROWS, np.int32)
-    count = gather(rows, cols, d, HALF_M, 4.0, 8.0, face, face, px, at)
-    assert 1000 < count < 2500
-    scale = pixels.scale_of(d)
-    whole = px[: count // pixels.LANES]
-    a = whole[:, pixels.A : pixels.A + pixels.LANES].ravel() / scale
-    b = whole[:, pixels.B : pixels.B + pixels.LANES].ravel() / scale
+    gather(rows, cols, d, HALF_M, 4.0, 8.0, px, at, starts)
+    n = np.flatnonzero(at[: starts[5] * pixels.LANES] >= 0)
+    assert 1000 < len(n) < 2500
+    scale, half = pixels.scale_of(d), pixels.scale_of(d) * HALF_M
+    a, b, part, area = (
+        px[n // 8, n % 8 + row] for row in (pixels.A, pixels.B, pixels.PART, pixels.AREA)
+    )
+    for side, far in enumerate((a, b, -a, -b)):  # each list is of one side
+        mine = (n >= starts[side] * 8) & (n < starts[side + 1] * 8)
+        assert mine.sum() > 100
+        assert (np.abs(far[mine] - half) < 4.3).all()
+        np.testing.assert_array_equal(part[mine] // model.PARTS, side)
+    rest = n >= starts[4] * 8
+    assert (part[rest] == -1).all() and area[rest].max() == model.EVERY**2
+    assert (px[starts[4] - 1, pixels.AREA : pixels.AREA + 8] >= 0).all()
+    a, b = a / scale, b / scale
     c, s = math.cos(yaw), math.sin(yaw)
     there = camera.to_pixels(np.column_stack([x + c * a - s * b, y + s * a + c * b]))
     assert np.abs(there - np.rint(there)).max() < 0.02  # a pixel's centre, to the Taylor remainder
     u, v = np.rint(there).astype(int).T
-    np.testing.assert_array_equal(v * cols + u, at[: len(there)])
-    assert len(np.unique(at[:count])) == count  # each once
+    np.testing.assert_array_equal(v * cols + u, at[n])
+    assert len(np.unique(at[n])) == len(n)  # each once
 
 
 @njit
@@ -100,7 +110,7 @@ def test_grey_levels_are_read_where_the_patch_lies():
     rng, px = np.random.default_rng(2), pixels.empty()
     image, at = read_only(rng.integers(0, 256, (40, 60), dtype=np.uint8)), np.full(24, -1, np.int32)
     at[:21] = rng.permutation(2400)[:21]
-    read(image, at, 21, px)
+    read(image, at, 3, px)
     n = np.arange(24)
     np.testing.assert_array_equal(px[n // 8, n % 8 + pixels.GREY][:21], image.ravel()[at[:21]])
     np.testing.assert_array_equal(px[n // 8, n % 8 + pixels.TRUST], at >= 0)
@@ -126,7 +136,7 @@ def test_normal_equations_are_those_of_dense_algebra():
         np.empty((10, 208), np.float32),
         np.array([2.0, 0.03]),
     )
-    normal_equations(px, count, 1, half, BLUR_PX, noise, z, sigma2, widen, rows, sums)
+    normal_equations(px, 0, 26, 1, half, BLUR_PX, noise, z, sigma2, widen, rows, sums)
 
     def image_of(p):
         x, y = values[pixels.A] - p[0], values[pixels.B] - p[1]
@@ -172,13 +182,44 @@ def test_normal_equations_are_those_of_dense_algebra():
     size = np.sqrt(np.diag(matrix) * (weight * residual**2).sum())
     assert np.abs((sums[fit.SUMS :] - (jac * weight) @ residual) / size).max() < 2e-2
 
-    work = np.empty((7, 11))
-    assert fit.solve(sums, np.full(7, 1e-3), work)
+    work, equations = np.empty((7, 11)), np.empty((7, 8))
+    fit.symmetric(sums, equations)
+    assert fit.solve(equations, np.full(7, 1e-3), work)
     full = got + np.triu(got, 1).T
     full[np.diag_indices(7)] = full[np.diag_indices(7)] * (1 + 1e-9) + 1e-3
     np.testing.assert_allclose(work[:, 7], np.linalg.solve(full, sums[fit.SUMS :]), rtol=1e-8)
     np.testing.assert_allclose(work[:3, 8:11], np.linalg.inv(full)[:3, :3], rtol=1e-8)
-    assert not fit.solve(np.zeros_like(sums), np.zeros(7), work)
+    assert not fit.solve(np.zeros((7, 8)), np.zeros(7), work)
+
+
+def test_levels_of_sides_are_eliminated_as_dense_algebra_does():
+    rng, sigma = np.random.default_rng(5), 0.7
+    sides, own = [], rng.normal(0, 1, (4, 2))
+    for _ in range(4):
+        j = rng.normal(0, 1, (30, 7))
+        sides.append(np.column_stack([j.T @ j, j.T @ rng.normal(0, 1, 30)]))
+    # all numbers at once: 7 of the block, then gain (column 3) and ground (4) of each side
+    full, right = np.zeros((15, 15)), np.zeros(15)
+    for k, m in enumerate(sides):
+        at = np.r_[np.arange(7), 7 + 2 * k, 8 + 2 * k]
+        of = np.r_[np.arange(7), 3, 4]
+        full[np.ix_(at, at)] += m[np.ix_(of, of)]
+        right[at] += m[of, 7]
+        full[7 + 2 * k, 7 + 2 * k] += 1 / sigma**2
+        full[8 + 2 * k, 8 + 2 * k] += 1 / sigma**2
+        right[7 + 2 * k : 9 + 2 * k] -= own[k] / sigma**2
+    step = np.linalg.solve(full, right)
+    equations, kept, work = np.zeros((7, 8)), np.zeros((4, 2, 8)), np.empty((7, 11))
+    for k, m in enumerate(sides):
+        fit.eliminate(m, own[k], sigma, kept[k])
+        equations += m
+    assert fit.solve(equations, np.zeros(7), work)
+    np.testing.assert_allclose(work[:, 7], step[:7], rtol=1e-6)
+    np.testing.assert_allclose(work[:3, 8:11], np.linalg.inv(full)[:3, :3], rtol=1e-6)
+    after = own.copy()
+    for k in range(4):
+        fit.restore(kept[k], work[:, 7], 100.0, after[k])
+    np.testing.assert_allclose((after - own).ravel(), step[7:], rtol=1e-6)
 
 
 def registered(noise, images=12, start_px=0.7):
@@ -187,7 +228,7 @@ def registered(noise, images=12, start_px=0.7):
     camera, rng = renderer.calibration, np.random.default_rng(3)
     follower, errors, sigmas = Follower(camera), [], []
     found, faces = follower.found, follower.faces
-    faces.spread[:] = 1e-5
+    faces.spread[:], found['own'] = 1e-5, 1e-6
     for k in range(images):
         xy = REST + rng.normal(0, 0.004, (25, 2))
         yaw = rng.uniform(-0.8, 0.8, 25)
@@ -370,25 +411,20 @@ def test_twice_the_same_bits():
 
 
 def test_the_outer_half_of_a_hidden_edge_is_not_trusted():
-    px, half, count = pixels.empty(), 23.0, 0
-    for a in np.arange(-30.5, 31):
-        for b in np.arange(-30.5, 31):
-            if max(abs(a), abs(b)) > 18:
-                k, z = divmod(count, pixels.LANES)
-                e = float(max(abs(a), abs(b)) < half)
-                covered = a > 0 and abs(b) < 18 and e > 0.5  # the inner half of the right side
-                values = {pixels.A: a, pixels.B: b, pixels.AREA: 1.0, pixels.TRUST: 1.0}
-                values |= {pixels.EDGE: e, pixels.Q: 100.0 if covered else 1.0}
-                for at, value in values.items():
-                    px[k, z + at] = value
-                count += 1
-    light = np.ones((model.CELLS, model.CELLS), np.float32)
-    pixels.shade(px, count, half, 5.0, light, light)
-    fit.trust(px, count, 1.0, np.empty((4 * model.PARTS, 2)))
-    n = np.arange(count)
-    a, b, found = (px[n // 8, n % 8 + at] for at in (pixels.A, pixels.B, pixels.TRUST))
-    right, left = (a > 23) & (abs(b) < 14), (a < -23) & (abs(b) < 14)
-    assert right.sum() == left.sum() > 100
+    d, px, half = np.array([64.0, 1000, 0, 0, 0, 0, 64.0, 0, 1000, 0, 0, 0]), pixels.empty(), 23.0
+    at, starts = np.empty(px.size // pixels.ROWS, np.int32), np.zeros(6, np.int64)
+    gather(128, 128, d, half / 1000, 5.0, 8.0, px, at, starts)
+    n = np.flatnonzero(at[: starts[4] * 8] >= 0)
+    a, b = (px[n // 8, n % 8 + row] for row in (pixels.A, pixels.B))
+    e = np.maximum(np.abs(a), np.abs(b)) < half
+    hidden = (a > 0) & (np.abs(b) < 18) & e  # the inner half of the right side
+    px[n // 8, n % 8 + pixels.EDGE] = e
+    px[n // 8, n % 8 + pixels.Q] = np.where(hidden, 100.0, 1.0)
+    px[n // 8, n % 8 + pixels.TRUST] = 1.0
+    fit.trust(px, starts[4], 1.0, np.empty((4 * model.PARTS, 2)))
+    found = px[n // 8, n % 8 + pixels.TRUST]
+    right, left = (a > 23) & (np.abs(b) < 14), (a < -23) & (np.abs(b) < 14)
+    assert right.sum() > 100 and left.sum() > 100
     assert (found[right] == 0).all()
     assert (found[left] == 1).all()
 
@@ -405,11 +441,11 @@ def test_blocks_of_15_to_118_px_are_tracked(size, px_per_m):
 
 def test_a_block_larger_than_its_room_overflows_nothing():
     camera = Calibration.ideal(1280, 800, 3000.0)  # a block of 252 px
-    d, px, face = np.empty(12), pixels.empty(), np.ones((12, 12), np.float32)
+    d, px, starts = np.empty(12), pixels.empty(), np.zeros(6, np.int64)
     at = np.empty(px.size // pixels.ROWS, np.int32)
     pixels.taylor(camera.packed(), 0.0, 0.0, 0.3, d)
-    count = gather(800, 1280, d, HALF_M, 60.0, 90.0, face, face, px, at)
-    assert 8000 < count <= px.shape[0] * pixels.LANES
+    gather(800, 1280, d, HALF_M, 60.0, 90.0, px, at, starts)
+    assert 8000 < starts[5] * pixels.LANES <= px.shape[0] * pixels.LANES
 
 
 @pytest.mark.parametrize('module', [find, fit, neighbours, pixels])

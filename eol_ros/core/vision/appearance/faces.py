@@ -11,7 +11,7 @@ from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
 from eol_ros.core.vision.appearance import model
 from eol_ros.core.vision.appearance.model import AGREE, CELLS, LANES, SPREAD_LOOKS, YOUNG
-from eol_ros.core.vision.appearance.pixels import GREY, A, B
+from eol_ros.core.vision.appearance.pixels import AREA, GREY, A, B
 
 _LEAST, _MOST = model.SPREAD
 
@@ -69,7 +69,7 @@ class Faces:
 
 
 @njit(cache=True)
-def brightness(px, count, half, blur, fit, light, counts):
+def brightness(px, groups, half, blur, fit, light, counts):
     """Set light (CELLS, CELLS) to the brightness of the cover that px shows, counts to its pixels.
 
     Of pixels that lie so far inside that their edge function is 1.
@@ -79,8 +79,10 @@ def brightness(px, count, half, blur, fit, light, counts):
     per_cell = CELLS / (2 * half)
     cs, sn = cos(fit[2]), sin(fit[2])
     safe = half - 2 * blur
-    for i in range(count):
+    for i in range(groups * LANES):
         k, z = i // LANES, i % LANES
+        if px[k, z + AREA] == 0.0:
+            continue
         x, y = px[k, z + A] - fit[0], px[k, z + B] - fit[1]
         a, b = cs * x + sn * y, cs * y - sn * x
         if abs(a) > safe or abs(b) > safe:

@@ -44,7 +44,6 @@ from eol_ros.core.vision.appearance.pixels import (
     A,
     B,
     Q,
-    side_of,
 )  # fmt: skip
 
 NUMBERS = 7  # of a fit: a, b in px and turn in rad from where pixels were gathered, g, o, oa, ob
@@ -87,8 +86,8 @@ def _noise(noise):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def residuals(px, count, every, half, blur, noise, fit, sigma2_px):
-    """Set Q and EDGE of px, in every `every`-th group.
+def residuals(px, start, stop, every, half, blur, noise, fit, sigma2_px):
+    """Set Q and EDGE of px, in every `every`-th group from start to stop.
 
     half, blur: half a side and the standard deviation of its edge, px. noise (2,): variance of a
     dark pixel, and by how much it grows with a grey level. sigma2_px: variance of the pose.
@@ -97,7 +96,7 @@ def residuals(px, count, every, half, blur, noise, fit, sigma2_px):
     g2, e2, h, zero = g * g, np.float32(sigma2_px), np.float32(half), np.float32(0.0)
     per_blur, per, full = np.float32(1.0 / blur), np.float32(1.0 / half), np.float32(FULL)
     n0, n1, least = _noise(noise)
-    for group in range(0, (count + LANES - 1) // LANES, every):
+    for group in range(start, stop, every):
         for i in range(LANES):
             a0, b0, grey = px[group, A + i], px[group, B + i], px[group, GREY + i]
             x, y = a0 - pa, b0 - pb
@@ -117,7 +116,7 @@ def residuals(px, count, every, half, blur, noise, fit, sigma2_px):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _derivatives(px, count, every, half, blur, noise, fit, sigma2_px, widen):
+def _derivatives(px, start, stop, every, half, blur, noise, fit, sigma2_px, widen):
     """Set derivatives, residual and Tukey's weight over the variance, and what residuals sets."""
     zero, one = np.float32(0.0), np.float32(1.0)
     pa, pb, cs, sn, g, o, oa, ob = _floats(fit)
@@ -125,7 +124,7 @@ def _derivatives(px, count, every, half, blur, noise, fit, sigma2_px, widen):
     per_blur, per = np.float32(1.0 / blur), np.float32(1.0 / half)
     cut, full = np.float32(1.0 / TUKEY), np.float32(FULL)
     n0, n1, least = _noise(noise)
-    for group in range(0, (count + LANES - 1) // LANES, every):
+    for group in range(start, stop, every):
         for i in range(LANES):
             a0, b0, grey = px[group, A + i], px[group, B + i], px[group, GREY + i]
             x, y = a0 - pa, b0 - pb
@@ -152,10 +151,10 @@ def _derivatives(px, count, every, half, blur, noise, fit, sigma2_px, widen):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _row(px, at, groups, every, out):
+def _row(px, at, start, groups, every, out):
     for group in range(groups):
         for i in range(LANES):
-            out[group, i] = px[group * every, at + i]
+            out[group, i] = px[start + group * every, at + i]
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
@@ -177,17 +176,19 @@ def _dots(x, a, b, c, d, n):
 
 
 @njit(cache=True, inner=True)
-def normal_equations(px, count, every, half, blur, noise, fit, sigma2_px, widen, rows, sums):
+def normal_equations(
+    px, start, stop, every, half, blur, noise, fit, sigma2_px, widen, rows, sums
+):  # fmt: skip
     """Fill sums (35,): the upper triangle of the normal matrix row by row, then the right side.
 
-    Of every `every`-th group. rows (10, n): scratch, n at least count and a group more. widen: by
-    which all variances are multiplied.
+    Of every `every`-th group from start to stop. rows (10, n): scratch, n at least the pixels of
+    all of these. widen: by which all variances are multiplied.
     """
-    _derivatives(px, count, every, half, blur, noise, fit, sigma2_px, widen)
-    groups = ((count + LANES - 1) // LANES + every - 1) // every
+    _derivatives(px, start, stop, every, half, blur, noise, fit, sigma2_px, widen)
+    groups = (stop - start + every - 1) // every
     n, k = groups * LANES, 0
     for r in range(NUMBERS + 2):
-        _row(px, BY_A + r * LANES, groups, every, rows[r].reshape(-1, LANES))
+        _row(px, BY_A + r * LANES, start, groups, every, rows[r].reshape(-1, LANES))
     for i in range(NUMBERS):
         _times(rows[NUMBERS + 1], rows[i], n, rows[NUMBERS + 2])
         for j in range(i, NUMBERS + 1, 4):
@@ -203,18 +204,99 @@ def normal_equations(px, count, every, half, blur, noise, fit, sigma2_px, widen,
 
 
 @njit(cache=True)
-def solve(sums, prior, m):
-    """Solve the normal equations with `prior` on the diagonal, in m (7, 11); return whether it can.
-
-    The step comes in column 7, the covariance of the pose in columns 8 to 10. Gauss-Jordan without
-    pivots: the matrix is positive definite.
-    """
+def symmetric(sums, m):
+    """Fill m (NUMBERS, NUMBERS + 1) with the matrix and the right side of `sums`."""
     k = 0
     for i in range(NUMBERS):
         for j in range(i, NUMBERS):
             m[i, j] = m[j, i] = sums[k]
             k += 1
-        m[i, 7] = sums[SUMS + i]
+        m[i, NUMBERS] = sums[SUMS + i]
+
+
+@njit(cache=True)
+def eliminate(m, own, sigma, kept):
+    """Take gain and ground of one side, `own` (2,) beside the block's, out of its equations m.
+
+    They are normal about 0 with standard deviation sigma. kept (2, NUMBERS + 1): what `restore`
+    gets them from once the block's numbers are known. Return the sum of their variances then.
+    """
+    prior = 1.0 / (sigma * sigma)
+    g, o = NUMBERS - 4, NUMBERS - 3
+    gg, oo, go = m[g, g] + prior, m[o, o] + prior, m[g, o]
+    det = gg * oo - go * go
+    for j in range(NUMBERS + 1):
+        by_g, by_o = m[g, j], m[o, j]
+        if j == NUMBERS:
+            by_g, by_o = by_g - prior * own[0], by_o - prior * own[1]
+        kept[0, j] = (oo * by_g - go * by_o) / det
+        kept[1, j] = (gg * by_o - go * by_g) / det
+    columns = m[:, g].copy(), m[:, o].copy()
+    for i in range(NUMBERS):
+        for j in range(NUMBERS + 1):
+            m[i, j] -= columns[0][i] * kept[0, j] + columns[1][i] * kept[1, j]
+    return (gg + oo) / det
+
+
+@njit(cache=True)
+def restore(kept, step, most, own):
+    """Add to `own` its step, given that of the block's numbers; see eliminate."""
+    for k in range(2):
+        by = kept[k, NUMBERS]
+        for j in range(NUMBERS):
+            by -= kept[k, j] * step[j]
+        own[k] = min(max(own[k] + by, -most), most)
+
+
+@njit(cache=True, inner=True)
+def all_residuals(px, starts, every, half, blur, noise, fit, own, sigma2_px):
+    """Set Q and EDGE of all pixels; own (5, 2): gain and ground of each side; see residuals."""
+    side_fit = fit.copy()
+    for side in range(5):
+        side_fit[3], side_fit[4] = max(fit[3] + own[side, 0], 1.0), fit[4] + own[side, 1]
+        residuals(px, starts[side], starts[side + 1], every, half, blur, noise, side_fit, sigma2_px)
+
+
+@njit(cache=True, inner=True)
+def all_equations(
+    px, starts, every, half, blur, noise, fit, own, own_sigma, sigma2_px, widen, room, kept,
+    equations,
+):  # fmt: skip
+    """Fill equations (7, 8) of a block, gains and grounds of its sides eliminated; see restore.
+
+    Return the sum of the variances that these have.
+    """
+    (rows, sums, m), variance = room, 0.0
+    side_fit = fit.copy()
+    equations[:] = 0.0
+    for side in range(5):
+        side_fit[3], side_fit[4] = max(fit[3] + own[side, 0], 1.0), fit[4] + own[side, 1]
+        if starts[side] == starts[side + 1]:
+            kept[side] = 0.0
+            continue
+        normal_equations(
+            px, starts[side], starts[side + 1], every, half, blur, noise, side_fit, sigma2_px,
+            widen, rows, sums,
+        )  # fmt: skip
+        symmetric(sums, m)
+        if side < 4:
+            variance += eliminate(m, own[side], own_sigma, kept[side])
+        for i in range(NUMBERS):
+            for j in range(NUMBERS + 1):
+                equations[i, j] += m[i, j]
+    return variance
+
+
+@njit(cache=True)
+def solve(equations, prior, m):
+    """Solve equations (7, 8) with `prior` on their diagonal, in m (7, 11); return whether it can.
+
+    The step comes in column 7, the covariance of the pose in columns 8 to 10. Gauss-Jordan without
+    pivots: the matrix is positive definite.
+    """
+    for i in range(NUMBERS):
+        for j in range(NUMBERS + 1):
+            m[i, j] = equations[i, j]
         m[i, 8] = m[i, 9] = m[i, 10] = 0.0
         m[i, i] += 1e-9 * m[i, i] + prior[i]
         if i < 3:
@@ -234,14 +316,14 @@ def solve(sums, prior, m):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def widening(px, count, half, blur, noise, fit, reach):
+def widening(px, groups, half, blur, noise, fit, reach):
     """Return sums (top, weight): their quotient is by how many px edges are wider than blur."""
     pa, pb, cs, sn, g, o, oa, ob = _floats(fit)
     zero = np.float32(0.0)
     h, per_blur, per = np.float32(half), np.float32(1.0 / blur), np.float32(1.0 / half)
     full, far = np.float32(FULL), np.float32(reach)
     n0, n1, least = _noise(noise)
-    for group in range((count + LANES - 1) // LANES):
+    for group in range(groups):
         for i in range(LANES):
             x, y, grey = px[group, A + i] - pa, px[group, B + i] - pb, px[group, GREY + i]
             a, b = cs * x + sn * y, cs * y - sn * x
@@ -255,7 +337,7 @@ def widening(px, count, half, blur, noise, fit, reach):
             r = zero if grey > full else r
             px[group, BY_A + i], px[group, BY_B + i] = j * r / s2, j * j / s2
     top = weight = 0.0
-    for group in range((count + LANES - 1) // LANES):
+    for group in range(groups):
         for i in range(LANES):
             top += px[group, BY_A + i]
             weight += px[group, BY_B + i]
@@ -288,27 +370,31 @@ def quantile(values, n, share):
 
 
 @njit(cache=True)
-def widen_of(px, count, every, most, scratch):
+def widen_of(px, starts, every, most, scratch):
     """Return by how much squared residuals of every `every`-th group exceed their variance.
 
     1 to `most`, by the 30 % quantile: up to two thirds of a block may be covered.
     """
     n, step = 0, max(12 // every, 1)
-    for group in range(0, count // LANES, every):
-        for i in range(group % step, LANES, step):
-            scratch[n] = px[group, Q + i]
-            n += 1
+    for side in range(5):
+        for group in range(starts[side], starts[side + 1], every):
+            for i in range(group % step, LANES, step):
+                if px[group, AREA + i] > 0.0:
+                    scratch[n] = px[group, Q + i]
+                    n += 1
     return min(max(quantile(scratch, n, 0.3) / 0.148, 1.0), most)  # that of chi squared
 
 
 @njit(cache=True)
-def levels(px, count, half, blur, scratch):
+def levels(px, groups, half, blur, scratch):
     """Return the median grey level inside a square and outside of it."""
     inner = outer = 0.0
     for part in range(2):
         n = 0
-        for i in range(part, count, 7):
+        for i in range(part, groups * LANES, 7):
             k, z = i // LANES, i % LANES
+            if px[k, z + AREA] == 0.0:
+                continue
             far = max(abs(px[k, z + A]), abs(px[k, z + B]))
             if (far < half - 2 * blur) if part else (far > half + 2 * blur):
                 scratch[n] = px[k, z + GREY]
@@ -321,14 +407,14 @@ def levels(px, count, half, blur, scratch):
 
 
 @njit(cache=True, error_model='numpy')
-def trust(px, count, widen, bins):
+def trust(px, groups, widen, bins):
     """Trust the pixels at each part of a side by how many of those inside agree; see residuals.
 
     An arm as dark as the ground hides the inner half of an edge and leaves the outer half, which
     would draw the side inwards. bins (4 * PARTS, 2): scratch.
     """
     bins[:] = 0.0
-    for i in range(count):
+    for i in range(groups * LANES):
         k, z = i // LANES, i % LANES
         part = int(px[k, z + PART])
         if part >= 0 and px[k, z + EDGE] > 0.5:
@@ -338,7 +424,7 @@ def trust(px, count, widen, bins):
     for part in range(bins.shape[0]):
         share = bins[part, 1] / bins[part, 0] if bins[part, 0] > 0.0 else 1.0
         bins[part, 0] = share * share * share
-    for i in range(count):
+    for i in range(groups * LANES):
         k, z = i // LANES, i % LANES
         part = int(px[k, z + PART])
         if part >= 0:
@@ -346,7 +432,7 @@ def trust(px, count, widen, bins):
 
 
 @njit(cache=True, error_model='numpy')
-def side_nats(px, count, half, blur, noise, fit, near, widen, m, out):
+def side_nats(px, starts, half, blur, noise, fit, near, widen, m, out):
     """Fill out (4,): log likelihood ratio that light falls at each side as E does, not steadily.
 
     Across a side light is fitted by a level, a slope and E: the glow of a lamp is all slope.
@@ -354,32 +440,31 @@ def side_nats(px, count, half, blur, noise, fit, near, widen, m, out):
     """
     m[:] = 0.0
     cs, sn = cos(fit[2]), sin(fit[2])
-    for i in range(count):
-        k, z = i // LANES, i % LANES
-        grey = px[k, z + GREY]
-        if px[k, z + AREA] > 1.0 or grey > FULL:
-            continue
-        x, y = px[k, z + A] - fit[0], px[k, z + B] - fit[1]
-        a, b = cs * x + sn * y, cs * y - sn * x
-        side, far, t = side_of(a, b)
-        d = far - half
-        if abs(d) > near or abs(t) > half - near:
-            continue
-        e = px[k, z + EDGE]  # far from the corners that of this side
-        v = grey - fit[4] - (fit[5] * a + fit[6] * b) / half
-        d /= blur
+    for side in range(4):
         row = m[side]
-        row[0] += 1.0
-        row[1] += d
-        row[2] += d * d
-        row[3] += e
-        row[4] += e * d
-        row[5] += e * e
-        row[6] += v
-        row[7] += v * d
-        row[8] += v * e
-        row[9] += fit[3] * px[k, z + LIGHT]
-        row[10] += max(noise[0] + noise[1] * grey, LEAST_VARIANCE)
+        for i in range(starts[side] * LANES, starts[side + 1] * LANES):
+            k, z = i // LANES, i % LANES
+            grey = px[k, z + GREY]
+            x, y = px[k, z + A] - fit[0], px[k, z + B] - fit[1]
+            a, b = cs * x + sn * y, cs * y - sn * x
+            far, t = (a, b) if side % 2 == 0 else (b, a)
+            d = (far if side < 2 else -far) - half
+            if px[k, z + AREA] == 0.0 or grey > FULL or abs(d) > near or abs(t) > half - near:
+                continue
+            e = px[k, z + EDGE]  # far from the corners that of this side
+            v = grey - fit[4] - (fit[5] * a + fit[6] * b) / half
+            d /= blur
+            row[0] += 1.0
+            row[1] += d
+            row[2] += d * d
+            row[3] += e
+            row[4] += e * d
+            row[5] += e * e
+            row[6] += v
+            row[7] += v * d
+            row[8] += v * e
+            row[9] += fit[3] * px[k, z + LIGHT]
+            row[10] += max(noise[0] + noise[1] * grey, LEAST_VARIANCE)
     for side in range(4):
         n, sd, sdd, se, sed, see, sv, svd, sve, step, noises = m[side]
         out[side] = 0.0

@@ -54,6 +54,7 @@ class Follower:
         self.rest = rest_lattice()
         n = len(self.rest)
         self.blocks, self.found = np.zeros(n, BLOCK), np.zeros(n, FOUND)
+        self.found['own'] = model.OWN[1]
         self.blocks['x'], self.blocks['y'] = self.rest.T
         self.faces, self._patches = Faces(n), pixels.empty_patches(n)
         self.noise, self.quiet = np.ones(2), 1.0
@@ -152,7 +153,7 @@ class Follower:
 
     def _forget(self, block: int) -> None:
         self.faces.forget(block)
-        self._patches[0]['count'][block] = 0
+        self._patches[0]['starts'][block] = 0
         for name in ('known', 'gain', 'fresh'):
             self.blocks[name][block] = 0
 
@@ -226,7 +227,11 @@ class Follower:
             gain = found['gain'][block]
             noise = max(self.noise[0] + self.noise[1] * min(gain, 255.0), model.LEAST_VARIANCE)
             if faces.learn(int(block), noise / gain**2, bool(clear[block])):
-                self._patches[0]['count'][block] = 0
+                self._patches[0]['starts'][block] = 0
+            # expectation maximisation (Dempster, Laird and Rubin, 1977)
+            own, owns = found['own'][block], found['owns'][block]
+            own += (owns - own) / model.OWN_LOOKS
+            found['own'][block] = min(max(own, model.OWN[0]), model.OWN[1])
             rate = 1 / min(faces.looks[block], 60)
             blocks['gain'][block] += rate * (gain / self.exposure - blocks['gain'][block])
             blocks['known'][block] = faces.looks[block] >= YOUNG
@@ -300,7 +305,7 @@ def _accept(blocks, found, near, which, fresh, usual_gain, first_nats, px_per_m,
             and f.ratio > model.MIN_RATIO
             and total > (0.0 if b.seen else first_nats)
             and (not young or f.weakest > model.WEAKEST_NATS or f.nats > model.THREE_NATS)
-            and (f.nats > 0.0 or f.visible > model.MOSTLY)
+            and (f.nats > 0.0 or (f.visible > model.MOSTLY and f.nats > model.NO_SIDES))
             and (not fresh or f.nats > model.FRESH_NATS)
             and f.step_px < 0.5
             and f.sigma_m * px_per_m < model.MAX_SIGMA_PX

@@ -34,6 +34,9 @@ ROUNDS = 9
 HOPELESS = 0.3  # of a cover that agrees after half of the rounds
 GAIN_SIGMA = 0.25  # of the gain expected: flash and battery within a frame
 PLANE_SIGMA = 0.05  # of the gain: slope of the ground's light over half a block
+# gain and ground of a side beside the block's, as shares of its gain: variance, the most
+OWN, SIDE_MOST = (1e-6, 0.01), 0.3
+OWN_LOOKS = 30.0  # over which that variance is averaged
 STEP_PX, STEP_RAD = 6.0, 0.2  # the longest step of one iteration
 
 # Decisions
@@ -53,6 +56,7 @@ ACCEPT_NATS = 8.0  # Wald: a false acceptance has a probability of e^-8
 FIRST_NATS = 1.5  # while nothing is known
 CLEAR_NATS = 28.0  # all four sides show
 MOSTLY = 0.7  # visible: then a lamp may hide the sides
+NO_SIDES = -12.0  # nats: all four sides are against it
 THREE_NATS = 23.0  # three sides show
 WEAKEST_NATS = -2.0  # the weakest side of a square whose face is not known
 FRESH_NATS = 30.0  # a square other than the face learned: more than three sides must show

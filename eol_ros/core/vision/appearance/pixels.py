@@ -2,7 +2,9 @@
 """The pixels of one block, in block coordinates, for loops that take LANES of them at a time.
 
 `px` is (groups, ROWS * LANES): a row of it holds LANES pixels, each number of them side by side.
-What does not change while a block rests, its *patch*, is kept from image to image.
+The pixels near each of the four sides come first, then all others; `starts` (6,) says with which
+group each of these five lists begins. Its last group is filled with pixels of area 0. What does not
+change while a block rests, its *patch*, is kept from image to image.
 """
 
 import math
@@ -24,13 +26,14 @@ from eol_ros.core.vision.detect.scan import span
     GREY, TRUST, Q, EDGE, BY_A, BY_B, BY_TURN, BY_GAIN, BY_O, BY_OA, BY_OB, RESIDUAL, WEIGHT,
 ) = range(0, 21 * LANES, LANES)  # fmt: skip
 ROWS, KEPT_ROWS = 21, 8
+GROUPS = MOST_PX // LANES + 5  # lists are filled
 _STEP_M = 0.03  # for derivatives of the camera's map: two thirds of half a block
 
 PATCH = np.dtype(
     [
         ('x', 'f8'), ('y', 'f8'), ('yaw', 'f8'), ('scale', 'f8'),  # where it was made; px per m
         ('near_px', 'f8'),  # how far from the sides every pixel is in it
-        ('count', 'i8'),  # of pixels; 0: none is kept
+        ('starts', 'i8', (6,)),  # all 0: none is kept
     ]
 )  # fmt: skip
 """One block's patch; its numbers are kept beside it."""
@@ -39,16 +42,15 @@ PATCH = np.dtype(
 @njit(cache=True)
 def empty():
     """Return room for the pixels of one block."""
-    return np.empty((MOST_PX // LANES, ROWS * LANES), np.float32)
+    return np.empty((GROUPS, ROWS * LANES), np.float32)
 
 
 def empty_patches(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return room for the patches of n blocks: PATCH, numbers, and places in the image."""
-    groups = MOST_PX // LANES
     return (
         np.zeros(n, PATCH),
-        np.empty((n, groups, KEPT_ROWS * LANES), np.float32),
-        np.empty((n, MOST_PX), np.int32),
+        np.empty((n, GROUPS, KEPT_ROWS * LANES), np.float32),
+        np.empty((n, GROUPS * LANES), np.int32),
     )
 
 
@@ -91,8 +93,8 @@ def _row_of(square, slope_a, slope_b, at_a, at_b, u0):
 
 
 @njit(cache=True, error_model='numpy')
-def _pick(rows, cols, m, half_m, near_px, out_px, px, at):
-    """Put pixels of a block into px: u, v from its middle, and area; return their count.
+def _pick(rows, cols, m, half_m, near_px, out_px, a, b, area, at):
+    """Pick pixels of a block: u, v from its middle in a and b, and area; return their count.
 
     All within near_px of its sides; beyond that, as far as out_px, and inside every EVERY-th row
     and column. at: their places in an image of rows x cols.
@@ -118,7 +120,7 @@ def _pick(rows, cols, m, half_m, near_px, out_px, px, at):
         hole, holed = _row_of(half - near_px, ia, ja, at_a, at_b, m[0])
         u, stop = max(int(math.ceil(low)), 0), min(int(math.floor(high)), cols - 1)
         while u <= stop and count < MOST_PX:
-            area = 1.0
+            stands_for = 1.0
             inside = hole < u < holed
             if inside and not sparse:
                 u = int(holed) + 1
@@ -132,45 +134,71 @@ def _pick(rows, cols, m, half_m, near_px, out_px, px, at):
                         after = min(after, int(math.ceil(holed)))
                     u = max(after, u + 1)
                     continue
-                area = float(EVERY * EVERY)
-            k, z = count // LANES, count % LANES
-            px[k, z + A], px[k, z + B], px[k, z + AREA] = u - m[0], dv, area
+                stands_for = float(EVERY * EVERY)
+            a[count], b[count], area[count] = u - m[0], dv, stands_for
             at[count] = v * cols + u
             count += 1
             u += 1
-    for i in range(count, (count + LANES - 1) // LANES * LANES):  # far outside, see read
-        k, z = i // LANES, i % LANES
-        for r in range(ROWS):
-            px[k, z + r * LANES] = 0.0
-        at[i] = -1
     return count
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _place(m, px, groups):
-    """Turn u, v of px into block coordinates, in px of the block's scale."""
+def _place(m, count, a, b):
+    """Turn u, v in a and b into block coordinates, in px of the block's scale."""
     f, scale = np.float32, scale_of(m)
     det, s2 = m[1] * m[8] - m[2] * m[7], scale * scale
     ia, ib = f(m[8] / det * scale), f(-m[2] / det * scale)
     ja, jb = f(-m[7] / det * scale), f(m[1] / det * scale)
     qa, qb, qc = f(m[3] / s2), f(m[4] / s2), f(m[5] / s2)
     ra, rb, rc = f(m[9] / s2), f(m[10] / s2), f(m[11] / s2)
-    for group in range(groups):
-        for i in range(LANES):
-            du, dv = px[group, A + i], px[group, B + i]
-            a, b = ia * du + ib * dv, ja * du + jb * dv
-            du -= a * (qa * a + qb * b) + b * qc * b
-            dv -= a * (ra * a + rb * b) + b * rc * b
-            px[group, A + i], px[group, B + i] = ia * du + ib * dv, ja * du + jb * dv
+    for i in range(count):
+        du, dv = a[i], b[i]
+        p, q = ia * du + ib * dv, ja * du + jb * dv
+        du -= p * (qa * p + qb * q) + q * qc * q
+        dv -= p * (ra * p + rb * q) + q * rc * q
+        a[i], b[i] = ia * du + ib * dv, ja * du + jb * dv
 
 
 @njit(cache=True, error_model='numpy')
-def shade(px, count, half, near_px, light, spread):
-    """Set what the face (CELLS, CELLS) says of each pixel, and the part of a side it lies at."""
+def _sort(count, half, near_px, room, picked, px, at, starts):
+    """Put picked pixels into px and at, by the part of a side at which they lie."""
     f = np.float32
-    per_cell, one = f(CELLS / (2 * half)), f(1.0)
+    a, b, area, part = room[0], room[1], room[2], room[3]
+    one, per_part, within = f(1.0), f(PARTS / (2 * half)), f(half - near_px)
+    ends = np.zeros(5, np.int64)
+    for n in range(count):
+        side, far, t = side_of(a[n], b[n])
+        part[n] = -1.0
+        if area[n] == one and far >= within:
+            part[n] = side * PARTS + min(max(int((t + half) * per_part), 0), PARTS - 1)
+            ends[side] += 1
+        else:
+            ends[4] += 1
+    starts[0] = 0
+    for s in range(5):
+        starts[s + 1] = starts[s] + (ends[s] + LANES - 1) // LANES
+        ends[s] = starts[s] * LANES
+    for n in range(count):
+        s = 4 if part[n] < 0 else int(part[n]) // PARTS
+        k, z = ends[s] // LANES, ends[s] % LANES
+        px[k, z + A], px[k, z + B] = a[n], b[n]
+        px[k, z + AREA], px[k, z + PART] = area[n], part[n]
+        at[ends[s]] = picked[n]
+        ends[s] += 1
+    for s in range(5):
+        for n in range(ends[s], starts[s + 1] * LANES):
+            k, z = n // LANES, n % LANES
+            for r in range(ROWS):
+                px[k, z + r * LANES] = 0.0
+            px[k, z + PART], at[n] = -1.0, -1
+
+
+@njit(cache=True, error_model='numpy')
+def shade(px, groups, half, light, spread):
+    """Set what the face (CELLS, CELLS) says of each pixel."""
+    f = np.float32
+    per_cell, least = f(CELLS / (2 * half)), f(0.05)
     mid, low, high = f(CELLS / 2 - 0.5), f(-0.5), f(CELLS - 0.5)
-    per_part, within, least = f(PARTS / (2 * half)), f(half - near_px), f(0.05)
     cells = np.empty(((CELLS - 1) * (CELLS - 1), 5), np.float32)  # bilinear in each: one load
     for j in range(CELLS - 1):
         for i in range(CELLS - 1):
@@ -179,11 +207,10 @@ def shade(px, count, half, near_px, light, spread):
             c[2] = light[j + 1, i] - light[j, i]
             c[3] = light[j + 1, i + 1] - light[j + 1, i] - c[1]
             c[4] = spread[j, i]
-    for n in range(count):
+    for n in range(groups * LANES):
         k, z = n // LANES, n % LANES
-        a, b = px[k, z + A], px[k, z + B]
-        p = min(max(a * per_cell + mid, low), high)
-        q = min(max(b * per_cell + mid, low), high)
+        p = min(max(px[k, z + A] * per_cell + mid, low), high)
+        q = min(max(px[k, z + B] * per_cell + mid, low), high)
         i, j = min(max(int(p), 0), CELLS - 2), min(max(int(q), 0), CELLS - 2)
         fp, fq = p - f(i), q - f(j)
         c = cells[j * (CELLS - 1) + i]
@@ -191,11 +218,6 @@ def shade(px, count, half, near_px, light, spread):
         px[k, z + LIGHT] = max(c[0] + fp * c[1] + fq * by_q, least)
         px[k, z + LIGHT_A], px[k, z + LIGHT_B] = by_p * per_cell, by_q * per_cell
         px[k, z + SPREAD] = c[4]
-        side, far, t = side_of(a, b)
-        part = -1
-        if px[k, z + AREA] == one and far >= within:
-            part = side * PARTS + min(max(int((t + half) * per_part), 0), PARTS - 1)
-        px[k, z + PART] = part
 
 
 @njit(inline='always')
@@ -207,28 +229,28 @@ def side_of(a, b):
 
 
 @njit(cache=True, inner=True)
-def gather(rows, cols, m, half_m, near_px, out_px, light, spread, px, at):
-    """Fill the patch of px for a block with derivatives m (12,); return the count of pixels."""
-    count = _pick(rows, cols, m, half_m, near_px, out_px, px, at)
-    _place(m, px, (count + LANES - 1) // LANES)
-    shade(px, count, half_m * scale_of(m), near_px, light, spread)
-    return count
+def gather(rows, cols, m, half_m, near_px, out_px, px, at, starts):
+    """Fill px, at and starts for a block with derivatives m (12,)."""
+    room, picked = np.empty((4, MOST_PX), np.float32), np.empty(MOST_PX, np.int32)
+    count = _pick(rows, cols, m, half_m, near_px, out_px, room[0], room[1], room[2], picked)
+    _place(m, count, room[0], room[1])
+    _sort(count, half_m * scale_of(m), near_px, room, picked, px, at, starts)
 
 
 @njit(cache=True, inner=True)
-def copy(source, count, to):
+def copy(source, groups, to):
     """Copy a patch."""
-    for group in range((count + LANES - 1) // LANES):
+    for group in range(groups):
         for i in range(KEPT_ROWS * LANES):
             to[group, i] = source[group, i]
 
 
 @njit(cache=True, inner=True)
-def read(image, at, count, px):
-    """Read the grey levels of a patch from an image (h, w)."""
+def read(image, at, groups, px):
+    """Read the grey levels of a patch from an image (h, w); trust its pixels."""
     flat, f, zero, one = image.reshape(-1), np.float32, np.float32(0.0), np.float32(1.0)
-    for group in range((count + LANES - 1) // LANES):
+    for group in range(groups):
         for i in range(LANES):
             where = at[group * LANES + i]
             px[group, GREY + i] = f(flat[max(where, 0)])
-            px[group, TRUST + i] = zero if where < 0 else one  # to fill the last group
+            px[group, TRUST + i] = zero if where < 0 else one

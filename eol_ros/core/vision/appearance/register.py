@@ -18,6 +18,8 @@ FOUND = np.dtype(
         ('start_px', 'f8'),  # standard deviation of the start
         ('gain', 'f8'), ('ground', 'f8', 3),  # grey levels
         ('expected', 'f8'),  # gain, or 0
+        ('own', 'f8'),  # variance of gain and ground of its sides beside its own, gains squared
+        ('owns', 'f8'),  # as this image has it
         ('sigma_m', 'f8'), ('sigma_rad', 'f8'),
         ('visible', 'f8'),  # share of the cover that looks as it should
         ('ring', 'f8'),  # and of the ground beside its edges
@@ -48,18 +50,24 @@ def register(
     were found last. own, own_px (n, CELLS, CELLS): brightness of each cover, and its pixels.
     patches, kept, places: of pixels.empty_patches(n), from image to image.
     """
-    z, prior = np.zeros(fit.NUMBERS), np.zeros(fit.NUMBERS)
-    sums, work = np.empty(fit.SUMS + fit.NUMBERS), np.empty((fit.NUMBERS, 11))
-    px = pixels.empty()
-    rows = np.empty((10, m.MOST_PX + LANES), np.float32)
-    bins = np.empty((4 * m.PARTS, 2))
-    few, side_room, sides = np.empty(m.MOST_PX, np.float32), np.empty((4, 11)), np.empty(4)
+    z, prior, own_level = np.zeros(fit.NUMBERS), np.zeros(fit.NUMBERS), np.zeros((5, 2))
+    equations, kept_sides = np.empty((fit.NUMBERS, fit.NUMBERS + 1)), np.zeros((5, 2, 8))
+    work, px = np.empty((fit.NUMBERS, 11)), pixels.empty()
+    room = (
+        np.empty((10, pixels.GROUPS * LANES), np.float32),
+        np.empty(fit.SUMS + fit.NUMBERS),
+        np.empty((fit.NUMBERS, fit.NUMBERS + 1)),
+    )
+    bins, few = np.empty((4 * m.PARTS, 2)), np.empty(m.MOST_PX, np.float32)
+    side_room, sides = np.empty((4, 11)), np.empty(4)
     for k in range(which.shape[0]):
         n = which[k]
         f, patch, at = found[n], patches[n], places[n]
+        starts = patch.starts
         sigma_px, settled, judged, widen = f.start_px, False, False, 1.0
         half, face = 1.0, light[n]
         doubtful = not fresh[n] and (f.visible < m.ALIKE or f.misfit > m.MISFIT)
+        own_level[:] = 0.0
         for it in range(m.ROUNDS):
             own_face = fresh[n] and (it == 2 or it == 4)
             moved = math.sqrt(z[0] ** 2 + z[1] ** 2) + abs(z[2]) * half
@@ -67,62 +75,66 @@ def register(
                 near = m.DENSE * blur_px + m.MARGIN_PX + 0.5 * min(max(sigma_px, 0.7), 5.0)
                 keep = not fresh[n] and it == 0 and _lies_in(patch, f, half_m, near)
                 if keep:
-                    pixels.copy(kept[n], patch.count, px)
+                    pixels.copy(kept[n], starts[5], px)
                 else:
-                    _gather(image, c, half_m, near, face, spread[n], f, patch, px, at)
-                if patch.count < 8 * LANES:
+                    _gather(image, c, half_m, near, f, patch, px, at)
+                if starts[5] < 8:
                     settled = False
                     break
-                pixels.read(image, at, patch.count, px)
                 half = half_m * patch.scale
+                if not keep:
+                    pixels.shade(px, starts[5], half, face, spread[n])
+                pixels.read(image, at, starts[5], px)
                 _from_patch(patch, f, z)
                 if it == 0:
-                    inner, outer = fit.levels(px, patch.count, half, blur_px, few)
+                    inner, outer = fit.levels(px, starts[5], half, blur_px, few)
                     z[3] = f.expected if f.expected > 0.0 else max(inner - outer, 2.0)
                     z[4], z[5], z[6] = outer, 0.0, 0.0
                 if own_face:
                     face = own[n]
-                    faces.brightness(px, patch.count, half, blur_px, z, face, own_px[n])
+                    faces.brightness(px, starts[5], half, blur_px, z, face, own_px[n])
                     faces.fill(face, own_px[n], 1.0)
-                    pixels.shade(px, patch.count, half, near, face, spread[n])
+                    pixels.shade(px, starts[5], half, face, spread[n])
                 elif not keep:
-                    pixels.copy(px, patch.count, kept[n])
-            count = patch.count
+                    pixels.copy(px, starts[5], kept[n])
+            level_sigma = math.sqrt(f.own) * z[3]
             if it == 0:
-                fit.residuals(px, count, 4, half, blur_px, noise, z, sigma_px**2)
-                widen = fit.widen_of(px, count, 4, m.WIDEN, few)
+                fit.all_residuals(px, starts, 4, half, blur_px, noise, z, own_level, sigma_px**2)
+                widen = fit.widen_of(px, starts, 4, m.WIDEN, few)
             elif doubtful and sigma_px < 1.0:
-                fit.residuals(px, count, 1, half, blur_px, noise, z, sigma_px**2)
-                fit.trust(px, count, widen, bins)
-                if it > 3 and _judged(px, count, noise, z, widen)[0] < m.HOPELESS:
+                fit.all_residuals(px, starts, 1, half, blur_px, noise, z, own_level, sigma_px**2)
+                fit.trust(px, starts[4], widen, bins)
+                if it > 3 and _judged(px, starts[5], noise, z, widen)[0] < m.HOPELESS:
                     break
-            every = 2 if it == 0 else 1
-            fit.normal_equations(
-                px, count, every, half, blur_px, noise, z, sigma_px**2, widen, rows, sums
-            )
+            variance = fit.all_equations(
+                px, starts, 2 if it == 0 else 1, half, blur_px, noise, z, own_level, level_sigma,
+                sigma_px**2, widen, room, kept_sides, equations,
+            )  # fmt: skip
             prior[0] = prior[1] = 1.0 / f.start_px**2
             prior[2] = (half / (1.5 * f.start_px)) ** 2
             prior[5] = prior[6] = 1.0 / (m.PLANE_SIGMA * z[3]) ** 2
             prior[3] = 0.0
             if f.expected > 0.0:
                 prior[3] = 1.0 / (m.GAIN_SIGMA * f.expected) ** 2
-                sums[fit.SUMS + 3] += prior[3] * (f.expected - z[3])
-            if not fit.solve(sums, prior, work):
+                equations[3, fit.NUMBERS] += prior[3] * (f.expected - z[3])
+            if not fit.solve(equations, prior, work):
                 settled = False
                 break
             _step(work, half, patch, f, z)
+            for side in range(4):
+                fit.restore(kept_sides[side], work[:, 7], m.SIDE_MOST * z[3], own_level[side])
+            f.owns = (variance + (own_level**2).sum()) / 8 / z[3] ** 2
             settled = True
             sure_px = math.sqrt(max(work[0, 8], 0.0))
             judged = sigma_px < max(m.JUDGED_PX, 2 * sure_px) and f.step_px < m.SETTLED * sure_px
             if judged and (not fresh[n] or it > 4):
                 break
             sigma_px = min(0.4 * sigma_px, 0.5 * f.step_px + m.MODEL_PX)
-        count = patch.count
-        if fresh[n] or not settled:
-            patch.count = 0  # of a face that is not kept
+        groups = starts[5]
         f.visible = f.ring = f.ratio = 0.0
         if not settled:
             f.nats = f.wider_weight = 0.0
+            starts[:] = 0
             continue
         f.gain, f.side_px = z[3], 2 * half
         for i in range(3):
@@ -130,43 +142,42 @@ def register(
         f.sigma_m = math.sqrt(max((work[0, 8] + work[1, 9]) / 2, 0.0)) / patch.scale
         f.sigma_rad = math.sqrt(max(work[2, 10], 0.0))
         if not judged:
-            fit.residuals(px, count, 1, half, blur_px, noise, z, m.MODEL_PX**2)
-        widen = fit.widen_of(px, count, 1, m.WIDEN_JUDGED, few)
-        f.visible, f.ring, f.ratio, f.misfit = _judged(px, count, noise, z, widen)
+            fit.all_residuals(px, starts, 1, half, blur_px, noise, z, own_level, m.MODEL_PX**2)
+        widen = fit.widen_of(px, starts, 1, m.WIDEN_JUDGED, few)
+        f.visible, f.ring, f.ratio, f.misfit = _judged(px, groups, noise, z, widen)
         f.close = close[n] or f.visible < m.ALIKE or f.misfit > m.MISFIT
-        if not f.close:
-            continue
-        near = min(3.5 * blur_px + 1.0, half / 2)
-        fit.side_nats(px, count, half, blur_px, noise, z, near, widen, side_room, sides)
-        f.weakest, f.nats = sides.min(), 0.0
-        for i in range(4):
-            f.nats += min(max(sides[i], m.SIDE_NATS[0]), m.SIDE_NATS[1])
-        f.wider, f.wider_weight = fit.widening(
-            px, count, half, blur_px, noise, z, 2 * widen * m.AGREE
-        )
-        faces.brightness(px, count, half, blur_px, z, own[n], own_px[n])
+        if f.close:
+            near = min(3.5 * blur_px + 1.0, half / 2)
+            fit.side_nats(px, starts, half, blur_px, noise, z, near, widen, side_room, sides)
+            f.weakest, f.nats = sides.min(), 0.0
+            for i in range(4):
+                f.nats += min(max(sides[i], m.SIDE_NATS[0]), m.SIDE_NATS[1])
+            f.wider, f.wider_weight = fit.widening(
+                px, groups, half, blur_px, noise, z, 2 * widen * m.AGREE
+            )
+            faces.brightness(px, groups, half, blur_px, z, own[n], own_px[n])
+        if fresh[n]:
+            starts[:] = 0  # of a face that is not kept
 
 
 @njit(cache=True)
 def _lies_in(patch, f, half_m, near):
     """Return whether a block at the start of f can be fitted with the patch that is kept."""
-    if patch.count == 0 or not -0.1 < patch.near_px - near < 0.5:
+    if patch.starts[5] == 0 or not -0.1 < patch.near_px - near < 0.5:
         return False
     moved = math.sqrt((f.x - patch.x) ** 2 + (f.y - patch.y) ** 2) + abs(f.yaw - patch.yaw) * half_m
     return moved * patch.scale < 1.0
 
 
 @njit(cache=True)
-def _gather(image, c, half_m, near, face, spread, f, patch, px, at):
+def _gather(image, c, half_m, near, f, patch, px, at):
     """Make a patch for the block at f."""
     d = np.empty(12)
     pixels.taylor(c, f.x, f.y, f.yaw, d)
     patch.x, patch.y, patch.yaw, patch.scale = f.x, f.y, f.yaw, pixels.scale_of(d)
     patch.near_px = near
     rows, cols = image.shape
-    patch.count = pixels.gather(
-        rows, cols, d, half_m, near, near + m.OUTSIDE_PX, face, spread, px, at
-    )
+    pixels.gather(rows, cols, d, half_m, near, near + m.OUTSIDE_PX, px, at, patch.starts)
 
 
 @njit(cache=True)
@@ -200,18 +211,20 @@ def _step(work, half, patch, f, z):
 
 
 @njit(cache=True)
-def _judged(px, count, noise, z, widen):
+def _judged(px, groups, noise, z, widen):
     """Return visible, ring, ratio and misfit of FOUND, from every third pixel."""
     agree = area = ratio = chi = n = ring = ringed = 0.0
     gain2, ground = z[3] ** 2, z[4]
-    for i in range(0, count, 3):
+    for i in range(0, groups * LANES, 3):
         k, lane = i // LANES, i % LANES
+        part = px[k, lane + AREA]
+        if part == 0.0:
+            continue
         q = min(px[k, lane + Q] / widen, m.AGREE)
         good = q < m.AGREE
         if good:
             chi += q
             n += 1.0
-        part = px[k, lane + AREA]
         if px[k, lane + EDGE] > 0.5:
             area += part
             if good:
