@@ -52,7 +52,7 @@ def add_arguments(parser):
     parser.add_argument(
         '--tracker', choices=('edges', 'appearance'), default='edges',
         help='`edges`: by the edges of the covers, as in the node; `appearance`: by learned '
-             'faces, for fast rims and clutter; flat covers only',
+             'faces, for fast rims and clutter',
     )  # fmt: skip
     parser.add_argument('-o', '--output', metavar='ANS.npz', help='where the answer goes')
     parser.add_argument('--overlay', metavar='OUT.mp4', help='video, or image, with what was seen')

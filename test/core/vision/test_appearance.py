@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from support.relief import films
 from support.vision_bound import position_bound_px
 
 from eol_ros.core.compiled import njit
@@ -14,7 +15,9 @@ from eol_ros.core.vision.appearance import find, fit, model, neighbours, pixels
 from eol_ros.core.vision.appearance.follow import Follower
 from eol_ros.core.vision.appearance.register import register
 from eol_ros.core.vision.appearance.tracker import AppearanceTracker
+from eol_ros.core.vision.calibration import covers
 from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.detect import outline
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import NOISE_LEVELS, Renderer, RenderOptions
 from eol_ros.core.vision.states import FAULT, LOST, SEARCHING, TRACKING
@@ -23,6 +26,7 @@ from eol_ros.settings import TrackerSettings
 
 HALF_M, BLUR_PX = BLOCK_SIDE_M / 2, math.hypot(1.2, math.sqrt(1 / 12))
 REST = rest_lattice()
+FLAT = np.zeros(outline.SIZE, np.float32)
 
 
 @njit
@@ -77,7 +81,7 @@ def test_pixels_lie_where_the_camera_puts_them(level):
     pixels.taylor(camera.packed(), x, y, yaw, d)
     rows, cols, starts = camera.image_height, camera.image_width, np.zeros(6, np.int64)
     at = np.empty(px.size // pixels.ROWS, np.int32)
-    gather(rows, cols, d, HALF_M, 4.0, 8.0, px, at, starts)
+    gather(rows, cols, d, HALF_M, 4.0, 8.0, FLAT, 1.0, px, at, starts)
     n = np.flatnonzero(at[: starts[5] * pixels.LANES] >= 0)
     assert 1000 < len(n) < 2500
     scale, half = pixels.scale_of(d), pixels.scale_of(d) * HALF_M
@@ -130,10 +134,10 @@ def test_normal_equations_are_those_of_dense_algebra():
     n = np.arange(count)
     for at, numbers in values.items():
         px[n // 8, n % 8 + at] = numbers
-    z, sigma2, widen = np.array([0.3, -0.2, 0.02, 120.0, 20.0, 3.0, -2.0]), 0.04, 1.5
+    z, sigma2, widen = np.array([0.3, -0.2, 0.02, 120.0, 20.0, 3.0, -2.0, 8.0]), 0.04, 1.5
     sums, rows, noise = (
-        np.empty(fit.SUMS + 7),
-        np.empty((10, 208), np.float32),
+        np.empty(fit.SUMS + 8),
+        np.empty((11, 208), np.float32),
         np.array([2.0, 0.03]),
     )
     normal_equations(px, 0, 26, 1, half, BLUR_PX, noise, z, sigma2, widen, rows, sums)
@@ -145,16 +149,17 @@ def test_normal_equations_are_those_of_dense_algebra():
         light = values[pixels.LIGHT] + values[pixels.LIGHT_A] * (a - values[pixels.A])
         light += values[pixels.LIGHT_B] * (b - values[pixels.B])
         face = light * normal(a, half) * normal(b, half)
-        return p[3] * face + p[4] + (p[5] * a + p[6] * b) / half, face
+        out = np.maximum(np.abs(a), np.abs(b)) / half - 1
+        return (p[3] + p[7] * out) * face + p[4] + (p[5] * a + p[6] * b) / half
 
     # differences: pose steps are in the frame of the turned block, and the ground moves with it
-    step = np.array([1e-3, 1e-3, 1e-5, 1e-2, 1e-2, 1e-2, 1e-2])
+    step = np.array([1e-3, 1e-3, 1e-5, 1e-2, 1e-2, 1e-2, 1e-2, 1e-2])
     c, s = math.cos(z[2]), math.sin(z[2])
-    axes = np.eye(7)
+    axes = np.eye(8)
     axes[:2, :2] = [[c, s], [-s, c]]
     jac = np.array(
         [
-            (image_of(z + h * e)[0] - image_of(z - h * e)[0]) / (2 * h)
+            (image_of(z + h * e) - image_of(z - h * e)) / (2 * h)
             for h, e in zip(step, axes, strict=True)
         ]
     )
@@ -164,7 +169,7 @@ def test_normal_equations_are_those_of_dense_algebra():
     plane[0], plane[1] = -z[5] / half, -z[6] / half
     plane[2] = (z[5] * b - z[6] * a) / half
     jac[:3] -= plane  # the ground plane stays where it is
-    residual = values[pixels.GREY] - image_of(z)[0]
+    residual = values[pixels.GREY] - image_of(z)
     e = normal(a, half) * normal(b, half)
     slope2 = (jac[0] ** 2 + jac[1] ** 2) / z[3] ** 2
     variance = widen * (
@@ -176,50 +181,59 @@ def test_normal_equations_are_those_of_dense_algebra():
     weight *= values[pixels.TRUST]
     matrix = (jac * weight) @ jac.T
     scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
-    got = np.zeros((7, 7))
-    got[np.triu_indices(7)] = sums[: fit.SUMS]
+    got = np.zeros((8, 8))
+    got[np.triu_indices(8)] = sums[: fit.SUMS]
     assert np.abs((got - np.triu(matrix)) / scale).max() < 2e-2  # the edge is within 2e-4
     size = np.sqrt(np.diag(matrix) * (weight * residual**2).sum())
     assert np.abs((sums[fit.SUMS :] - (jac * weight) @ residual) / size).max() < 2e-2
 
-    work, equations = np.empty((7, 11)), np.empty((7, 8))
-    fit.symmetric(sums, equations)
-    assert fit.solve(equations, np.full(7, 1e-3), work)
-    full = got + np.triu(got, 1).T
-    full[np.diag_indices(7)] = full[np.diag_indices(7)] * (1 + 1e-9) + 1e-3
-    np.testing.assert_allclose(work[:, 7], np.linalg.solve(full, sums[fit.SUMS :]), rtol=1e-8)
-    np.testing.assert_allclose(work[:3, 8:11], np.linalg.inv(full)[:3, :3], rtol=1e-8)
-    assert not fit.solve(np.zeros((7, 8)), np.zeros(7), work)
+    m = np.empty((8, 9))
+    fit.symmetric(sums, m)
+    np.testing.assert_array_equal(m, np.column_stack([got + np.triu(got, 1).T, sums[fit.SUMS :]]))
 
 
-def test_levels_of_sides_are_eliminated_as_dense_algebra_does():
-    rng, sigma = np.random.default_rng(5), 0.7
-    sides, own = [], rng.normal(0, 1, (4, 2))
-    for _ in range(4):
-        j = rng.normal(0, 1, (30, 7))
-        sides.append(np.column_stack([j.T @ j, j.T @ rng.normal(0, 1, 30)]))
-    # all numbers at once: 7 of the block, then gain (column 3) and ground (4) of each side
-    full, right = np.zeros((15, 15)), np.zeros(15)
-    for k, m in enumerate(sides):
-        at = np.r_[np.arange(7), 7 + 2 * k, 8 + 2 * k]
-        of = np.r_[np.arange(7), 3, 4]
-        full[np.ix_(at, at)] += m[np.ix_(of, of)]
-        right[at] += m[of, 7]
-        full[7 + 2 * k, 7 + 2 * k] += 1 / sigma**2
-        full[8 + 2 * k, 8 + 2 * k] += 1 / sigma**2
-        right[7 + 2 * k : 9 + 2 * k] -= own[k] / sigma**2
+def test_numbers_of_sides_are_eliminated_as_dense_algebra_does():
+    rng, prior, own = np.random.default_rng(5), np.array([2.0, 3.0, 0.5]), np.zeros((4, 3))
+    own[:], usual = rng.normal(0, 1, (4, 3)), rng.normal(0, 1, (4, 3))
+    # all numbers at once: 7 of the block, then gain (column 3), ground (4) and slope (7) of sides
+    full, right, sides = np.zeros((19, 19)), np.zeros(19), []
+    for k in range(4):
+        j, r = rng.normal(0, 1, (30, 8)), rng.normal(0, 1, 30)
+        sides.append(np.column_stack([j.T @ j, j.T @ r]))
+        mine = np.arange(7 + 3 * k, 10 + 3 * k)
+        at, of = np.r_[np.arange(7), mine], np.r_[np.arange(7), 3, 4, 7]
+        full[np.ix_(at, at)] += sides[k][np.ix_(of, of)]
+        right[at] += sides[k][of, 8]
+        full[mine, mine] += prior
+        right[mine] -= prior * (own[k] - usual[k])
     step = np.linalg.solve(full, right)
-    equations, kept, work = np.zeros((7, 8)), np.zeros((4, 2, 8)), np.empty((7, 11))
+    equations, kept, work = np.zeros((7, 8)), np.zeros((4, 3, 11)), np.empty((7, 11))
     for k, m in enumerate(sides):
-        fit.eliminate(m, own[k], sigma, kept[k])
-        equations += m
+        fit.eliminate(m, own[k], usual[k], prior, kept[k], equations)
     assert fit.solve(equations, np.zeros(7), work)
     np.testing.assert_allclose(work[:, 7], step[:7], rtol=1e-6)
     np.testing.assert_allclose(work[:3, 8:11], np.linalg.inv(full)[:3, :3], rtol=1e-6)
     after = own.copy()
     for k in range(4):
         fit.restore(kept[k], work[:, 7], 100.0, after[k])
+        alone = full[7 + 3 * k : 10 + 3 * k, 7 + 3 * k : 10 + 3 * k]
+        np.testing.assert_allclose(kept[k, :, 8:], np.linalg.inv(alone), rtol=1e-6)
     np.testing.assert_allclose((after - own).ravel(), step[7:], rtol=1e-6)
+    assert not fit.solve(np.zeros((7, 8)), np.zeros(7), work)
+
+
+@pytest.mark.parametrize(
+    ('name', 'most_mm'), [('straight-0mm', 0.15), ('tilted', 0.3), ('steep', 0.3), ('lens', 0.3)]
+)
+def test_printed_covers_lie_where_they_were_put(name, most_mm):
+    film = next(f for f in films.load() if f.name == name)
+    tracker = AppearanceTracker(TrackerSettings(), films.calibration(film, True))
+    found = [tracker.update(k / 60, films.sensed(film.light, k)) for k in range(40)][20:]
+    assert all(f.seen.all() for f in found)
+    off = np.array([f.world for f in found]) - film.shot.poses[:, :2]
+    assert np.sqrt((off**2).sum(axis=2).mean()) < most_mm * 1e-3
+    turned = np.array([f.yaw for f in found]) - film.shot.poses[:, 2]
+    assert np.abs(np.angle(np.exp(4j * turned)) / 4).max() < math.radians(0.8)
 
 
 def registered(noise, images=12, start_px=0.7):
@@ -228,7 +242,7 @@ def registered(noise, images=12, start_px=0.7):
     camera, rng = renderer.calibration, np.random.default_rng(3)
     follower, errors, sigmas = Follower(camera), [], []
     found, faces = follower.found, follower.faces
-    faces.spread[:], found['own'] = 1e-5, 1e-6
+    faces.spread[:], found['own'] = 1e-5, model.LEAST_OWN
     for k in range(images):
         xy = REST + rng.normal(0, 0.004, (25, 2))
         yaw = rng.uniform(-0.8, 0.8, 25)
@@ -239,7 +253,7 @@ def registered(noise, images=12, start_px=0.7):
         found['x'], found['y'], found['yaw'] = *start.T, yaw + rng.normal(0, 0.01, 25)
         found['start_px'], found['expected'] = start_px, 170.0
         register(
-            image, camera.packed(), HALF_M, BLUR_PX, curve, faces.light, faces.spread,
+            image, camera.packed(), covers.FLAT, HALF_M, BLUR_PX, curve, faces.light, faces.spread,
             np.zeros(25, bool), np.ones(25, bool), np.arange(25), found, faces.own, faces.own_px,
             *pixels.empty_patches(25),
         )  # fmt: skip
@@ -413,7 +427,7 @@ def test_twice_the_same_bits():
 def test_the_outer_half_of_a_hidden_edge_is_not_trusted():
     d, px, half = np.array([64.0, 1000, 0, 0, 0, 0, 64.0, 0, 1000, 0, 0, 0]), pixels.empty(), 23.0
     at, starts = np.empty(px.size // pixels.ROWS, np.int32), np.zeros(6, np.int64)
-    gather(128, 128, d, half / 1000, 5.0, 8.0, px, at, starts)
+    gather(128, 128, d, half / 1000, 5.0, 8.0, FLAT, 1.0, px, at, starts)
     n = np.flatnonzero(at[: starts[4] * 8] >= 0)
     a, b = (px[n // 8, n % 8 + row] for row in (pixels.A, pixels.B))
     e = np.maximum(np.abs(a), np.abs(b)) < half
@@ -444,7 +458,7 @@ def test_a_block_larger_than_its_room_overflows_nothing():
     d, px, starts = np.empty(12), pixels.empty(), np.zeros(6, np.int64)
     at = np.empty(px.size // pixels.ROWS, np.int32)
     pixels.taylor(camera.packed(), 0.0, 0.0, 0.3, d)
-    gather(800, 1280, d, HALF_M, 60.0, 90.0, px, at, starts)
+    gather(800, 1280, d, HALF_M, 60.0, 90.0, FLAT, 1.0, px, at, starts)
     assert 8000 < starts[5] * pixels.LANES <= px.shape[0] * pixels.LANES
 
 

@@ -21,7 +21,14 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
-from eol_ros.core.vision.appearance.model import AGREE, FULL, LANES, LEAST_VARIANCE, TUKEY
+from eol_ros.core.vision.appearance.model import (
+    AGREE,
+    FULL,
+    LANES,
+    LEAST_VARIANCE,
+    SIDE_MOST,
+    TUKEY,
+)
 from eol_ros.core.vision.appearance.pixels import (
     AREA,
     BY_A,
@@ -30,6 +37,7 @@ from eol_ros.core.vision.appearance.pixels import (
     BY_O,
     BY_OA,
     BY_OB,
+    BY_SLOPE,
     BY_TURN,
     EDGE,
     GREY,
@@ -47,7 +55,9 @@ from eol_ros.core.vision.appearance.pixels import (
 )  # fmt: skip
 
 NUMBERS = 7  # of a fit: a, b in px and turn in rad from where pixels were gathered, g, o, oa, ob
-SUMS = NUMBERS * (NUMBERS + 1) // 2
+OWN = 3  # of a side: gain and ground beside the block's, slope of the gain over half a block
+COLUMNS = NUMBERS + 1  # of the equations of one side, the last is that slope
+SUMS = COLUMNS * (COLUMNS + 1) // 2
 
 
 @njit(inline='always', error_model='numpy')
@@ -73,7 +83,7 @@ def edge(a, half, per_blur):
 
 @njit(inline='always')
 def _floats(fit):
-    """Return a, b, cosine and sine of the turn, gain and ground of a fit (7,) as float32."""
+    """Return a, b, cosine and sine of the turn, gain and ground of a fit (8,) as float32."""
     f = np.float32
     cs, sn = f(cos(fit[2])), f(sin(fit[2]))
     return f(fit[0]), f(fit[1]), cs, sn, f(fit[3]), f(fit[4]), f(fit[5]), f(fit[6])
@@ -95,7 +105,7 @@ def residuals(px, start, stop, every, half, blur, noise, fit, sigma2_px):
     pa, pb, cs, sn, g, o, oa, ob = _floats(fit)
     g2, e2, h, zero = g * g, np.float32(sigma2_px), np.float32(half), np.float32(0.0)
     per_blur, per, full = np.float32(1.0 / blur), np.float32(1.0 / half), np.float32(FULL)
-    n0, n1, least = _noise(noise)
+    (n0, n1, least), slope = _noise(noise), np.float32(fit[NUMBERS])
     for group in range(start, stop, every):
         for i in range(LANES):
             a0, b0, grey = px[group, A + i], px[group, B + i], px[group, GREY + i]
@@ -107,7 +117,8 @@ def residuals(px, start, stop, every, half, blur, noise, fit, sigma2_px):
             light += px[group, LIGHT_A + i] * (a - a0) + px[group, LIGHT_B + i] * (b - b0)
             e = ea * eb
             ta, tb = light * sa * eb, light * ea * sb
-            r = grey - g * light * e - o - (oa * a + ob * b) * per
+            level = g + slope * (max(abs(a), abs(b)) - h) * per
+            r = grey - level * light * e - o - (oa * a + ob * b) * per
             r = max(r, zero) if grey > full else r
             s2 = max(n0 + n1 * grey, least)
             s2 += g2 * (px[group, SPREAD + i] * e + e2 * (ta * ta + tb * tb))
@@ -123,7 +134,7 @@ def _derivatives(px, start, stop, every, half, blur, noise, fit, sigma2_px, wide
     g2, e2, wd, h = g * g, np.float32(sigma2_px), np.float32(widen), np.float32(half)
     per_blur, per = np.float32(1.0 / blur), np.float32(1.0 / half)
     cut, full = np.float32(1.0 / TUKEY), np.float32(FULL)
-    n0, n1, least = _noise(noise)
+    (n0, n1, least), slope = _noise(noise), np.float32(fit[NUMBERS])
     for group in range(start, stop, every):
         for i in range(LANES):
             a0, b0, grey = px[group, A + i], px[group, B + i], px[group, GREY + i]
@@ -136,7 +147,8 @@ def _derivatives(px, start, stop, every, half, blur, noise, fit, sigma2_px, wide
             e = ea * eb
             ta, tb = light * sa * eb + la * e, light * ea * sb + lb * e
             ja, jb = a * per, b * per
-            r = grey - g * light * e - o - oa * ja - ob * jb
+            out = (max(abs(a), abs(b)) - h) * per
+            r = grey - (g + slope * out) * light * e - o - oa * ja - ob * jb
             s2 = max(n0 + n1 * grey, least)
             s2 = one / (s2 + g2 * (px[group, SPREAD + i] * e + e2 * (ta * ta + tb * tb)))
             over = max(r, zero) if grey > full else r
@@ -146,7 +158,7 @@ def _derivatives(px, start, stop, every, half, blur, noise, fit, sigma2_px, wide
             px[group, BY_A + i], px[group, BY_B + i] = -g * ta, -g * tb
             px[group, BY_TURN + i], px[group, BY_GAIN + i] = g * (ta * b - tb * a), light * e
             px[group, BY_O + i], px[group, BY_OA + i], px[group, BY_OB + i] = one, ja, jb
-            px[group, RESIDUAL + i] = r
+            px[group, BY_SLOPE + i], px[group, RESIDUAL + i] = light * e * out, r
             px[group, WEIGHT + i] = zero if grey > full else z * z * s2 * px[group, TRUST + i]
 
 
@@ -179,112 +191,127 @@ def _dots(x, a, b, c, d, n):
 def normal_equations(
     px, start, stop, every, half, blur, noise, fit, sigma2_px, widen, rows, sums
 ):  # fmt: skip
-    """Fill sums (35,): the upper triangle of the normal matrix row by row, then the right side.
+    """Fill sums (44,): the upper triangle of the normal matrix row by row, then the right side.
 
-    Of every `every`-th group from start to stop. rows (10, n): scratch, n at least the pixels of
+    Of every `every`-th group from start to stop. rows (11, n): scratch, n at least the pixels of
     all of these. widen: by which all variances are multiplied.
     """
     _derivatives(px, start, stop, every, half, blur, noise, fit, sigma2_px, widen)
     groups = (stop - start + every - 1) // every
     n, k = groups * LANES, 0
-    for r in range(NUMBERS + 2):
+    for r in range(COLUMNS + 2):
         _row(px, BY_A + r * LANES, start, groups, every, rows[r].reshape(-1, LANES))
-    for i in range(NUMBERS):
-        _times(rows[NUMBERS + 1], rows[i], n, rows[NUMBERS + 2])
-        for j in range(i, NUMBERS + 1, 4):
-            last = NUMBERS  # the residual
+    for i in range(COLUMNS):
+        _times(rows[COLUMNS + 1], rows[i], n, rows[COLUMNS + 2])
+        for j in range(i, COLUMNS + 1, 4):
+            last = COLUMNS  # the residual
             at = min(j + 1, last), min(j + 2, last), min(j + 3, last)
-            products = _dots(rows[NUMBERS + 2], rows[j], rows[at[0]], rows[at[1]], rows[at[2]], n)
+            products = _dots(rows[COLUMNS + 2], rows[j], rows[at[0]], rows[at[1]], rows[at[2]], n)
             for t in range(4):
-                if j + t < NUMBERS:
+                if j + t < COLUMNS:
                     sums[k] = products[t]
                     k += 1
-                elif j + t == NUMBERS:
+                elif j + t == COLUMNS:
                     sums[SUMS + i] = products[t]
 
 
 @njit(cache=True)
 def symmetric(sums, m):
-    """Fill m (NUMBERS, NUMBERS + 1) with the matrix and the right side of `sums`."""
+    """Fill m (COLUMNS, COLUMNS + 1) with the matrix and the right side of `sums`."""
     k = 0
-    for i in range(NUMBERS):
-        for j in range(i, NUMBERS):
+    for i in range(COLUMNS):
+        for j in range(i, COLUMNS):
             m[i, j] = m[j, i] = sums[k]
             k += 1
-        m[i, NUMBERS] = sums[SUMS + i]
+        m[i, COLUMNS] = sums[SUMS + i]
 
 
 @njit(cache=True)
-def eliminate(m, own, sigma, kept):
-    """Take gain and ground of one side, `own` (2,) beside the block's, out of its equations m.
+def eliminate(m, own, usual, prior, kept, out):
+    """Take the numbers `own` (OWN,) of one side out of its equations m; add the rest to out (7, 8).
 
-    They are normal about 0 with standard deviation sigma. kept (2, NUMBERS + 1): what `restore`
-    gets them from once the block's numbers are known. Return the sum of their variances then.
+    prior (OWN,): reciprocal variances of these numbers about what is usual. kept (OWN, 8 +
+    OWN): what `restore` gets them from once the block's numbers are known, then their covariance.
     """
-    prior = 1.0 / (sigma * sigma)
-    g, o = NUMBERS - 4, NUMBERS - 3
-    gg, oo, go = m[g, g] + prior, m[o, o] + prior, m[g, o]
-    det = gg * oo - go * go
-    for j in range(NUMBERS + 1):
-        by_g, by_o = m[g, j], m[o, j]
-        if j == NUMBERS:
-            by_g, by_o = by_g - prior * own[0], by_o - prior * own[1]
-        kept[0, j] = (oo * by_g - go * by_o) / det
-        kept[1, j] = (gg * by_o - go * by_g) / det
-    columns = m[:, g].copy(), m[:, o].copy()
+    at = 3, 4, NUMBERS
+    a = np.zeros((OWN, OWN + NUMBERS + 1 + OWN))
+    for i in range(OWN):
+        for j in range(OWN):
+            a[i, j] = m[at[i], at[j]]
+        a[i, i] += prior[i]
+        for j in range(NUMBERS):
+            a[i, OWN + j] = m[at[i], j]
+        a[i, OWN + NUMBERS] = m[at[i], COLUMNS] - prior[i] * (own[i] - usual[i])
+        a[i, OWN + NUMBERS + 1 + i] = 1.0
+    for i in range(OWN):
+        a[i] /= a[i, i]
+        for r in range(OWN):
+            if r != i:
+                a[r] -= a[r, i] * a[i]
+    kept[:] = a[:, OWN:]
     for i in range(NUMBERS):
         for j in range(NUMBERS + 1):
-            m[i, j] -= columns[0][i] * kept[0, j] + columns[1][i] * kept[1, j]
-    return (gg + oo) / det
+            value = m[i, j if j < NUMBERS else COLUMNS]
+            for k in range(OWN):
+                value -= m[i, at[k]] * kept[k, j]
+            out[i, j] += value
 
 
 @njit(cache=True)
-def restore(kept, step, most, own):
+def restore(kept, step, gain, own):
     """Add to `own` its step, given that of the block's numbers; see eliminate."""
-    for k in range(2):
+    for k in range(OWN):
         by = kept[k, NUMBERS]
         for j in range(NUMBERS):
             by -= kept[k, j] * step[j]
+        most = SIDE_MOST[k] * gain
         own[k] = min(max(own[k] + by, -most), most)
 
 
 @njit(cache=True, inner=True)
+def _of_side(fit, own, side_fit):
+    for i in range(NUMBERS):
+        side_fit[i] = fit[i]
+    side_fit[3], side_fit[4] = max(fit[3] + own[0], 1.0), fit[4] + own[1]
+    side_fit[NUMBERS] = own[2]
+
+
+@njit(cache=True, inner=True)
 def all_residuals(px, starts, every, half, blur, noise, fit, own, sigma2_px):
-    """Set Q and EDGE of all pixels; own (5, 2): gain and ground of each side; see residuals."""
-    side_fit = fit.copy()
+    """Set Q and EDGE of all pixels; own (5, OWN): numbers of each side; see residuals."""
+    side_fit = np.empty(COLUMNS)
     for side in range(5):
-        side_fit[3], side_fit[4] = max(fit[3] + own[side, 0], 1.0), fit[4] + own[side, 1]
+        _of_side(fit, own[side], side_fit)
         residuals(px, starts[side], starts[side + 1], every, half, blur, noise, side_fit, sigma2_px)
 
 
 @njit(cache=True, inner=True)
 def all_equations(
-    px, starts, every, half, blur, noise, fit, own, own_sigma, sigma2_px, widen, room, kept,
+    px, starts, every, half, blur, noise, fit, own, usual, prior, sigma2_px, widen, room, kept,
     equations,
 ):  # fmt: skip
-    """Fill equations (7, 8) of a block, gains and grounds of its sides eliminated; see restore.
+    """Fill equations (7, 8) of a block, numbers of its sides eliminated; see eliminate.
 
-    Return the sum of the variances that these have.
+    usual (4, OWN): what these are about, as shares of the gain.
     """
-    (rows, sums, m), variance = room, 0.0
-    side_fit = fit.copy()
+    (rows, sums, m), side_fit = room, np.empty(COLUMNS)
     equations[:] = 0.0
     for side in range(5):
-        side_fit[3], side_fit[4] = max(fit[3] + own[side, 0], 1.0), fit[4] + own[side, 1]
         if starts[side] == starts[side + 1]:
             kept[side] = 0.0
             continue
+        _of_side(fit, own[side], side_fit)
         normal_equations(
             px, starts[side], starts[side + 1], every, half, blur, noise, side_fit, sigma2_px,
             widen, rows, sums,
         )  # fmt: skip
         symmetric(sums, m)
         if side < 4:
-            variance += eliminate(m, own[side], own_sigma, kept[side])
+            eliminate(m, own[side], fit[3] * usual[side], prior, kept[side], equations)
+            continue
         for i in range(NUMBERS):
             for j in range(NUMBERS + 1):
-                equations[i, j] += m[i, j]
-    return variance
+                equations[i, j] += m[i, j if j < NUMBERS else COLUMNS]
 
 
 @njit(cache=True)

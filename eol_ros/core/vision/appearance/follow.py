@@ -17,6 +17,7 @@ from eol_ros.core.vision.appearance import find, model, neighbours, pixels
 from eol_ros.core.vision.appearance.faces import Faces
 from eol_ros.core.vision.appearance.model import YOUNG
 from eol_ros.core.vision.appearance.register import FOUND, register
+from eol_ros.core.vision.calibration.covers import FLAT
 from eol_ros.core.vision.calibration.model import Calibration
 
 BLOCK = np.dtype(
@@ -39,7 +40,7 @@ class Follower:
     Parameters
     ----------
     calibration : Calibration
-        Of flat covers.
+        Of this camera and its covers.
 
     Attributes
     ----------
@@ -51,10 +52,14 @@ class Follower:
 
     def __init__(self, calibration: Calibration):
         self.packed, self.px_per_m = calibration.packed(), calibration.px_per_m()
+        self.heights, covers = FLAT, calibration.covers
+        if covers is not None:
+            self.heights = covers.over(calibration.cover_height_m)
         self.rest = rest_lattice()
         n = len(self.rest)
         self.blocks, self.found = np.zeros(n, BLOCK), np.zeros(n, FOUND)
-        self.found['own'] = model.OWN[1]
+        self._most_own = model.MOST_OWN[covers is not None]
+        self.found['own'] = self._most_own
         self.blocks['x'], self.blocks['y'] = self.rest.T
         self.faces, self._patches = Faces(n), pixels.empty_patches(n)
         self.noise, self.quiet = np.ones(2), 1.0
@@ -108,8 +113,8 @@ class Follower:
         self.found['expected'] = np.where(known, blocks['gain'] * self.exposure, 0)
         faces, close = self.faces, ~known | ((self._all + self._images) % model.CLOSELY == 0)
         register(
-            image, self.packed, BLOCK_SIDE_M / 2, self.blur_px, self.noise, faces.light,
-            faces.spread, ~known, close, which, self.found, faces.own, faces.own_px,
+            image, self.packed, self.heights, BLOCK_SIDE_M / 2, self.blur_px, self.noise,
+            faces.light, faces.spread, ~known, close, which, self.found, faces.own, faces.own_px,
             *self._patches,
         )  # fmt: skip
 
@@ -154,6 +159,7 @@ class Follower:
     def _forget(self, block: int) -> None:
         self.faces.forget(block)
         self._patches[0]['starts'][block] = 0
+        self.found['own'][block], self.found['usual'][block] = self._most_own, 0.0
         for name in ('known', 'gain', 'fresh'):
             self.blocks[name][block] = 0
 
@@ -229,9 +235,11 @@ class Follower:
             if faces.learn(int(block), noise / gain**2, bool(clear[block])):
                 self._patches[0]['starts'][block] = 0
             # expectation maximisation (Dempster, Laird and Rubin, 1977)
-            own, owns = found['own'][block], found['owns'][block]
-            own += (owns - own) / model.OWN_LOOKS
-            found['own'][block] = min(max(own, model.OWN[0]), model.OWN[1])
+            rate, f = 1 / min(faces.looks[block], model.OWN_LOOKS), found[block]
+            f['own'] = np.clip(
+                f['own'] + rate * (f['off'] - f['own']), model.LEAST_OWN, self._most_own
+            )
+            f['usual'] += rate * (f['sides'] - f['usual'])
             rate = 1 / min(faces.looks[block], 60)
             blocks['gain'][block] += rate * (gain / self.exposure - blocks['gain'][block])
             blocks['known'][block] = faces.looks[block] >= YOUNG

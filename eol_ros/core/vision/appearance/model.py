@@ -34,9 +34,12 @@ ROUNDS = 9
 HOPELESS = 0.3  # of a cover that agrees after half of the rounds
 GAIN_SIGMA = 0.25  # of the gain expected: flash and battery within a frame
 PLANE_SIGMA = 0.05  # of the gain: slope of the ground's light over half a block
-# gain and ground of a side beside the block's, as shares of its gain: variance, the most
-OWN, SIDE_MOST = (1e-6, 0.01), 0.3
-OWN_LOOKS = 30.0  # over which that variance is averaged
+# Of a side: gain and ground beside the block's, slope of the gain over half a block. Least and
+# greatest variance, as shares of the gain squared, the second of flat covers and of printed ones,
+# whose light falls off towards their sides; the most of each, as a share of the gain
+LEAST_OWN, MOST_OWN = (1e-6, 1e-6, 1e-5), ((0.01, 0.01, 0.003), (0.01, 0.01, 0.02))
+SIDE_MOST = 0.3, 0.3, 4.0
+OWN_LOOKS = 30.0  # over which these are averaged
 STEP_PX, STEP_RAD = 6.0, 0.2  # the longest step of one iteration
 
 # Decisions

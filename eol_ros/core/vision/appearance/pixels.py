@@ -15,17 +15,20 @@ from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
 from eol_ros.core.vision.appearance.model import CELLS, EVERY, LANES, MOST_PX, PARTS
 from eol_ros.core.vision.calibration.mapping import to_pixel
+from eol_ros.core.vision.detect.outline import NONE, outside
 from eol_ros.core.vision.detect.scan import span
 
 # Numbers of a pixel. Of a patch: block coordinates in px of the block's scale, pixels that it
 # stands for, brightness of the face there and its slopes, variance of the brightness, part of a
 # side (side * PARTS + part, or -1). Of an image: grey level, trust in it. Of a fit: squared
-# residual in variances, edge function, derivatives by pose (3), gain, ground (3), residual, weight.
+# residual in variances, edge function, derivatives by pose (3), gain, ground (3) and the slope of a
+# side, residual, weight.
 (
     A, B, AREA, LIGHT, LIGHT_A, LIGHT_B, SPREAD, PART,
-    GREY, TRUST, Q, EDGE, BY_A, BY_B, BY_TURN, BY_GAIN, BY_O, BY_OA, BY_OB, RESIDUAL, WEIGHT,
-) = range(0, 21 * LANES, LANES)  # fmt: skip
-ROWS, KEPT_ROWS = 21, 8
+    GREY, TRUST, Q, EDGE, BY_A, BY_B, BY_TURN, BY_GAIN, BY_O, BY_OA, BY_OB, BY_SLOPE, RESIDUAL,
+    WEIGHT,
+) = range(0, 22 * LANES, LANES)  # fmt: skip
+ROWS, KEPT_ROWS = 22, 8
 GROUPS = MOST_PX // LANES + 5  # lists are filled
 _STEP_M = 0.03  # for derivatives of the camera's map: two thirds of half a block
 
@@ -160,6 +163,25 @@ def _place(m, count, a, b):
 
 
 @njit(cache=True, error_model='numpy')
+def _flatten(count, half, near_px, table, sense, a, b, area):
+    """Move pixels of a cover in relief to where a flat one has them; see outline.tabulate.
+
+    Those whose side has no outline there get no area. sense: -1 for a mirror image, else 1.
+    """
+    f = np.float32
+    for n in range(count):
+        side, far, t = side_of(a[n], b[n])
+        along = f(sense) * (t if side == 0 or side == 3 else -t)
+        d = outside(table, side if sense > 0 else -side % 4, along)
+        if d == NONE:
+            area[n] = f(0.0) if far > half - near_px else area[n]
+        elif side % 2 == 0:
+            a[n] -= d if side == 0 else -d
+        else:
+            b[n] -= d if side == 1 else -d
+
+
+@njit(cache=True, error_model='numpy')
 def _sort(count, half, near_px, room, picked, px, at, starts):
     """Put picked pixels into px and at, by the part of a side at which they lie."""
     f = np.float32
@@ -169,6 +191,8 @@ def _sort(count, half, near_px, room, picked, px, at, starts):
     for n in range(count):
         side, far, t = side_of(a[n], b[n])
         part[n] = -1.0
+        if area[n] == f(0.0):
+            continue
         if area[n] == one and far >= within:
             part[n] = side * PARTS + min(max(int((t + half) * per_part), 0), PARTS - 1)
             ends[side] += 1
@@ -179,6 +203,8 @@ def _sort(count, half, near_px, room, picked, px, at, starts):
         starts[s + 1] = starts[s] + (ends[s] + LANES - 1) // LANES
         ends[s] = starts[s] * LANES
     for n in range(count):
+        if area[n] == f(0.0):
+            continue
         s = 4 if part[n] < 0 else int(part[n]) // PARTS
         k, z = ends[s] // LANES, ends[s] % LANES
         px[k, z + A], px[k, z + B] = a[n], b[n]
@@ -194,8 +220,11 @@ def _sort(count, half, near_px, room, picked, px, at, starts):
 
 
 @njit(cache=True, error_model='numpy')
-def shade(px, groups, half, light, spread):
-    """Set what the face (CELLS, CELLS) says of each pixel."""
+def shade(px, groups, half, light, spread, flat):
+    """Set what the face (CELLS, CELLS) says of each pixel.
+
+    Where a cover is not flat its light does not move with its sides: slopes are 0.
+    """
     f = np.float32
     per_cell, least = f(CELLS / (2 * half)), f(0.05)
     mid, low, high = f(CELLS / 2 - 0.5), f(-0.5), f(CELLS - 0.5)
@@ -216,7 +245,8 @@ def shade(px, groups, half, light, spread):
         c = cells[j * (CELLS - 1) + i]
         by_p, by_q = c[1] + fq * c[3], c[2] + fp * c[3]
         px[k, z + LIGHT] = max(c[0] + fp * c[1] + fq * by_q, least)
-        px[k, z + LIGHT_A], px[k, z + LIGHT_B] = by_p * per_cell, by_q * per_cell
+        px[k, z + LIGHT_A] = by_p * per_cell if flat else f(0.0)
+        px[k, z + LIGHT_B] = by_q * per_cell if flat else f(0.0)
         px[k, z + SPREAD] = c[4]
 
 
@@ -229,12 +259,25 @@ def side_of(a, b):
 
 
 @njit(cache=True, inner=True)
-def gather(rows, cols, m, half_m, near_px, out_px, px, at, starts):
-    """Fill px, at and starts for a block with derivatives m (12,)."""
+def gather(rows, cols, m, half_m, near_px, out_px, table, sense, px, at, starts):
+    """Fill px, at and starts for a block with derivatives m (12,).
+
+    table: of outline.tabulate for covers in relief, with 0 first for flat ones. sense: -1 for a
+    mirror image, else 1.
+    """
     room, picked = np.empty((4, MOST_PX), np.float32), np.empty(MOST_PX, np.int32)
-    count = _pick(rows, cols, m, half_m, near_px, out_px, room[0], room[1], room[2], picked)
+    half, reach = half_m * scale_of(m), 0.0
+    if table[0] > 0.0:
+        for k in range(1, table.shape[0]):
+            if table[k] != NONE:
+                reach = max(reach, abs(table[k]))
+    count = _pick(
+        rows, cols, m, half_m, near_px + reach, out_px + reach, room[0], room[1], room[2], picked
+    )
     _place(m, count, room[0], room[1])
-    _sort(count, half_m * scale_of(m), near_px, room, picked, px, at, starts)
+    if table[0] > 0.0:
+        _flatten(count, half, near_px + reach, table, sense, room[0], room[1], room[2])
+    _sort(count, half, near_px, room, picked, px, at, starts)
 
 
 @njit(cache=True, inner=True)

@@ -6,11 +6,13 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.elementary_kernels import cos, sin
+from eol_ros.core.elementary_kernels import arctan2, cos, sin
 from eol_ros.core.vision.appearance import faces, fit, pixels
 from eol_ros.core.vision.appearance import model as m
 from eol_ros.core.vision.appearance.model import LANES
 from eol_ros.core.vision.appearance.pixels import AREA, EDGE, GREY, SPREAD, Q
+from eol_ros.core.vision.calibration.mapping import SENSE
+from eol_ros.core.vision.detect import outline
 
 FOUND = np.dtype(
     [
@@ -18,8 +20,10 @@ FOUND = np.dtype(
         ('start_px', 'f8'),  # standard deviation of the start
         ('gain', 'f8'), ('ground', 'f8', 3),  # grey levels
         ('expected', 'f8'),  # gain, or 0
-        ('own', 'f8'),  # variance of gain and ground of its sides beside its own, gains squared
-        ('owns', 'f8'),  # as this image has it
+        # numbers of its sides, gains: as usual, their variances, in this image, and squared
+        # deviations from what is usual, as expected of it
+        ('usual', 'f8', (4, fit.OWN)), ('own', 'f8', fit.OWN),
+        ('sides', 'f8', (4, fit.OWN)), ('off', 'f8', fit.OWN),
         ('sigma_m', 'f8'), ('sigma_rad', 'f8'),
         ('visible', 'f8'),  # share of the cover that looks as it should
         ('ring', 'f8'),  # and of the ground beside its edges
@@ -39,27 +43,30 @@ FOUND = np.dtype(
 
 @njit(cache=True)
 def register(
-    image, c, half_m, blur_px, noise, light, spread, fresh, close, which, found, own, own_px,
-    patches, kept, places,
+    image, c, heights, half_m, blur_px, noise, light, spread, fresh, close, which, found, own,
+    own_px, patches, kept, places,
 ):  # fmt: skip
     """Fit the blocks `which` (k,) to an image, from the start that `found` (n,) holds.
 
-    c: Calibration.packed(). blur_px: standard deviation of an edge. noise (2,): see fit.residuals.
+    c: Calibration.packed(). heights (n, 4, 1 + POINTS): CoverOutlines.over the plane of c, or none
+    of flat covers. blur_px: standard deviation of an edge. noise (2,): see fit.residuals.
     light, spread (n, CELLS, CELLS): their faces. fresh (n,): whether to take the face from this
     image. close (n,): whether to look closely, at sides and brightness; else these stay as they
     were found last. own, own_px (n, CELLS, CELLS): brightness of each cover, and its pixels.
     patches, kept, places: of pixels.empty_patches(n), from image to image.
     """
-    z, prior, own_level = np.zeros(fit.NUMBERS), np.zeros(fit.NUMBERS), np.zeros((5, 2))
-    equations, kept_sides = np.empty((fit.NUMBERS, fit.NUMBERS + 1)), np.zeros((5, 2, 8))
+    z, prior, own_level = np.zeros(fit.NUMBERS), np.zeros(fit.NUMBERS), np.zeros((5, fit.OWN))
+    equations, kept_sides = np.empty((fit.NUMBERS, fit.NUMBERS + 1)), np.zeros((5, fit.OWN, 11))
+    own_prior = np.empty(fit.OWN)
     work, px = np.empty((fit.NUMBERS, 11)), pixels.empty()
     room = (
-        np.empty((10, pixels.GROUPS * LANES), np.float32),
-        np.empty(fit.SUMS + fit.NUMBERS),
-        np.empty((fit.NUMBERS, fit.NUMBERS + 1)),
+        np.empty((fit.COLUMNS + 3, pixels.GROUPS * LANES), np.float32),
+        np.empty(fit.SUMS + fit.COLUMNS),
+        np.empty((fit.COLUMNS, fit.COLUMNS + 1)),
     )
     bins, few = np.empty((4 * m.PARTS, 2)), np.empty(m.MOST_PX, np.float32)
     side_room, sides = np.empty((4, 11)), np.empty(4)
+    table, flat = np.zeros(outline.SIZE, np.float32), heights.shape[0] == 0
     for k in range(which.shape[0]):
         n = which[k]
         f, patch, at = found[n], patches[n], places[n]
@@ -67,7 +74,6 @@ def register(
         sigma_px, settled, judged, widen = f.start_px, False, False, 1.0
         half, face = 1.0, light[n]
         doubtful = not fresh[n] and (f.visible < m.ALIKE or f.misfit > m.MISFIT)
-        own_level[:] = 0.0
         for it in range(m.ROUNDS):
             own_face = fresh[n] and (it == 2 or it == 4)
             moved = math.sqrt(z[0] ** 2 + z[1] ** 2) + abs(z[2]) * half
@@ -77,27 +83,29 @@ def register(
                 if keep:
                     pixels.copy(kept[n], starts[5], px)
                 else:
-                    _gather(image, c, half_m, near, f, patch, px, at)
+                    _gather(image, c, heights, n, half_m, near, table, f, patch, px, at)
                 if starts[5] < 8:
                     settled = False
                     break
                 half = half_m * patch.scale
                 if not keep:
-                    pixels.shade(px, starts[5], half, face, spread[n])
+                    pixels.shade(px, starts[5], half, face, spread[n], flat)
                 pixels.read(image, at, starts[5], px)
                 _from_patch(patch, f, z)
                 if it == 0:
                     inner, outer = fit.levels(px, starts[5], half, blur_px, few)
                     z[3] = f.expected if f.expected > 0.0 else max(inner - outer, 2.0)
                     z[4], z[5], z[6] = outer, 0.0, 0.0
+                    own_level[:4] = z[3] * f.usual
                 if own_face:
                     face = own[n]
                     faces.brightness(px, starts[5], half, blur_px, z, face, own_px[n])
                     faces.fill(face, own_px[n], 1.0)
-                    pixels.shade(px, starts[5], half, face, spread[n])
+                    pixels.shade(px, starts[5], half, face, spread[n], flat)
                 elif not keep:
                     pixels.copy(px, starts[5], kept[n])
-            level_sigma = math.sqrt(f.own) * z[3]
+            for i in range(fit.OWN):
+                own_prior[i] = 1.0 / (f.own[i] * z[3] ** 2)
             if it == 0:
                 fit.all_residuals(px, starts, 4, half, blur_px, noise, z, own_level, sigma_px**2)
                 widen = fit.widen_of(px, starts, 4, m.WIDEN, few)
@@ -106,9 +114,9 @@ def register(
                 fit.trust(px, starts[4], widen, bins)
                 if it > 3 and _judged(px, starts[5], noise, z, widen)[0] < m.HOPELESS:
                     break
-            variance = fit.all_equations(
-                px, starts, 2 if it == 0 else 1, half, blur_px, noise, z, own_level, level_sigma,
-                sigma_px**2, widen, room, kept_sides, equations,
+            fit.all_equations(
+                px, starts, 2 if it == 0 else 1, half, blur_px, noise, z, own_level, f.usual,
+                own_prior, sigma_px**2, widen, room, kept_sides, equations,
             )  # fmt: skip
             prior[0] = prior[1] = 1.0 / f.start_px**2
             prior[2] = (half / (1.5 * f.start_px)) ** 2
@@ -121,10 +129,9 @@ def register(
                 settled = False
                 break
             _step(work, half, patch, f, z)
-            for side in range(4):
-                fit.restore(kept_sides[side], work[:, 7], m.SIDE_MOST * z[3], own_level[side])
-            f.owns = (variance + (own_level**2).sum()) / 8 / z[3] ** 2
             settled = True
+            for side in range(4):
+                fit.restore(kept_sides[side], work[:, 7], z[3], own_level[side])
             sure_px = math.sqrt(max(work[0, 8], 0.0))
             judged = sigma_px < max(m.JUDGED_PX, 2 * sure_px) and f.step_px < m.SETTLED * sure_px
             if judged and (not fresh[n] or it > 4):
@@ -137,6 +144,12 @@ def register(
             starts[:] = 0
             continue
         f.gain, f.side_px = z[3], 2 * half
+        f.off[:] = 0.0
+        for side in range(4):
+            for i in range(fit.OWN):
+                f.sides[side, i] = own_level[side, i] / z[3]
+                f.off[i] += (f.sides[side, i] - f.usual[side, i]) ** 2 / 4
+                f.off[i] += kept_sides[side, i, 8 + i] / (4 * z[3] ** 2)
         for i in range(3):
             f.ground[i] = z[4 + i]
         f.sigma_m = math.sqrt(max((work[0, 8] + work[1, 9]) / 2, 0.0)) / patch.scale
@@ -170,14 +183,23 @@ def _lies_in(patch, f, half_m, near):
 
 
 @njit(cache=True)
-def _gather(image, c, half_m, near, f, patch, px, at):
-    """Make a patch for the block at f."""
+def _gather(image, c, heights, n, half_m, near, table, f, patch, px, at):
+    """Make a patch for the block n at f."""
     d = np.empty(12)
     pixels.taylor(c, f.x, f.y, f.yaw, d)
     patch.x, patch.y, patch.yaw, patch.scale = f.x, f.y, f.yaw, pixels.scale_of(d)
     patch.near_px = near
+    table[0] = 0.0
+    if heights.shape[0]:
+        theta = arctan2(-d[7], d[1])
+        outline.tabulate(
+            c, heights[n], d[0], d[6], theta, half_m * patch.scale, 0, table, outline.SHINE_PX,
+            False,
+        )  # fmt: skip
     rows, cols = image.shape
-    pixels.gather(rows, cols, d, half_m, near, near + m.OUTSIDE_PX, px, at, patch.starts)
+    pixels.gather(
+        rows, cols, d, half_m, near, near + m.OUTSIDE_PX, table, c[SENSE], px, at, patch.starts
+    )
 
 
 @njit(cache=True)

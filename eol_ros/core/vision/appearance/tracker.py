@@ -26,12 +26,12 @@ class AppearanceTracker:
     settings : TrackerSettings
         As a scene has them.
     calibration : Calibration
-        Of this camera and of flat covers.
+        Of this camera and its covers.
 
     Raises
     ------
     ConfigError
-        Without a calibration, or with one of covers in relief.
+        Without a calibration.
 
     Examples
     --------
@@ -50,11 +50,6 @@ class AppearanceTracker:
     def __init__(self, settings: TrackerSettings, calibration: Calibration | None):
         if calibration is None:
             raise ConfigError('the appearance tracker needs a calibration: give --calibration')
-        if calibration.covers is not None:
-            raise ConfigError(
-                'the appearance tracker knows flat covers only, and the calibration is of covers '
-                'in relief: use --tracker edges'
-            )
         self.settings, self.calibration = settings, calibration
         self.follower, self.watch = Follower(calibration), Watch(calibration)
 

@@ -15,7 +15,7 @@ from eol_ros.core.elementary_kernels import arctan2, cos, sin
 from eol_ros.core.geometry import BLOCK_SIDE_M
 
 _INVERSE = 9
-_FX, _SKEW, _CX, _FY, _CY, _K1, _K2, _P1, _P2, _K3, _SENSE, UP = range(18, 30)
+_FX, _SKEW, _CX, _FY, _CY, _K1, _K2, _P1, _P2, _K3, SENSE, UP = range(18, 30)
 NUMBERS = UP + 3
 _ROUNDS = 40
 _SETTLED = 1e-13  # of the image plane at distance 1
@@ -108,7 +108,7 @@ def _square(c, x, y, yaw, bend):
     u1, v1 = to_pixel(c, x + _STEP_M, y)
     u2, v2 = to_pixel(c, x, y - _STEP_M)
     u3, v3 = to_pixel(c, x, y + _STEP_M)
-    s = c[_SENSE]
+    s = c[SENSE]
     theta = arctan2(-(v1 - v0) - s * (u3 - u2), u1 - u0 - s * (v3 - v2)) + s * yaw
     quarter = round(theta / (math.pi / 2))
     u += bend * ((u0 + u1 + u2 + u3) / 4 - u)
@@ -146,7 +146,7 @@ def poses(calibration, blobs, side_m):
         wx, wy = _to_table(calibration, u - c, v + s)
         sx, sy = _to_table(calibration, u + s, v + c)
         xy[i, 0], xy[i, 1] = (ex + nx + wx + sx) / 4, (ey + ny + wy + sy) / 4
-        s = calibration[_SENSE]
+        s = calibration[SENSE]
         yaw[i] = arctan2(ey - wy - s * (nx - sx), ex - wx + s * (ny - sy))
         sigma[i] = blobs[i].sigma_px * side_m / max(blobs[i].side_px, 1.0)
     return xy, yaw, sigma

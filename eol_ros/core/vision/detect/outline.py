@@ -45,7 +45,9 @@ def _draw(table, reach, t0, d0, t1, d1):
 
 
 @njit(cache=True)
-def tabulate(camera, heights, u, v, theta, half, quarter, table, shine=SHINE_PX):
+def tabulate(
+    camera, heights, u, v, theta, half, quarter, table, shine=SHINE_PX, slanted=True
+):  # fmt: skip
     """Fill `table` (SIZE,) with how far outside the sides of a flat square the outline stands.
 
     camera: Calibration.packed(). heights (4, 1 + POINTS) m over the calibration's plane. The square
@@ -53,9 +55,10 @@ def tabulate(camera, heights, u, v, theta, half, quarter, table, shine=SHINE_PX)
     further is the block's own x axis; `shine` is what the light of a wall in sight adds, px.
 
     Rows and columns cross a side at a slant: what they meet further out is further along the side
-    by -tan(theta) a px. The table is read where they would cross the flat square.
+    by -tan(theta) a px. The table is read where they would cross the flat square. Without `slanted`
+    it is read where a line at right angles would, and theta is any angle.
     """
-    slant = -tan(theta)
+    slant = -tan(theta) if slanted else 0.0
     table[0] = REACH * half
     cu, cv = undistorted(camera, u, v)
     low = heights[0, 0]
