@@ -3,6 +3,7 @@
 
 import inspect
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from eol_ros.core.vision.appearance.tracker import AppearanceTracker
 from eol_ros.core.vision.calibration import covers
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import outline
+from eol_ros.core.vision.identity.symmetry import TURNED
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import NOISE_LEVELS, Renderer, RenderOptions
 from eol_ros.core.vision.states import FAULT, LOST, SEARCHING, TRACKING
@@ -223,12 +225,30 @@ def test_numbers_of_sides_are_eliminated_as_dense_algebra_does():
 
 
 @pytest.mark.parametrize(
-    ('name', 'most_mm'), [('straight-0mm', 0.15), ('tilted', 0.3), ('steep', 0.3), ('lens', 0.3)]
+    ('name', 'most_mm', 'mirror'),
+    [
+        ('straight-0mm', 0.15, False),
+        ('tilted', 0.3, False),
+        ('steep', 0.3, False),
+        ('steep', 0.3, True),
+        ('lens', 0.3, False),
+    ],
 )
-def test_printed_covers_lie_where_they_were_put(name, most_mm):
+def test_printed_covers_lie_where_they_were_put(name, most_mm, mirror):
     film = next(f for f in films.load() if f.name == name)
-    tracker = AppearanceTracker(TrackerSettings(), films.calibration(film, True))
-    found = [tracker.update(k / 60, films.sensed(film.light, k)) for k in range(40)][20:]
+    camera = films.calibration(film, True)
+    if mirror:  # the same table, left for right in the image
+        flip = np.array([[-1.0, 0, camera.image_width - 1], [0, 1, 0], [0, 0, 1]])
+        matrix = camera.camera_matrix.copy()
+        matrix[0, 2] = camera.image_width - 1 - matrix[0, 2]
+        camera = replace(camera, homography=flip @ camera.homography, camera_matrix=matrix)
+        assert camera.mirrored
+    tracker = AppearanceTracker(TrackerSettings(), camera)
+    found = []
+    for k in range(40):
+        image = films.sensed(film.light, k)
+        found.append(tracker.update(k / 60, image[:, ::-1] if mirror else image))
+    found = found[20:]
     assert all(f.seen.all() for f in found)
     off = np.array([f.world for f in found]) - film.shot.poses[:, :2]
     assert np.sqrt((off**2).sum(axis=2).mean()) < most_mm * 1e-3
@@ -341,6 +361,67 @@ def test_light_that_changes_moves_no_block():
     assert found['seen'].all()
     for name in 'xy':
         assert np.abs(found[name][40:] - found[name][39]).max() * 545 < 0.02
+
+
+def textured(image, camera, at, yaw, patterns):
+    """Return the image with each block's light modulated by a pattern (4,) of its own."""
+    image = image.astype(float)
+    for (x, y), p in zip(at, patterns, strict=True):
+        u, v = np.rint(camera.to_pixels([[x, y]])[0]).astype(int)
+        j, i = np.mgrid[v - 22 : v + 23, u - 22 : u + 23]
+        a, b = (i - u) / 545, -(j - v) / 545
+        c, s = math.cos(yaw), math.sin(yaw)
+        a, b = c * a + s * b, c * b - s * a
+        image[j, i] *= 1 + p[0] * np.cos(60 * a + p[1]) + p[2] * np.cos(60 * b + p[3])
+    return np.clip(image, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize('quarters', [1, 2])
+def test_a_quarter_turn_in_the_dark_is_told_by_the_covers(quarters):
+    renderer, rng = Renderer(RenderOptions(noise='L2'), None, 2), np.random.default_rng(4)
+    patterns = np.column_stack(
+        [rng.uniform(0.05, 0.2, 25), rng.uniform(0, 6, 25), rng.uniform(0.05, 0.2, 25),
+         rng.uniform(0, 6, 25)]
+    )  # fmt: skip
+    dark = np.random.default_rng(1).integers(8, 14, (800, 1280)).astype(np.uint8)
+    images = []
+    for k in range(120):
+        angle = quarters * math.pi / 2 * (k > 70)
+        at = turned(angle)
+        image = renderer.render(*at.T, np.full(25, angle), k)
+        images.append(textured(image, renderer.calibration, at, angle, patterns))
+    images[50:71] = [dark] * 21
+    found = followed(images, renderer.calibration)
+    assert found['seen'][72:].all()
+    true = turned(quarters * math.pi / 2)
+    assert np.hypot(found['x'] - true[:, 0], found['y'] - true[:, 1])[72:].max() < 1e-3
+    np.testing.assert_allclose(
+        np.angle(np.exp(1j * (found['yaw'][72:] - quarters * math.pi / 2))), 0, atol=0.02
+    )
+
+
+@pytest.mark.parametrize('quarters', [0, 1, 3])
+def test_which_way_round_the_lattice_lies_is_told_by_taps(quarters):
+    renderer = Renderer(RenderOptions(noise='L2'), None, 2)
+    tracker = AppearanceTracker(TrackerSettings(trust_start=False), renderer.calibration)
+    at, slips = REST.copy(), {30 + 20 * n: place for n, place in enumerate([3, 16, 8, 22, 14, 1])}
+    for k in range(180):
+        place = slips.get(k - k % 10 if k % 20 >= 10 else -1)
+        if place is not None and k % 10 < 4:  # from rest at 2 m/s2
+            at[place] = REST[place] + [0.0, ((k % 10 + 0.5) / 60) ** 2]
+        if place is not None and k % 10 == 0:
+            tracker.tap((k - 0.5) / 60, int(TURNED[quarters, place]), 0.002)
+        found = tracker.update(k / 60, renderer.render(*at.T, np.zeros(25), k))
+        if k == 25:
+            assert found.symmetry_ambiguous
+    assert not found.symmetry_ambiguous
+    true = np.empty_like(at)
+    true[TURNED[quarters]] = at
+    assert np.abs(found.world - true).max() < 2e-3
+    np.testing.assert_allclose(
+        np.angle(np.exp(1j * (found.yaw - quarters * math.pi / 2))), 0, atol=0.02
+    )
+    assert found.seen.all()
 
 
 def covered(image, camera, block, share, level=40):

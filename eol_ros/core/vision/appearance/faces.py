@@ -10,8 +10,17 @@ import numpy as np
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
 from eol_ros.core.vision.appearance import model
-from eol_ros.core.vision.appearance.model import AGREE, CELLS, LANES, SPREAD_LOOKS, YOUNG
+from eol_ros.core.vision.appearance.model import (
+    AGREE,
+    CELLS,
+    CELLS_ALIKE,
+    COVER_SIGMA,
+    LANES,
+    SPREAD_LOOKS,
+    YOUNG,
+)
 from eol_ros.core.vision.appearance.pixels import AREA, GREY, A, B
+from eol_ros.core.vision.identity.symmetry import TURNED
 
 _LEAST, _MOST = model.SPREAD
 
@@ -36,6 +45,31 @@ class Faces:
         self.light[block], self.spread[block] = 1.0, _MOST
         for sums in (self._sum, self._squares, self._count, self.looks):
             sums[block] = 0
+
+    def turn(self, order: np.ndarray, quarters: int) -> None:
+        """Give each block the face of block order (n,), turned back by quarters."""
+        for maps in (self.light, self.spread, self._sum, self._squares, self._count):
+            maps[:] = np.rot90(maps[order], quarters, (1, 2))
+        self.looks[:] = self.looks[order]
+
+    def quarters(self, seen: np.ndarray, known: np.ndarray, noise: float) -> np.ndarray:
+        """Return nats (4,) for 0 to 3 quarter turns of the lattice, of its covers in this image.
+
+        seen, known (n,): whose own brightness is of this image, and whose face is learned. noise:
+        variance of a pixel, gains squared. Cells err together with their neighbours.
+        """
+        nats = np.zeros(4)
+        comparable = seen & known[TURNED].all(axis=0)
+        for quarters in range(4):
+            for block in np.flatnonzero(comparable):
+                true = TURNED[quarters, block]
+                own = np.rot90(self.own[block], quarters).astype(float)
+                px = np.rot90(self.own_px[block], quarters)
+                there, face = px > 0, self.light[true]
+                off = own[there] * (face[there].sum() / own[there].sum()) - face[there]
+                variance = self.spread[true][there] + noise / px[there] + COVER_SIGMA**2
+                nats[quarters] -= np.minimum(off**2 / variance, AGREE).sum() / 2 / CELLS_ALIKE
+        return nats
 
     def learn(self, block: int, noise: float, whole: bool) -> bool:
         """Take a look: the last image's brightness, with the variance `noise` of a pixel.

@@ -19,6 +19,7 @@ from eol_ros.core.vision.appearance.model import YOUNG
 from eol_ros.core.vision.appearance.register import FOUND, register
 from eol_ros.core.vision.calibration.covers import FLAT
 from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.identity.symmetry import UNTURNED
 
 BLOCK = np.dtype(
     [
@@ -48,9 +49,11 @@ class Follower:
         (25,) BLOCK; a block out of sight is where its neighbours put it.
     found : ndarray
         (25,) FOUND, of the last image.
+    ambiguous : bool
+        Whether the lattice may lie a quarter turn, or two or three, further round.
     """
 
-    def __init__(self, calibration: Calibration):
+    def __init__(self, calibration: Calibration, trust_start: bool = True):
         self.packed, self.px_per_m = calibration.packed(), calibration.px_per_m()
         self.heights, covers = FLAT, calibration.covers
         if covers is not None:
@@ -66,7 +69,8 @@ class Follower:
         self.blur_px, self._blur_looks = model.FIRST_BLUR_PX, 0
         self.exposure = 1.0
         self.last_s = -math.inf
-        self.lattice = False  # whether it was ever found
+        self.lattice, self.ambiguous = False, not trust_start  # lattice: whether it was ever found
+        self._seen_s = -math.inf  # when it was last in sight
         self._near = np.zeros((n, 4))
         self._all, self._turn, self._lost, self._images = np.arange(n), 0, 0, 0
         self._places, self._angles = np.zeros((2, 13, 13), np.float32)
@@ -84,7 +88,7 @@ class Follower:
         passed_s = stamp_s - self.last_s
         seen = blocks['seen'].sum()
         if not self.lattice or self._lost > model.LOST_IMAGES or seen < model.LEAST:
-            good = self._acquire(image)
+            good = self._acquire(stamp_s, image)
             passed_s = math.inf
         else:
             ahead_s = passed_s if 0.0 < passed_s < model.MAX_AHEAD_S else 0.0
@@ -104,6 +108,8 @@ class Follower:
             _take(blocks, found, self._near, good, passed_s)
             self._learn(passed_s)
             self._lost = 0 if good.sum() >= model.SEEN_BLOCKS else self._lost + 1
+            if good.sum() >= model.LEAST:
+                self._seen_s = stamp_s
         self.last_s = stamp_s
         return blocks
 
@@ -163,7 +169,7 @@ class Follower:
         for name in ('known', 'gain', 'fresh'):
             self.blocks[name][block] = 0
 
-    def _acquire(self, image: np.ndarray) -> np.ndarray:
+    def _acquire(self, stamp_s: float, image: np.ndarray) -> np.ndarray:
         """Seek the whole lattice; return (25,) which blocks were found."""
         blocks, found = self.blocks, self.found
         lattice = find.find_lattice(image, self.packed, self.rest, BLOCK_SIDE_M, self.quiet)
@@ -180,13 +186,56 @@ class Follower:
         self._near[:] = np.column_stack(
             [nodes[:, :2], np.full(len(nodes), turn), np.full(len(nodes), len(nodes))]
         )
+        again = self.lattice
         for start_px in (5.0, 3.0, 2.0, 1.0):  # while the width of edges settles
             found['start_px'] = start_px
-            self._register(image, self._all)
+            self._register(image, self._all, fresh=again)
             self._sharpen((found['visible'] > 0.8) & (found['ratio'] > 2.0))
         self.lattice = True
         self.lose()
+        if again:
+            self._turn_by_faces(stamp_s)
+            found['start_px'] = 1.0
+            self._register(image, self._all)
         return self._judge(self._all)
+
+    def _turn_by_faces(self, stamp_s: float) -> None:
+        """Turn the ids as the covers say; else the turn is open, if it was long enough dark."""
+        found = self.found
+        clear = (found['visible'] > 0.8) & (found['nats'] > model.ACCEPT_NATS)
+        noise = self.quiet / max(float(np.median(found['gain'])), 1.0) ** 2
+        nats = self.faces.quarters(clear, self.blocks['known'], noise)
+        best = int(nats.argmax())
+        if nats[best] - np.delete(nats, best).max() > model.TURN_NATS:
+            self.turn(best, faces=False)
+        elif stamp_s - self._seen_s > model.SAME_S:
+            self.ambiguous = True
+
+    def turn(self, quarters: int, faces: bool = True) -> None:
+        """Rename all blocks: the lattice really stands quarters x 90 degrees further round.
+
+        faces: whether faces were learned under the names that were wrong.
+        """
+        self.ambiguous = False
+        if quarters == 0:
+            return
+        order, blocks, found = UNTURNED[quarters], self.blocks, self.found
+        was, was_found = blocks.copy(), found.copy()
+        blocks[:], found[:], self._near[:] = blocks[order], found[order], self._near[order]
+        if faces:
+            self.faces.turn(order, quarters)
+            found['usual'] = np.roll(found['usual'], -quarters, axis=1)
+        else:
+            for name in ('known', 'gain', 'yaw_offset', 'fresh'):
+                blocks[name] = was[name]
+            for name in ('own', 'usual'):
+                found[name] = was_found[name]
+        blocks['yaw'] += quarters * find.QUARTER
+        found['yaw'] += quarters * find.QUARTER
+        around = np.round(np.median(blocks['yaw']) / math.tau) * math.tau
+        blocks['yaw'] -= around
+        found['yaw'] -= around
+        self._patches[0]['starts'] = 0
 
     def _named(self, nodes: np.ndarray) -> tuple[np.ndarray, float]:
         """Return nodes (25, 3) by block, and the lattice's turn: of four quarter turns the nearest.

@@ -69,6 +69,12 @@ GAINS = 0.45, 2.2  # of the gain expected
 MIN_GAIN = 0.2  # of the median gain, for a face not known
 RELEARN = 5  # images that show another face in a block's place
 
+# Turn
+CELLS_ALIKE = 8.0  # cells of a face that err together: as one
+COVER_SIGMA = 0.03  # of a cell beside what its spread says: lamps, warmth
+TURN_NATS = 12.0  # as symmetry.ERROR: a wrong turn has a probability of e^-12
+SAME_S = 0.3  # lost for less, the lattice has not turned by 45 degrees: 150 degrees a second
+
 # Motion
 LOSE_M = 0.11  # from where its neighbours put it: 0.6 pitch
 STRAY_M = 0.065  # of a block that is looked for: 0.4 pitch, so that no neighbour's place is reached

@@ -9,6 +9,7 @@ from eol_ros.core.vision.appearance.follow import Follower
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect.scan import read_only
+from eol_ros.core.vision.identity.turn_by_taps import TurnByTaps
 from eol_ros.core.vision.image_health import Watch
 from eol_ros.core.vision.states import FAULT, LOST, SEARCHING, TRACKING
 from eol_ros.core.vision.tracker import M_STEP, PX_STEP, RAD_STEP, SIGMA_STEPS, Tracked
@@ -51,10 +52,12 @@ class AppearanceTracker:
         if calibration is None:
             raise ConfigError('the appearance tracker needs a calibration: give --calibration')
         self.settings, self.calibration = settings, calibration
-        self.follower, self.watch = Follower(calibration), Watch(calibration)
+        self.follower = Follower(calibration, settings.trust_start)
+        self.watch, self.turn = Watch(calibration), TurnByTaps()
 
     def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
-        """Take a tap of a block's accelerometer: names are not checked by it."""
+        """Take a tap that the accelerometer of `block` felt."""
+        self.turn.tap(stamp_s, block, sigma_s)
 
     def warm_up(self) -> None:
         """Compile or load all compiled code, on throw-away state, before the first image comes."""
@@ -93,10 +96,18 @@ class AppearanceTracker:
             self.follower.lose()
             return self._answer(stamp_s, FAULT, fault)
         blocks = self.follower.update(stamp_s, image)
-        if not self.follower.lattice:
-            return self._answer(stamp_s, SEARCHING, 'no lattice of squares in sight')
-        if blocks['seen'].sum() < model.LEAST:
+        follower = self.follower
+        if not follower.lattice or blocks['seen'].sum() < model.LEAST:
+            self.turn.lost(stamp_s)
+            if not follower.lattice:
+                return self._answer(stamp_s, SEARCHING, 'no lattice of squares in sight')
             return self._answer(stamp_s, LOST, 'blocks out of sight')
+        xy, known = np.column_stack([blocks['x'], blocks['y']]), not follower.ambiguous
+        sigma = follower.found['sigma_m']
+        quarters = self.turn.update(stamp_s, xy, blocks['seen'], sigma, known)
+        if quarters is not None:
+            follower.turn(quarters)
+            self.turn.settled(final=known)
         return self._answer(stamp_s, TRACKING, '')
 
     def _answer(self, stamp_s: float, state: int, why: str) -> Tracked:
@@ -111,5 +122,5 @@ class AppearanceTracker:
             px = np.rint(self.calibration.to_pixels(world) / PX_STEP) * PX_STEP
             world = np.rint(world / M_STEP) * M_STEP
         visible = np.where(seen, found['visible'], 0.0).astype(np.float32)
-        unsure = not self.settings.trust_start
+        unsure = self.follower.ambiguous
         return Tracked(stamp_s, px, yaw, world, seen, sigma, visible, state, unsure, why)

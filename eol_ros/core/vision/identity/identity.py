@@ -6,17 +6,13 @@ from collections.abc import Callable
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.motion.slips import START, SlipDetector
 from eol_ros.core.vision.identity.blink import Blink
 from eol_ros.core.vision.identity.cover_patterns import FIT, CoverPatterns
 from eol_ros.core.vision.identity.lattice import Bare, Lattice
 from eol_ros.core.vision.identity.name_proofs import NameProofs
-from eol_ros.core.vision.identity.symmetry import Coincidence
+from eol_ros.core.vision.identity.turn_by_taps import TurnByTaps
 from eol_ros.core.vision.states import TRACKING
-from eol_ros.settings import MotionSettings
 
-RESTED_S = 0.085  # a block seen at rest for less may have begun before it came into view
-PATIENCE_S = 0.15  # and then for better times of its onset
 ASK_S = 0.25  # between two looks at all covers while the turn is open
 RESUMED_S = 1.0  # for so long after darkness the covers are asked whether the turn is right
 
@@ -36,16 +32,13 @@ class Identity:
     ) -> None:
         self.lattice = Lattice(trust_start)
         self.blink = blink
-        self.coincidence = Coincidence()
-        self.onsets: SlipDetector | None = None  # while the turn of the lattice is in question
-        self.begun = np.zeros(N_BLOCKS, bool)  # slips whose onset is still to be told
-        self.confirmed = False  # taps have agreed with the turn since the lattice was found
+        self.turn = TurnByTaps()
         self.covers = CoverPatterns() if covers else None
         self.names = NameProofs()
 
     def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
         """Take a knock that the accelerometer of `block` felt."""
-        self.coincidence.tap(stamp_s, block, sigma_s)
+        self.turn.tap(stamp_s, block, sigma_s)
 
     def update(
         self,
@@ -66,12 +59,11 @@ class Identity:
             lattice.update(stamp_s, xy, yaw, sigma, faint, self._vouches(glance), sound, bare)
             self._know_covers(stamp_s, xy, yaw, sigma, glance)
         if lattice.state != TRACKING:
-            self.onsets, self.confirmed = None, False
-            self.coincidence.update(stamp_s)
+            self.turn.lost(stamp_s)
             if self.blink is not None:
                 self.blink.forget()
             return
-        if self.blink is not None and not self.confirmed:
+        if self.blink is not None and not self.turn.confirmed:
             quarters = self.blink.update(stamp_s, lattice.xy, lattice.seen)
             if quarters is not None:
                 self._settle(quarters)
@@ -81,39 +73,10 @@ class Identity:
             if quarters is not None:
                 self._settle(quarters, final=False)
                 return
-        asked = not self.confirmed and self.coincidence.listening(stamp_s)
-        if not (lattice.ambiguous or asked):
-            self.onsets = None
-            self.coincidence.update(stamp_s)
-            return
-        if self.onsets is None:
-            self.onsets = SlipDetector(MotionSettings())
-            self.begun[:] = False
-            self.coincidence.forget()
-        self._watch(self.onsets, stamp_s)
         known = not lattice.ambiguous
-        quarters = self.coincidence.update(stamp_s, known)
+        quarters = self.turn.update(stamp_s, lattice.xy, lattice.seen, lattice.sigma, known)
         if quarters is not None:
             self._settle(quarters, final=known)
-
-    def _watch(self, onsets: SlipDetector, stamp_s: float) -> None:
-        """Tell the coincidence what this image shows: onsets, and what rests or slides."""
-        lattice = self.lattice
-        x, y = lattice.xy.T
-        events = onsets.update(stamp_s, x, y, lattice.seen, lattice.sigma)
-        slips = onsets.slips
-        for event in events:
-            # A block that came out from under an arm on its way began nobody knows when.
-            if event.kind == START:
-                self.begun[event.block] = slips['rested_s'][event.block] >= RESTED_S
-        # Two images later an onset is known twice as well: it may wait for them, but not for ever.
-        late = stamp_s - slips['onset_s'] > PATIENCE_S
-        for block in np.flatnonzero(self.begun & ((slips['refine_in'] == 0) | late)).tolist():
-            onset = slips[block]
-            self.coincidence.onset(float(onset['onset_s']), block, float(onset['onset_sigma_s']))
-            self.begun[block] = False
-        moving = onsets.moving
-        self.coincidence.look(stamp_s, lattice.seen & ~moving, lattice.seen & moving)
 
     def _vouches(self, glance: Glance) -> Callable[[np.ndarray, np.ndarray], bool]:
         """Return what asks covers whether a reading of the lattice can be believed at once."""
@@ -230,5 +193,4 @@ class Identity:
             self.covers = CoverPatterns()  # what was learnt was learnt under other names
         self.lattice.turn_ids(quarters)
         self.names.renamed()
-        self.confirmed, self.onsets = final, None
-        self.coincidence.forget()
+        self.turn.settled(final)
