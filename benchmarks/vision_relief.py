@@ -11,11 +11,11 @@ import numpy as np
 from support.relief import films
 from support.relief.films import SKIRT_M, calibration, covers
 
+from benchmarks.vision_scenes import TRACKERS
 from eol_ros.core.geometry import N_BLOCKS, PLATFORM_SIDE_M
 from eol_ros.core.vision.calibration.calibrate import from_images
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect.blobs import BlobFinder
-from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
 from eol_ros.verbs.progress import track
@@ -25,12 +25,12 @@ SETTLED = 10  # images after which a block has its name
 FLAT, KNOWN = 'covers taken to be flat', 'outlines of the covers known'
 
 
-def measure(folder: Path, images: int) -> dict:
+def measure(folder: Path, images: int, by: str = 'edges') -> dict:
     """Return figures of each image of a set, `images` exposures each, and of calibrating."""
     shown = films.load(folder)
     result: dict = {'images': images}
     for known in (False, True):
-        at_rest = {film.name: rest(film, images, known) for film in track(shown, 'films')}
+        at_rest = {film.name: rest(film, images, known, by) for film in track(shown, 'films')}
         places = {name: one.pop('places') for name, one in at_rest.items()}
         sigmas = {name: one.pop('sigmas') for name, one in at_rest.items()}
         moved, lit = {}, {}
@@ -49,14 +49,14 @@ def measure(folder: Path, images: int) -> dict:
     return result
 
 
-def rest(film: films.Film, images: int, known: bool) -> dict:
+def rest(film: films.Film, images: int, known: bool, by: str = 'edges') -> dict:
     """Return what `images` exposures of blocks at rest give; `known`: the covers' heights are."""
     camera, truth = calibration(film, known), film.shot.poses
     first = BlobFinder(calibration=camera).find(films.sensed(film.light, 0))
     centres = camera.to_pixels(truth[:, :2])
     found = np.column_stack([first['u'], first['v']])
     near = np.hypot(*(centres[:, None] - found[None]).transpose(2, 0, 1)) < 10 if len(found) else ()
-    tracker = Tracker(TrackerSettings(), camera)
+    tracker = TRACKERS[by](TrackerSettings(), camera)
     place, yaw = np.full((2, images, N_BLOCKS, 2), np.nan)
     sigma = np.full((images, N_BLOCKS), np.nan)
     for k in range(images + SETTLED):

@@ -2,12 +2,14 @@
 """Videos of the twin with known truth, and what each method makes of them."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from benchmarks import vision_peers
 from benchmarks.vision_peers import errors, match, timed, tuned
 from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.vision.appearance.tracker import AppearanceTracker
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.core.vision.render.clutter import clutter_calibration
@@ -17,6 +19,7 @@ from eol_ros.settings import TrackerSettings
 
 RATE_HZ = 60.0
 OURS = 'eol_ros'
+TRACKERS: dict[str, Any] = {'edges': Tracker, 'appearance': AppearanceTracker}
 _TUNING = 4  # images that the peers are tuned on
 
 
@@ -117,7 +120,7 @@ def number(value: float | None, digits: int) -> str:
 
 
 def track_image(
-    tracker: Tracker, camera: Calibration, stamp_s: float, image: np.ndarray, pose: np.ndarray
+    tracker: Any, camera: Calibration, stamp_s: float, image: np.ndarray, pose: np.ndarray
 ) -> tuple[float, np.ndarray, int]:
     """Return ms, errors (25, 2) px with NaN where nothing was seen, and false blobs of an image.
 
@@ -126,7 +129,12 @@ def track_image(
     tracked, ms = timed(tracker.update, stamp_s, image)
     left = (tracked.world - pose[:, :2]) * camera.px_per_m()
     left[~tracked.seen] = np.nan
-    blobs = np.column_stack([tracker.blobs['u'], tracker.blobs['v']])
+    if isinstance(tracker, Tracker):
+        blobs = np.column_stack([tracker.blobs['u'], tracker.blobs['v']])
+    else:
+        blobs = tracked.px[
+            tracked.seen
+        ]  # it takes no light for a block that is none of the lattice
     return ms, left, match(blobs, camera.to_pixels(pose[:, :2]))[1]
 
 

@@ -12,16 +12,13 @@ from zipfile import BadZipFile
 import numpy as np
 
 from benchmarks.vision_peers import timed
-from benchmarks.vision_scenes import number
-from eol_ros.core.vision.appearance.tracker import AppearanceTracker
-from eol_ros.core.vision.tracker import Tracker
+from benchmarks.vision_scenes import TRACKERS, number
 from eol_ros.devices.files import calibration_file
 from eol_ros.errors import UsageError
 from eol_ros.settings import TrackerSettings
 from eol_ros.verbs.progress import track
 
 NEAR_PX = 15.0  # farther from a block's place an answer is wrong, or another block's
-TRACKERS = {'edges': Tracker, 'appearance': AppearanceTracker}
 
 
 def load(folder: Path) -> tuple[np.ndarray, dict, Any]:

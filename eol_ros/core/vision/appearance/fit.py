@@ -459,11 +459,11 @@ def trust(px, groups, widen, bins):
 
 
 @njit(cache=True, error_model='numpy')
-def side_nats(px, starts, half, blur, noise, fit, near, widen, m, out):
+def side_nats(px, starts, half, blur, noise, fit, own, near, widen, m, out):
     """Fill out (4,): log likelihood ratio that light falls at each side as E does, not steadily.
 
     Across a side light is fitted by a level, a slope and E: the glow of a lamp is all slope.
-    m (4, 11): scratch. After residuals.
+    own (5, OWN): numbers of each side. m (4, 11): scratch. After residuals.
     """
     m[:] = 0.0
     cs, sn = cos(fit[2]), sin(fit[2])
@@ -490,7 +490,7 @@ def side_nats(px, starts, half, blur, noise, fit, near, widen, m, out):
             row[6] += v
             row[7] += v * d
             row[8] += v * e
-            row[9] += fit[3] * px[k, z + LIGHT]
+            row[9] += (fit[3] + own[side, 0]) * px[k, z + LIGHT]
             row[10] += max(noise[0] + noise[1] * grey, LEAST_VARIANCE)
     for side in range(4):
         n, sd, sdd, se, sed, see, sv, svd, sve, step, noises = m[side]

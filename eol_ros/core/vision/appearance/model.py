@@ -39,6 +39,7 @@ PLANE_SIGMA = 0.05  # of the gain: slope of the ground's light over half a block
 # whose light falls off towards their sides; the most of each, as a share of the gain
 LEAST_OWN, MOST_OWN = (1e-6, 1e-6, 1e-5), ((0.01, 0.01, 0.003), (0.01, 0.01, 0.02))
 SIDE_MOST = 0.3, 0.3, 4.0
+COARSE_PX = 0.5  # of a pose less sure, sides are taken to be as usual
 OWN_LOOKS = 30.0  # over which these are averaged
 STEP_PX, STEP_RAD = 6.0, 0.2  # the longest step of one iteration
 
@@ -87,7 +88,7 @@ LOST_PX = 6.0
 LEAST = (
     5  # blocks: fewer do not say what is usual for all, and with fewer in sight the lattice is lost
 )
-SEEN_BLOCKS, LOST_IMAGES = 20, 6  # with fewer blocks for longer, the lattice is sought again
+SEEN_BLOCKS, LOST_IMAGES = 8, 6  # with fewer blocks for longer, the lattice is sought again
 SEEKS = 3  # blocks that are looked for in one image
 LEARN_PX = 4.0  # in one image: a cell of a face; faster blocks are not learned from
 STILL_PX = 1.0  # slower ones show the width of edges

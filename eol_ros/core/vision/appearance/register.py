@@ -104,8 +104,11 @@ def register(
                     pixels.shade(px, starts[5], half, face, spread[n], flat)
                 elif not keep:
                     pixels.copy(px, starts[5], kept[n])
-            for i in range(fit.OWN):
-                own_prior[i] = 1.0 / (f.own[i] * z[3] ** 2)
+            for i in range(
+                fit.OWN
+            ):  # far from its place they would explain a side that is not there
+                variance = f.own[i] if sigma_px < m.COARSE_PX else m.LEAST_OWN[i]
+                own_prior[i] = 1.0 / (variance * z[3] ** 2)
             if it == 0:
                 fit.all_residuals(px, starts, 4, half, blur_px, noise, z, own_level, sigma_px**2)
                 widen = fit.widen_of(px, starts, 4, m.WIDEN, few)
@@ -161,7 +164,9 @@ def register(
         f.close = close[n] or f.visible < m.ALIKE or f.misfit > m.MISFIT
         if f.close:
             near = min(3.5 * blur_px + 1.0, half / 2)
-            fit.side_nats(px, starts, half, blur_px, noise, z, near, widen, side_room, sides)
+            fit.side_nats(
+                px, starts, half, blur_px, noise, z, own_level, near, widen, side_room, sides
+            )
             f.weakest, f.nats = sides.min(), 0.0
             for i in range(4):
                 f.nats += min(max(sides[i], m.SIDE_NATS[0]), m.SIDE_NATS[1])
