@@ -43,10 +43,13 @@ def _row(name: str, seconds: int, seeds: int) -> dict:
         'series': name, 'right': SERIES[name][0], 'seconds': seconds,
         **{answer: sum(f.answer == answer for f in found) / seeds
            for answer in ('yes', 'no', 'undecided')},
-        'beta': float(betas.mean()), 'beta_deviation': float(betas.std()),
-        'half_width': float(np.mean([(s.high - s.low) / 2 for s in slopes])),
         'ms': 1e3 * took / seeds,
     }  # fmt: skip
+    if slopes:  # none of a record that is too short for any verdict
+        row |= {
+            'beta': float(betas.mean()), 'beta_deviation': float(betas.std()),
+            'half_width': float(np.mean([(s.high - s.low) / 2 for s in slopes])),
+        }  # fmt: skip
     known = {'1/f': 1.0, 'f^-0.8': 0.8, 'f^-1.2': 1.2, 'white': 0.0, 'Brownian': 2.0}.get(name)
     if known is not None:
         row['covered'] = float(np.mean([s.low <= known <= s.high for s in slopes]))
@@ -61,9 +64,11 @@ def _table(result: dict) -> str:
     ]
     for r in result['rows']:
         covers = f'{r["covered"]:7.2f}' if 'covered' in r else ' ' * 7
+        slope = ' ' * 23
+        if 'beta' in r:
+            slope = f'{r["beta"]:5.2f} +- {r["beta_deviation"]:4.2f} +- {r["half_width"]:5.2f}'
         lines.append(
             f'{r["series"]:29} {r["seconds"]:5d}   {r["yes"]:5.2f} {r["no"]:5.2f} '
-            f'{r["undecided"]:9.2f}   {r["beta"]:5.2f} +- {r["beta_deviation"]:4.2f} '
-            f'+- {r["half_width"]:5.2f}  {covers} {r["ms"]:6.0f}'
+            f'{r["undecided"]:9.2f}   {slope}  {covers} {r["ms"]:6.0f}'
         )
     return '\n'.join(lines)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from eol_ros.analysis import catalogue_file, exposure, figures, light, series
+from eol_ros.analysis import catalogue_file, exposure, figures, light, series, uncoupled
 from eol_ros.analysis.bag import Bag, Table, seconds
 from eol_ros.analysis.recorded_settings import recorded_settings
 from eol_ros.analysis.retrack import Retracked
@@ -30,7 +30,8 @@ KEPT: dict[str, tuple[str, ...]] = {
     'cascades': (), 'felt_slips': ('stamp', 'kind', 'onset'), 'block_taps': ('stamp',),
     'led_commands': ('stamp', 'white', 'sent'), 'grain_triggers': (), 'felt_triggers': (),
 }  # fmt: skip
-NOT_ASKED = 'Not asked of any series: the same hands on a table without coupling.'
+ASKED = 'Asked of each series against which nothing else speaks: {name}, simulated.'
+NOT_ASKED = 'Not asked of any series: {name}, which needs a twin and the recorded path of its rim.'
 SOUNDS_WITHIN_S = 0.25  # a slip that has not sounded by then does not sound
 ONSET_S = 0.02  # by which a knock may come before the onset that images tell
 
@@ -115,9 +116,16 @@ def _felt(kinds: np.ndarray, duration_s: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def spectra(bag: Bag, energy: series.Series | None = None) -> Iterator[Answer]:
-    """Yield the verdict on each series of a bag: is it 1/f? `energy`: see `series.of`."""
-    yield from map(series.ask, series.of(bag, energy))
+def spectra(
+    bag: Bag, energy: series.Series | None = None, rim: uncoupled.RimPath | None = None
+) -> Iterator[Answer]:
+    """Yield the verdict on each series of a bag: is it 1/f?
+
+    energy, rim: where they have been read, see `series.of` and `uncoupled.of`.
+    """
+    control = uncoupled.of(bag, rim)
+    for one in series.of(bag, energy):
+        yield series.ask(one, control)
 
 
 def _spectral(answer: Answer) -> dict[str, Any]:
@@ -236,8 +244,10 @@ def write(
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
     energy = series.KineticEnergy(bag.duration_s, bag.start_ns)
-    bag.keep(KEPT, {'blocks': (energy.fields, energy.add)}, exposure.topic_of(bag))
-    asked = spectra(bag, energy.series())
+    rim = uncoupled.RimPath(bag.start_ns)
+    each = {'blocks': (energy.fields, energy.add), 'truth': (rim.fields, rim.add)}
+    bag.keep(KEPT, each, exposure.topic_of(bag))
+    asked = spectra(bag, energy.series(), rim)
     answers = list(_tracked(asked, 'asking for 1/f', track, len(series.NAMES)))
     found = numbers(bag, answers, measured)
     if retracked is not None:
@@ -399,7 +409,7 @@ def _page(bag: Bag, found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
         paragraphs('What this bag cannot say', found.get('lacking', [])),
         paragraphs('Cascades', _said_of_cascades(found)),
         paragraphs('Patterns of light', found.get('light', {}).get('sentences', [])),
-        paragraphs('Is it 1/f?', _said_of_spectra(found), NOT_ASKED),
+        paragraphs('Is it 1/f?', _said_of_spectra(found), _control(bag)),
         *(f'<h2>{html.escape(title)}</h2>{svg}' for title, svg in drawn),
         table_of('Received messages', ('topic', 'messages'), found['messages'].items()),
         _latency_rows('From the stamp of the image to the recorder, of light to its bytes on the '
@@ -465,6 +475,10 @@ def _said_of_cascades(found: dict[str, Any]) -> list[str]:
     )
     lacks = [f'not fitted, as there are too few: {needs}'] if few else []
     return [whole, *lacks, *(p['sentence'] for p in parts.values() if 'needed' not in p)]
+
+
+def _control(bag: Bag) -> str:
+    return (ASKED if uncoupled.there(bag) else NOT_ASKED).format(name=uncoupled.Uncoupled.NAME)
 
 
 def _said_of_spectra(found: dict[str, Any]) -> list[str]:

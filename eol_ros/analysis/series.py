@@ -3,6 +3,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from eol_ros.analysis.bag import Bag, Table
 from eol_ros.core.sound.loudness import k_weighted, lufs
 from eol_ros.errors import EolError
 from eol_ros.lab.science import one_over_f, surrogates
+
+if TYPE_CHECKING:
+    from eol_ros.analysis.uncoupled import Uncoupled
 
 RATE_HZ = 20.0  # of every series; all of their means over 1 / RATE_HZ
 HIGH_HZ = 5.0
@@ -73,15 +77,22 @@ def of(bag: Bag, energy: Series | None = None) -> Iterator[Series | Absent]:
             yield Absent(name, f'its sound cannot be rendered: {error}')
 
 
-def ask(series: Series | Absent) -> one_over_f.Answer:
-    """Return the verdict on one series, from a seed of its own: the same each time."""
+def ask(series: Series | Absent, control: 'Uncoupled | None' = None) -> one_over_f.Answer:
+    """Return the verdict on one series, from a seed of its own: the same each time.
+
+    control: the table without coupling, where the bag is of a twin.
+    """
     if isinstance(series, Absent):
         return one_over_f.Answer(series.name, 'undecided', doubts=[series.why])
-    return one_over_f.ask(
-        series.name, series.values, RATE_HZ, series.high_hz, np.random.default_rng(1),
-        window_s=series.window_s, drive_s=one_over_f.GESTURE_S, times_s=series.times_s,
-        rest=series.rest,
-    )  # fmt: skip
+    others = {control.NAME: lambda: control.series[series.name]} if control else None
+    try:
+        return one_over_f.ask(
+            series.name, series.values, RATE_HZ, series.high_hz, np.random.default_rng(1),
+            window_s=series.window_s, drive_s=one_over_f.GESTURE_S, times_s=series.times_s,
+            rest=series.rest, others=others,
+        )  # fmt: skip
+    except EolError as error:
+        return one_over_f.Answer(series.name, 'undecided', doubts=[str(error)])
 
 
 def triggers(bag: Bag) -> Series:
@@ -167,11 +178,16 @@ def loudness(bag: Bag) -> Iterator[Series]:
     power = mean_squares(sound.rendered(bag, settings, seconds), settings.sample_rate)
     quiet = 10 ** ((SILENCE_LUFS + 0.691) / 10)
     yield Series('sound power', power, rest=quiet)
-    momentary = np.convolve(power, np.full(MOMENTARY, 1 / MOMENTARY))[: len(power)]
-    level = np.maximum(lufs(momentary), SILENCE_LUFS)
     yield Series(
-        'loudness', level, LOUDNESS_HIGH_HZ, window_s=MOMENTARY / RATE_HZ, rest=SILENCE_LUFS
-    )
+        'loudness', momentary(power), LOUDNESS_HIGH_HZ, window_s=MOMENTARY / RATE_HZ,
+        rest=SILENCE_LUFS,
+    )  # fmt: skip
+
+
+def momentary(power: np.ndarray) -> np.ndarray:
+    """Return the momentary loudness, LUFS, of mean squares (n,) at RATE_HZ."""
+    mean = np.convolve(power, np.full(MOMENTARY, 1 / MOMENTARY))[: len(power)]
+    return np.maximum(lufs(mean), SILENCE_LUFS)
 
 
 def mean_squares(blocks: Iterator[np.ndarray], sample_rate: int) -> np.ndarray:

@@ -62,8 +62,7 @@ class TwinNode(EolNode):
         self.firmware = False  # runs elsewhere, and has learnt what rest is
         self.rest_noise = np.random.default_rng(s.seed)
         self.lamps = Lamps(self.radio)
-        coupling = Coupling(*(getattr(s, name) for name in Coupling._fields))
-        self.play = Play(s.seed, TRACE if self.blocks else 0, coupling)
+        self.play = Play(s.seed, TRACE if self.blocks else 0, Coupling.of(s))
         self.image = np.empty((s.height, s.width), np.uint8)
         self.moments: deque[Moment] = deque()  # that no image has shown yet
         self.stamp_ns = 0

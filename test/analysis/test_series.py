@@ -1,19 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """The series of a bag that are asked whether they are 1/f: each against what was put into it."""
 
+import functools
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from eol_msgs.msg import Block, Blocks, Cascade, GrainTrigger, LedCommand, Slip
+from eol_msgs.msg import Block, Blocks, Cascade, GrainTrigger, LedCommand, Slip, Truth
 from rclpy.serialization import serialize_message
 
 from eol_ros.analysis import bag as bag_module
-from eol_ros.analysis import report, series
+from eol_ros.analysis import report, series, uncoupled
 from eol_ros.analysis.bag import open_bag
+from eol_ros.core.physics.result import Limits
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
+from eol_ros.lab import choose
+from eol_ros.lab.science import spectra
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.stamps import to_msg
 
@@ -22,10 +26,10 @@ S = 1_000_000_000
 SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
 
 
-def bag_of(folder, messages, seconds):
+def bag_of(folder, messages, seconds, settings=''):
     """A bag of (topic, message, seconds since its start); the first and the last are empty."""
     topics = [BagTopic(f'/eol/{t}', **describe(t)) for t in {m[0] for m in messages}]
-    bag = BagWriter(folder, topics, {'scene_name': 'x', 'settings': ''})
+    bag = BagWriter(folder, topics, {'scene_name': 'x', 'settings': settings})
     for topic, message, at_s in sorted(messages, key=lambda m: m[2]):
         at = T0 + round(at_s * S)
         bag.write(f'/eol/{topic}', bytes(serialize_message(message)), at, at)
@@ -89,6 +93,51 @@ def test_kinetic_energy_does_not_depend_on_how_the_bag_is_read(tmp_path, monkeyp
 
     assert whole.max() > 0
     np.testing.assert_array_equal(series.kinetic_energy(bag).values, whole)
+
+
+def twin_bag(folder, rim_of, seconds=300):
+    """A bag of a twin whose rim goes where `rim_of` (s -> x, y, yaw) says."""
+    messages = []
+    for k in range(seconds * 20 + 1):
+        truth = Truth()
+        truth.header.stamp = to_msg(T0 + k * S // 20)
+        truth.rim_x, truth.rim_y, truth.rim_yaw = rim_of(k / 20)
+        messages.append(('truth', truth, k / 20))
+    scene = 'nodes:\n  twin: {seed: 3}\n  leds: {decay_s: 0.5}\n  grains: {}\n'
+    return bag_of(folder, messages, seconds, scene)
+
+
+def test_a_bag_of_a_twin_has_the_same_rim_without_coupling_as_a_control(tmp_path):
+    """It slips only where the rim moves, and a series that is 1/f is held against it."""
+    bag = twin_bag(tmp_path / 'run', lambda t: (0.05 * np.sin(0.4 * max(t - 100, 0)), 0.0, 0.0))
+    control = uncoupled.of(bag)
+    found = control.series
+
+    assert tuple(found) == series.NAMES
+    for name, values in found.items():
+        assert 5998 <= len(values) <= 6000
+        assert np.ptp(values[:1990]) == 0 < np.ptp(values[2100:]), name
+    noise = spectra.coloured_noise(1.0, 6000, np.random.default_rng(5))
+    assert control.NAME in series.ask(series.Series('light', noise), control).controls
+    control.series = dict.fromkeys(series.NAMES, noise)
+    said = series.ask(series.Series('light', noise), control)
+    assert said.answer == 'no' and control.NAME in said.sentence
+
+
+def test_only_a_twin_with_the_path_of_its_rim_has_a_control(tmp_path):
+    assert uncoupled.of(bag_of(tmp_path / 'real', [trigger(0.0), trigger(9.0)], 9.0)) is None
+
+
+def test_a_control_that_cannot_be_simulated_leaves_no_verdict(tmp_path, monkeypatch):
+    bag = twin_bag(tmp_path / 'run', lambda t: (0.05 * np.sin(t), 0.0, 0.0), 20)
+    monkeypatch.setattr(
+        uncoupled.choose, 'simulate',
+        functools.partial(choose.simulate, limits=Limits(events=9)),
+    )  # fmt: skip
+    noise = spectra.coloured_noise(1.0, 6000, np.random.default_rng(5))
+    said = series.ask(series.Series('light', noise), uncoupled.of(bag))
+
+    assert said.answer == 'undecided' and 'the uncoupled table stopped at' in said.sentence
 
 
 def test_loudness_of_the_reference_tone():

@@ -1,32 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
 """Series of known spectrum to try the verdict on 1/f by: some that are, some that only look it."""
 
+import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
 
-from eol_ros.lab.science import one_over_f, surrogates
+from eol_ros.analysis.uncoupled import Uncoupled
+from eol_ros.core.physics.scene import from_mapping
+from eol_ros.core.physics.twin.live import Coupling, scene_of
+from eol_ros.core.physics.twin.play import Play
+from eol_ros.lab import choose
+from eol_ros.lab.science import one_over_f, sounding, surrogates
 from eol_ros.lab.science.spectra import coloured_noise
+from eol_ros.settings import GrainsSettings, LedsSettings, TwinSettings
 
 RATE_HZ, HIGH_HZ = 20.0, 5.0  # as `eol report` asks the series of a bag
 
 
 @dataclass(frozen=True)
 class Made:
-    """A series (n,) at RATE_HZ, and the times of its events where it counts some."""
+    """A series (n,) at RATE_HZ, the times of the events it counts, and how else it is asked."""
 
     values: np.ndarray
     times_s: np.ndarray | None = None
+    more: dict[str, Any] = field(default_factory=dict)
 
 
 def ask(name: str, duration_s: float, seed: int) -> one_over_f.Answer:
     """Return the verdict on one realisation of a series of SERIES."""
     made = SERIES[name][1](duration_s, np.random.default_rng([seed, 1]))
     return one_over_f.ask(
-        name, made.values, RATE_HZ, HIGH_HZ, np.random.default_rng([seed, 2]), times_s=made.times_s
-    )
+        name, made.values, RATE_HZ, HIGH_HZ, np.random.default_rng([seed, 2]), times_s=made.times_s,
+        **made.more,
+    )  # fmt: skip
 
 
 def _noise(beta: float) -> Callable:
@@ -104,6 +114,38 @@ def _events(times_s: np.ndarray, T: float) -> Made:
     return Made(surrogates.event_counts(times_s, T, RATE_HZ), times_s)
 
 
+def _visitors(name: str) -> Callable:
+    """The work's own: the shipped twin under its visitors, asked as a bag of it is."""
+
+    def make(T: float, rng: np.random.Generator) -> Made:
+        times_s, control = _played(T, int(rng.integers(1 << 31)))
+        more = {
+            'drive_s': one_over_f.GESTURE_S, 'rest': 0.0,
+            'others': {control.NAME: lambda: control.series[name]},
+        }  # fmt: skip
+        if name == 'triggers':
+            return Made(surrogates.event_counts(times_s, T, RATE_HZ), times_s, more)
+        return Made(sounding.power(times_s, T, RATE_HZ, GrainsSettings()), None, more)
+
+    return make
+
+
+@functools.lru_cache(64)  # both series of a seed, of three lengths
+def _played(T: float, seed: int) -> tuple[np.ndarray, Uncoupled]:
+    """Return when slips sound under the twin's visitors, (n,) s, and the same without coupling."""
+    play, rim = Play(seed), [(0.0, 0.0, 0.0, 0.0)]
+    while play.time_s < T:
+        play.advance(1 / 60)
+        rim.append((play.time_s, *play.table.rim_pose.tolist()))
+    scene = scene_of(seed, Coupling(), {'kind': 'poses', 'par': rim}, T)
+    run = choose.simulate(from_mapping(scene), sample_s=T, ledger=False)
+    begins, rule = run.event_start != 0, GrainsSettings()
+    times_s = run.event_t[begins]
+    times_s = times_s[sounding.heard(times_s, run.event_block[begins], rule)]
+    twin = TwinSettings(seed=seed)
+    return times_s, Uncoupled(twin, LedsSettings(), rule, np.array(rim), T)
+
+
 def _count(T: float) -> int:
     return round(T * RATE_HZ)
 
@@ -128,4 +170,6 @@ SERIES: dict[str, tuple[str, Callable[[float, np.random.Generator], Made]]] = {
     'events by chance': ('no', _poisson),
     'events by the clock': ('no', _clock),
     'heavy-tailed intervals': ('no', _heavy_tailed),
+    'triggers of the twin': ('no', _visitors('triggers')),
+    'sound of the twin': ('no', _visitors('sound power')),
 }

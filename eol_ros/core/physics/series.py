@@ -92,9 +92,13 @@ def drive_series(kind, par, knots, cubics, t, order, cx, cy, cc, cs, phi):
             cs[0] = math.sin(phi0)
             return knots[0] - t, 0
         held = t >= knots[last + 1]
-        p = last
-        while p > 0 and knots[p] > t:
-            p -= 1
+        low, p = 0, last  # bisection: an hour of poses has 200,000 knots
+        while low < p:
+            middle = (low + p + 1) // 2
+            if knots[middle] > t:
+                p = middle - 1
+            else:
+                low = middle
         s = (knots[last + 1] if held else t) - knots[p]
         for axis in range(3):
             c0, c1, c2, c3 = (

@@ -47,6 +47,11 @@ class Coupling(NamedTuple):
     spring_natural_m: float = TwinSettings.spring_natural_m
     block_kg: float = TwinSettings.block_kg
 
+    @classmethod
+    def of(cls, settings: TwinSettings) -> 'Coupling':
+        """Return that of a twin."""
+        return cls(*(getattr(settings, name) for name in cls._fields))
+
     @property
     def break_m(self) -> float:
         """By how much one spring must stretch to break a block loose."""
@@ -71,6 +76,27 @@ class Trace(NamedTuple):
     event_start: np.ndarray
 
 
+def scene_of(
+    seed: int, coupling: Coupling, drive: builders.Plain, duration_s: float
+) -> builders.Plain:
+    """Return the twin's table as a scene: friction and starting offsets follow from `seed`."""
+    random = np.random.default_rng([seed, 0x7461626C])
+    share = 1 + FRICTION_SPREAD * random.uniform(-1, 1, N_BLOCKS)
+    offset_m = min(OFFSET_M, REST * coupling.break_m)
+    return builders.table(
+        drive,
+        duration_s,
+        k=coupling.stiffness,
+        mass=coupling.block_kg,
+        natural_m=coupling.spring_natural_m,
+        geometric=True,
+        mu_s=list(coupling.mu_static * share),
+        mu_k=list(coupling.mu_kinetic * share),
+        u0=random.uniform(-offset_m, offset_m, (N_BLOCKS, 2)).tolist(),
+        rotation={'side': BLOCK_SIDE_M} if coupling.rotate else None,
+    )
+
+
 class LiveTable:
     """25 blocks with static and kinetic Coulomb friction, springs, and a rim that is led.
 
@@ -83,23 +109,7 @@ class LiveTable:
 
     def __init__(self, seed: int, samples: int = 0, coupling: Coupling | None = None) -> None:
         coupling = coupling or Coupling()
-        random = np.random.default_rng([seed, 0x7461626C])
-        share = 1 + FRICTION_SPREAD * random.uniform(-1, 1, N_BLOCKS)
-        offset_m = min(OFFSET_M, REST * coupling.break_m)
-        scene = from_mapping(
-            builders.table(
-                {'kind': 'none'},
-                0.0,
-                k=coupling.stiffness,
-                mass=coupling.block_kg,
-                natural_m=coupling.spring_natural_m,
-                geometric=True,
-                mu_s=list(coupling.mu_static * share),
-                mu_k=list(coupling.mu_kinetic * share),
-                u0=random.uniform(-offset_m, offset_m, (N_BLOCKS, 2)).tolist(),
-                rotation={'side': BLOCK_SIDE_M} if coupling.rotate else None,
-            )
-        )
+        scene = from_mapping(scene_of(seed, coupling, {'kind': 'none'}, 0.0))
         self._model = Model.of(scene)
         self._rules = rules_for(TOLERANCE, length_scale(scene, self._model))
         self._rest = rest_lattice()

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The control of a twin's bag: the recorded path of its rim over blocks that are not coupled."""
+
+import functools
+
+import numpy as np
+
+from eol_ros.analysis import series
+from eol_ros.analysis.bag import Bag, Table
+from eol_ros.analysis.recorded_settings import recorded_settings
+from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS, rest_lattice
+from eol_ros.core.light.flash import FlashField
+from eol_ros.core.physics import builders
+from eol_ros.core.physics.drive import Drive
+from eol_ros.core.physics.scene import from_mapping
+from eol_ros.core.physics.twin.live import Coupling, scene_of
+from eol_ros.errors import EolError
+from eol_ros.lab import choose
+from eol_ros.lab.science import sounding, surrogates
+from eol_ros.settings import GrainsSettings, LedsSettings, TwinSettings
+
+MOST_S = series.MOST_SOUND_S  # three decades below 5 Hz need 1600 s
+IMAGES = 3  # for each value: places at 60/s, as the twin's camera sees them
+FRAMES = 5  # of light for each value, 100/s
+
+
+class RimPath:
+    """The poses of the rim that the twin recorded; `add` takes rows of `truth` in pieces."""
+
+    fields = ('stamp', 'rim_x', 'rim_y', 'rim_yaw')
+
+    def __init__(self, start_ns: int):
+        self._start_ns = start_ns
+        self._parts = [np.zeros((0, 4))]
+
+    def add(self, table: Table) -> None:
+        """Take the rows that follow."""
+        at_s = (table['stamp'].astype('i8') - self._start_ns) * 1e-9
+        rows = np.column_stack([at_s, *(table[name] for name in self.fields[1:])])
+        self._parts.append(rows[(at_s >= 0) & (at_s <= MOST_S)])
+
+    def rows(self) -> np.ndarray:
+        """Return time (s from the start of the bag, rising), x, y and yaw, (n, 4)."""
+        rows = np.concatenate(self._parts)
+        return rows[np.unique(rows[:, 0], return_index=True)[1]]
+
+
+class Uncoupled:
+    """The series of the twin's table without springs between blocks, under the recorded rim.
+
+    Each block is held by the springs to the rim that it has, or by one from above, and does not
+    rotate. Slips, places and flashes are simulated; triggers and sound are those of `sounding`. The
+    first hour at most is simulated, when the first series is asked for.
+    """
+
+    NAME = 'the same motion of the rim without coupling'
+
+    def __init__(
+        self,
+        twin: TwinSettings,
+        leds: LedsSettings,
+        grains: GrainsSettings,
+        rim: np.ndarray,
+        span_s: float,
+    ):
+        self._twin, self._leds, self._grains = twin, leds, grains
+        self._rim, self._span_s = rim, min(span_s, MOST_S)
+
+    @functools.cached_property
+    def series(self) -> dict[str, np.ndarray]:
+        """The series by name, (n,) each at RATE_HZ. Raises EolError where the solver gives up."""
+        drive = {'kind': 'poses', 'par': self._rim}
+        coupling = Coupling.of(self._twin)._replace(rotate=False)
+        table = scene_of(self._twin.seed, coupling, drive, self._span_s)
+        begin = Drive.from_mapping(drive).displacement(
+            0.0, rest_lattice()
+        )  # the bag may begin anywhere
+        table['u0'] = (np.asarray(table['u0']) + begin).tolist()
+        table['geometric'] = False  # no pre-tension: what balanced it is gone
+        apart = from_mapping(builders.uncoupled(table, ROWS, COLS))
+        run = choose.simulate(apart, sample_s=1 / (IMAGES * series.RATE_HZ), ledger=False)
+        if run.status != 'ok':
+            raise EolError(f'the uncoupled table stopped at {run.t_reached:g} s: {run.status}')
+        begins = run.event_start != 0
+        times_s, block = run.event_t[begins], run.event_block[begins]
+        heard_s = times_s[sounding.heard(times_s, block, self._grains)]
+        power = sounding.power(heard_s, self._span_s, series.RATE_HZ, self._grains)
+        steps = np.diff(run.u, axis=0) * IMAGES * series.RATE_HZ
+        energy = 0.5 * self._twin.block_kg * (steps**2).sum(axis=(1, 2))
+        whole = len(energy) // IMAGES * IMAGES
+        return {
+            'triggers': surrogates.event_counts(heard_s, self._span_s, series.RATE_HZ),
+            'light': self._light(times_s, block),
+            'kinetic energy': energy[:whole].reshape(-1, IMAGES).mean(axis=1),
+            'sound power': power,
+            'loudness': series.momentary(power),
+        }
+
+    def _light(self, times_s: np.ndarray, block: np.ndarray) -> np.ndarray:
+        """Return the mean level of the white LEDs, (n,)."""
+        leds = self._leds
+        field = FlashField(leds.decay_s, leds.peak, leds.flash_limit)
+        levels, following = np.empty(round(self._span_s * series.RATE_HZ) * FRAMES), 0
+        for frame in range(len(levels)):
+            now_s = (frame + 1) / (FRAMES * series.RATE_HZ)
+            while following < len(times_s) and times_s[following] <= now_s:
+                field.slip(float(times_s[following]), int(block[following]))
+                following += 1
+            levels[frame] = field.levels(now_s).sum() / N_BLOCKS
+        return levels.reshape(-1, FRAMES).mean(axis=1)
+
+
+def there(bag: Bag) -> bool:
+    """Tell whether a bag is of a twin and has the path of its rim."""
+    return recorded_settings(bag, 'twin') is not None and bag.count('truth') > 1
+
+
+def of(bag: Bag, rim: RimPath | None = None) -> Uncoupled | None:
+    """Return the control of a bag; None where there is none."""
+    if not there(bag):
+        return None
+    if rim is None:
+        rim = RimPath(bag.start_ns)
+        bag.keep({}, {'truth': (rim.fields, rim.add)})
+    rows = rim.rows()
+    if len(rows) < 2:
+        return None
+    twin, leds, grains = (recorded_settings(bag, node) or {} for node in ('twin', 'leds', 'grains'))
+    return Uncoupled(
+        TwinSettings(**twin), LedsSettings(**leds), GrainsSettings(**grains), rows, bag.duration_s
+    )
