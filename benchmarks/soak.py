@@ -5,13 +5,15 @@ exhibition: a run of the twin (blocks, knocks, requests; no images) is played ro
 as fast as its readers keep up with, through motion, light, grains, sound, walls, panel and
 recorder, until so many hours of recorded time have passed. The recorder keeps to a budget of disk.
 
-Each may be done in several pieces: --for ends one (Ctrl-C, too), --resume begins the next.
+Each may be done in several pieces: --for ends one (Ctrl-C, too), --resume begins the next. What
+each run showed is appended to benchmarks/soak.jsonl, whose sum is printed and published.
 
 faults: the whole rehearsal in real time, with a board on a pty, JACK's dummy driver as sound card,
 images in the bag, a browser before the panel. One process after another is killed (SIGKILL) or
 stopped (SIGSTOP); between these the system clock is stepped, the disk filled, the board and the
 sound card pulled, the page reloaded, and eight processes that never sleep run beside it. A fault
 is over when every node is OK again, blocks are published, and what was killed is another process.
+A process that reads only the wire and the disk looks for silences that no status reported.
 Its camera is the twin; so afterwards the museum's scene sees a film through a simulated GigE Vision
 camera, which is pulled out (benchmarks/soak_camera.py).
 """
@@ -29,7 +31,7 @@ from typing import Any
 from support.jack import Jack
 from support.running import Graph, stand_in
 
-from benchmarks import soak_camera, soak_faults
+from benchmarks import soak_camera, soak_faults, soak_total
 from benchmarks.machine import tell
 from benchmarks.soak_pieces import Look, Pieces, Rate, Totals
 from benchmarks.soak_proof import Held, held
@@ -73,6 +75,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--bag', type=Path, help='play this run instead of recording one')
     parser.add_argument('--keep', type=Path, help='a folder for logs and bags, which stay there')
+    parser.add_argument(
+        '--results', type=Path, default=soak_total.RESULTS, metavar='FILE',
+        help='file to which this run is appended (default benchmarks/soak.jsonl)',
+    )  # fmt: skip
     parser.add_argument('--seed', type=int, default=1, help='of the order of the faults')
     parser.add_argument('--json', action='store_true')
 
@@ -103,8 +109,10 @@ def run(args: argparse.Namespace) -> int:
                       file=sys.stderr)  # fmt: skip
             else:
                 found['camera'] = soak_camera.measure(folder, args.faults_hours)
+    soak_total.append(soak_total.rows(found), args.results)
+    found['all_runs'] = soak_total.total(soak_total.load(args.results))
     tell(found, args.json, table)
-    return int(any(part['faults'] for part in found.values()))
+    return int(any(found[part]['faults'] for part in (*PARTS, 'camera') if part in found))
 
 
 def exhibition(
@@ -238,8 +246,10 @@ def table(found: dict[str, Any]) -> str:
             *_kinds(part), _bags(part),
         ]  # fmt: skip
     for part in found.values():
-        if isinstance(part, dict) and part.get('faults'):
+        if isinstance(part.get('faults'), list):
             lines += [f'NOT WELL: {line}' for line in part['faults']]
+    if part := found.get('all_runs'):
+        lines.append(soak_total.text(part))
     return '\n'.join(lines)
 
 

@@ -19,7 +19,7 @@ import yaml
 from support import gige as simulated
 from support.running import Film, Graph, stand_in
 
-from benchmarks.soak_faults import HELD_S, Soak, summary
+from benchmarks.soak_faults import HELD_S, Soak, summary, unreported
 from eol_ros import parent_death
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.devices.files import calibration_file
@@ -113,6 +113,7 @@ def measure(folder: Path, hours: float) -> dict[str, Any]:
     count = max(round(PULLS_IN_2_H * hours / 2), len(KINDS))
     soak = CameraSoak(folder, 0)
     faults: list[str] = []
+    begun = time.monotonic()
     try:
         for kind in track(list(itertools.islice(itertools.cycle(KINDS), count)), 'camera'):
             soak.pull(kind)
@@ -124,5 +125,9 @@ def measure(folder: Path, hours: float) -> dict[str, Any]:
     finally:
         soak.close()
     faults += [f'exit code {code}'] if code else []
+    faults += unreported(soak.observed)
     faults += ['a camera that was pulled out is not told' for told in soak.said if told is None]
-    return {'said_s': soak.said, 'bags': bags, **summary(soak.events, faults + bags['faults'])}
+    return {
+        'hours': round((time.monotonic() - begun) / 3600, 4), 'observer': soak.observed,
+        'said_s': soak.said, 'bags': bags, **summary(soak.events, faults + bags['faults']),
+    }  # fmt: skip

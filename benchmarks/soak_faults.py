@@ -21,6 +21,7 @@ from support.jack import Jack
 from support.running import Graph, busy, stand_in
 
 from benchmarks import web_browser
+from benchmarks.soak_observer import Observer
 from benchmarks.soak_pieces import FILE, keep, load
 from benchmarks.soak_proof import Held, growth, held, prove
 from eol_ros import interrupts, parent_death
@@ -59,6 +60,8 @@ class Soak:
         self.left_out: list[str] = []  # faults that this machine does not allow, and why
         self.offset_s = 0.0  # of the system clock from the true time
         self.hit_s: dict[str, float] = {}
+        self.observer: Observer | None = None
+        self.observed: dict[str, Any] = {}
         self.log = folder / 'rehearsal.log'  # that of the graph: faults stand between its lines
         self._stack = contextlib.ExitStack()
         try:
@@ -66,6 +69,7 @@ class Soak:
         except BaseException:
             self._stack.close()
             raise
+        self.observer = Observer(folder / 'observed.jsonl', folder / 'bags', self.graph.domain)
 
     def _begin(self) -> None:
         self.clock = FakeClock(self.folder)
@@ -129,6 +133,7 @@ class Soak:
 
     def prove(self) -> tuple[int, dict[str, Any]]:
         """Stop the graph; return its exit code and what its bags prove."""
+        self.observed = self.observer.stop() if self.observer else {}
         return self._end(), prove(self.folder / 'bags')
 
     def close(self) -> None:
@@ -288,6 +293,7 @@ def measure(
 ) -> dict[str, Any]:
     """Break things until `hours` are over, `minutes` of them at most; return the figures.
 
+    `run` in them has those of the piece that was played now.
     `resume` goes on with the pieces in `folder`; each piece has processes and an order of its own.
     Raises EolError where there are none, or some without `resume`.
     """
@@ -295,6 +301,7 @@ def measure(
     kept = load(file, resume, {'pieces': []})
     pieces = kept['pieces']
     left_h = hours - sum(piece['hours'] for piece in pieces)
+    found: dict[str, Any] = {}
     if left_h > LEAST_H:
         piece = {'hours': 0.0, 'events': [], 'left_out': [], 'growth': [], 'bags': {}, 'faults': []}
         pieces.append(piece)
@@ -303,7 +310,8 @@ def measure(
         keep(file, kept)  # also where nothing begins, so that the next has a folder of its own
         _play(place, min(left_h, minutes / 60 if minutes else left_h), seed + len(pieces) - 1,
               pieces, lambda: keep(file, kept))  # fmt: skip
-    return figures(pieces)
+        found['run'] = {**figures([piece]), 'observer': piece.get('observer')}
+    return {**figures(pieces), **found}
 
 
 def _play(
@@ -325,10 +333,20 @@ def _play(
             interrupts.caught()
         piece['hours'] = round((time.monotonic() - begun) / 3600, 4)
         code, piece['bags'] = soak.prove()
+    piece['observer'] = soak.observed
+    piece['faults'] += unreported(soak.observed)
     piece['faults'] += [f'exit code {code}'] if code else []
     piece['faults'] += piece['bags'].pop('faults')
     piece['growth'] = growth(soak.looks)
     keep_it()
+
+
+def unreported(observed: dict[str, Any]) -> list[str]:
+    """Return the silences that no status reported, as faults."""
+    return [
+        f'{one["source"]}: nothing for {one["seconds"]:g} s, and no status said so'
+        for one in observed.get('unreported', ())
+    ]
 
 
 def figures(pieces: list[dict[str, Any]]) -> dict[str, Any]:
@@ -414,6 +432,7 @@ def _kinds(events: list[dict[str, Any]]) -> list[dict[str, Any]]:
         by_kind[event['kind']].append(event['back_s'])
     return [
         {'kind': kind, 'count': len(times), 'p50_s': float(np.median(times)),
-         'p99_s': float(np.percentile(times, 99)), 'worst_s': max(times)}
+         'p99_s': float(np.percentile(times, 99)), 'worst_s': max(times),
+         'within_10_s': sum(t <= BACK_S for t in times)}
         for kind, times in sorted(by_kind.items())
     ]  # fmt: skip

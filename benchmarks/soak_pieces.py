@@ -213,7 +213,15 @@ class Pieces:
             for row in piece['growth'] or ()
         ]
         faults += [f'piece {r["piece"]}: {r["name"]} grows: {r}' for r in rows if not r['flat']]
+        last = self.all[-1]
         return {
+            'run': {
+                'hours': round(last['played_s'] / 3600, 4),
+                'faults': last['faults']
+                + [
+                    f'{row["name"]} grows: {row}' for row in last['growth'] or () if not row['flat']
+                ],
+            },
             'hours': round(self.played_s / 3600, 2),
             'pieces': len(self.all),
             'cut_off': sum(piece['cut_off'] for piece in self.all),
