@@ -79,6 +79,15 @@ def _empty_sinks(stress, side):
         stress[row * stride] = SINK
 
 
+@njit(inline='always')
+def _give(stress, site, gift, floor, near, candidates):
+    """Raise a site; return how many candidates there are, itself among them from `floor` on."""
+    value = stress[site] + gift
+    stress[site] = value
+    near[uintp(candidates)] = site
+    return candidates + (value >= floor)
+
+
 @njit(cache=True)
 def topple(stress, side, one, share, divisor, bucketed, sizes, areas, durations, firsts):
     """Run `sizes.size` events on `stress` in place; return (status, events done).
@@ -199,26 +208,11 @@ def topple(stress, side, one, share, divisor, bucketed, sizes, areas, durations,
             candidates = 0
             for k in range(toppling):
                 gift = gifts[uintp(k)]
-                j = uintp(now[uintp(k)]) - uintp(1)
-                value = stress[j] + gift
-                stress[j] = value
-                near[uintp(candidates)] = j
-                candidates += value >= floor
-                j = uintp(now[uintp(k)]) + uintp(1)
-                value = stress[j] + gift
-                stress[j] = value
-                near[uintp(candidates)] = j
-                candidates += value >= floor
-                j = uintp(now[uintp(k)]) - uintp(stride)
-                value = stress[j] + gift
-                stress[j] = value
-                near[uintp(candidates)] = j
-                candidates += value >= floor
-                j = uintp(now[uintp(k)]) + uintp(stride)
-                value = stress[j] + gift
-                stress[j] = value
-                near[uintp(candidates)] = j
-                candidates += value >= floor
+                j = uintp(now[uintp(k)])
+                candidates = _give(stress, j - uintp(1), gift, floor, near, candidates)
+                candidates = _give(stress, j + uintp(1), gift, floor, near, candidates)
+                candidates = _give(stress, j - uintp(stride), gift, floor, near, candidates)
+                candidates = _give(stress, j + uintp(stride), gift, floor, near, candidates)
         toppled_since += size
         sizes[event] = size
         if areas.size:

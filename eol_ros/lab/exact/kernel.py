@@ -183,6 +183,162 @@ def close_ranks(m, before, at, slot, slots, stale):
     return kept
 
 
+@njit(**PART)
+def begin(v, sign, at, la):
+    """Let slide what moves or has no friction; return how many do."""
+    m = 0
+    for i in range(at.n):
+        if v[i] != 0.0 or at.static[i] == 0.0:
+            sign[i] = np.sign(v[i]) if at.friction[i] > 0.0 else 0.0
+            la.slot[i] = m
+            la.slots[m] = i
+            m += 1
+    return m
+
+
+@njit(**PART)
+def series_step(
+    order, m, mp, used, small, t, h, ends, plain, u, v, count, sign, watched, forces, at, la, cx,
+    cc, cs, work,
+):  # fmt: skip
+    """Write the series of what slides; return (h, ends, kind, block) of the step they hold for.
+
+    Kind and block are those of `first_event`; `ends` is False where the step is less than `h`.
+    """
+    near = h
+    if m > 0:
+        segment_series(order, m, mp, u, v, at, cx, cc, cs, used, la)
+        near = reach_of(order, mp, la.a, small, h)
+        if at.weakening > 0.0:
+            near = weakening_reach(order, m, la.a, at.weakening, near)
+    if not plain and used == order:
+        most = max(abs(cx[order]), abs(cs[order]), abs(cc[order]))
+        if most > 0.0:
+            near = min(near, (small / most) ** (1.0 / order))
+    if near < h:
+        h, ends = near, False
+    kind_of, who, top = 0, -1, h
+    if top > 0.0 and (m > 0 or count > 0):
+        bounds(order, mp, h, la)
+        h, kind, block, found = first_event(
+            order, used, h, m, count, sign, watched, forces, at, la, cx, cc, cs, work
+        )
+        if found:
+            ends, kind_of, who = False, kind, block
+    if kind_of == 0 and not ends and h < top:
+        h = max(h, 1e-15 * max(t, 1e-3))  # a near miss: creep past it, steps are counted
+    return h, ends, kind_of, who
+
+
+@njit(**PART)
+def go_alone(who, motion, h, stops, t, speed, u, v, at, ledger, energy):
+    """Move the one block that slides by a step."""
+    x, d = lone_state(motion, h)
+    if ledger:
+        lone_ledger(who, motion, h, x, t, speed, u, at, energy)
+    u[who] += x
+    v[who] = 0.0 if stops else d
+
+
+@njit(**PART)
+def go_by_modes(modes, m, h, u, v, la, x_out, d_out, a_out):
+    """Move what slides by a step, from its modes."""
+    modes_state(modes, h, m, x_out, d_out, a_out)
+    for c in range(m):
+        u[la.slots[c]] += x_out[c]
+        v[la.slots[c]] = d_out[c]
+        la.a[1, c], la.a[2, c] = d_out[c], 0.5 * a_out[c]
+
+
+@njit(**PART)
+def break_overloaded(now, events, m, u, sign, stale, at, log, la, cx, cc, cs):
+    """Let blocks slide whose force is beyond the limit; return (events, slots in use).
+
+    Events are -1 where the log is full.
+    """
+    for i in range(at.n):
+        if la.slot[i] >= 0 or not stale[i]:
+            continue
+        f = force_now(i, u, at, cx[0], cc[0], cs[0])
+        if abs(f) > at.static[i] * (1.0 + ON_LIMIT):
+            sign[i] = np.sign(f)
+            la.slot[i] = m
+            la.slots[m] = i
+            m += 1
+            if events >= len(log.t):
+                return -1, m
+            log.t[events], log.block[events], log.start[events] = now, i, 1
+            events += 1
+            for e in range(at.lo[i], at.lo[i + 1]):
+                stale[at.near[e]] = True
+    return events, m
+
+
+@njit(**PART)
+def happen(
+    t, now, kind, who, events, m, u, v, sign, watch, due, stale, at, log, la, cx, cc, cs
+):  # fmt: skip
+    """Stop and break what is due at `t`, in the order of the blocks.
+
+    Returns (events, or -1 where the log is full; slots in use; whether any began or stopped;
+    whether a lane is to be filled again). `now` is the time that is written.
+    """
+    slot, slots = la.slot, la.slots
+    before, fastest = m, abs(cx[1])
+    for c in range(m):
+        fastest = max(fastest, abs(v[slots[c]]))
+    changed = refill = False
+    for i in range(at.n):
+        if events >= len(log.t):
+            return -1, m, changed, refill
+        c = slot[i]
+        if c >= 0 and c < before:
+            if at.friction[i] == 0.0:
+                continue
+            halts = i == who and kind == 2
+            if not halts and abs(v[i]) <= ON_LIMIT * fastest:
+                halts = sign[i] * la.a[2, c] < 0.0 or sign[i] * la.a[1, c] > 0.0
+            if not halts:
+                continue
+            v[i] = 0.0
+            f = force_now(i, u, at, cx[0], cc[0], cs[0])
+            if abs(f) > at.static[i] * (1.0 + ON_LIMIT):
+                sign[i] = np.sign(f)  # reverses: its speed is zero for no time at all
+                refill = True
+                continue
+            sign[i] = 0.0
+            slot[i] = -2
+            changed = True
+            log.t[events], log.block[events], log.start[events] = now, i, 0
+            events += 1
+        elif c == -1:
+            breaks = i == who and kind == 3
+            if not breaks:
+                if watch[i]:
+                    if kind == 2:
+                        continue
+                elif due[i] > t + ON_LIMIT * max(1.0, t):
+                    continue
+            f = force_now(i, u, at, cx[0], cc[0], cs[0])
+            if not breaks and abs(f) < at.static[i] * (1.0 - ON_LIMIT):
+                if watch[i]:
+                    continue
+                if due[i] > t * (1.0 + 4e-16):
+                    stale[i] = True
+                    continue
+            sign[i] = np.sign(f)
+            v[i] = 0.0
+            slot[i] = m
+            slots[m] = i
+            m += 1
+            changed = True
+            log.t[events], log.block[events], log.start[events] = now, i, 1
+            events += 1
+    if changed:
+        m = close_ranks(m, before, at, slot, slots, stale)
+    return events, m, changed, refill or changed
+
+
 @njit(cache=True)
 def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger, state, la):
     """Advance `u`, `v` (n,) to `t_end` in place; return (status, t, events, steps, base).
@@ -193,7 +349,6 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
     n = at.n
     slot, slots = la.slot, la.slots
     sign = np.zeros(n)
-    m = 0
     wide = len(la.sign)
     x_out, d_out, a_out = np.zeros(wide), np.zeros(wide), np.zeros(wide)
     cx, cy = np.zeros(order + 2), np.zeros(order + 2)
@@ -213,43 +368,27 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
         back = 2.0 ** math.ceil(math.log2(max(FAR * small / abs(speed), 1e-9)))
     end = t_end
     events = steps = sampled = since = 0
-    for i in range(n):
-        if v[i] != 0.0 or at.static[i] == 0.0:
-            sign[i] = np.sign(v[i]) if at.friction[i] > 0.0 else 0.0
-            slot[i] = m
-            slots[m] = i
-            m += 1
+    m = begin(v, sign, at, la)
     check = True  # look for blocks whose force is beyond the limit now
     refill = True
     while True:
         if t >= back:
-            t -= back
-            base += back
+            t, base = t - back, base + back
             end = t_end - base
-            for i in range(n):
-                u[i] -= speed * back
-                due[i] -= back
+            u -= speed * back
+            due -= back
         reach, used = drive_series(
             rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs, work
         )
         if check:
             check = False
-            for i in range(n):
-                if slot[i] >= 0 or not stale[i]:
-                    continue
-                f = force_now(i, u, at, cx[0], cc[0], cs[0])
-                if abs(f) > at.static[i] * (1.0 + ON_LIMIT):
-                    sign[i] = np.sign(f)
-                    slot[i] = m
-                    slots[m] = i
-                    m += 1
-                    if events >= len(log.t):
-                        return EVENT_LIMIT, base + t, events, steps, base
-                    log.t[events], log.block[events], log.start[events] = base + t, i, 1
-                    events += 1
-                    refill = True
-                    for e in range(at.lo[i], at.lo[i + 1]):
-                        stale[at.near[e]] = True
+            before = m
+            events, m = break_overloaded(
+                base + t, events, m, u, sign, stale, at, log, la, cx, cc, cs
+            )
+            if events < 0:
+                return EVENT_LIMIT, base + t, len(log.t), steps, base
+            refill = refill or m > before
         mp = (m + LANES - 1) // LANES * LANES
         if refill:
             refill = False
@@ -284,31 +423,12 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
                     h, ends = near, False
             since = 0
         if by == BY_SERIES:
-            if m > 0:
-                segment_series(order, m, mp, u, v, at, cx, cc, cs, used, la)
-                near = reach_of(order, mp, la.a, small, h)
-                if at.weakening > 0.0:
-                    near = weakening_reach(order, m, la.a, at.weakening, near)
-                if near < h:
-                    h, ends = near, False
-            if not plain and used == order:
-                most = max(abs(cx[order]), abs(cs[order]), abs(cc[order]))
-                if most > 0.0:
-                    near = (small / most) ** (1.0 / order)
-                    if near < h:
-                        h, ends = near, False
+            h, ends, kind_of, who = series_step(
+                order, m, mp, used, small, t, h, ends, plain, u, v, count, sign, watched, forces,
+                at, la, cx, cc, cs, work,
+            )  # fmt: skip
             if not h >= 0.0:
                 return NOT_FINITE, base + t, events, steps, base
-            top = h
-            if top > 0.0 and (m > 0 or count > 0):
-                bounds(order, mp, h, la)
-                h, kind, block, found = first_event(
-                    order, used, h, m, count, sign, watched, forces, at, la, cx, cc, cs, work
-                )
-                if found:
-                    ends, kind_of, who = False, kind, block
-            if kind_of == 0 and not ends and h < top:
-                h = max(h, 1e-15 * max(t, 1e-3))  # a near miss: creep past it, steps are counted
         due_now = kind_of == 0 and next_due <= t + h
         while sampled < len(grid.t) and (grid.t[sampled] - base <= t + h or ends):
             s = grid.t[sampled] - base - t
@@ -331,19 +451,11 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
                     grid.v[sampled, slots[c]] = d_out[c]
             sampled += 1
         if by == BY_ONE:
-            x, d = lone_state(motion, h)
-            if ledger:
-                lone_ledger(who, motion, h, x, t, speed, u, at, energy)
-            u[who] += x
-            v[who] = 0.0 if kind_of == 2 else d
+            go_alone(who, motion, h, kind_of == 2, t, speed, u, v, at, ledger, energy)
         elif by == BY_MODES:
             if ledger:
                 modes_ledger(modes, m, h, t, speed, u, at, la, x_out, d_out, a_out, energy)
-            modes_state(modes, h, m, x_out, d_out, a_out)
-            for c in range(m):
-                u[slots[c]] += x_out[c]
-                v[slots[c]] = d_out[c]
-                la.a[1, c], la.a[2, c] = d_out[c], 0.5 * a_out[c]
+            go_by_modes(modes, m, h, u, v, la, x_out, d_out, a_out)
         else:
             if ledger:
                 ledger_step(order, m, at, u, cx, cc, cs, used, h, la, energy)
@@ -365,62 +477,14 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
             continue
         # the event, and whatever happens at the same instant, in the order of the blocks
         drive_series(rim.kind, rim.par, rim.knots, rim.cubics, t, 3, cx, cy, cc, cs, work)
-        fastest = abs(cx[1])
-        for c in range(m):
-            fastest = max(fastest, abs(v[slots[c]]))
-        before = m
-        changed = False
-        for i in range(n):
-            if events >= len(log.t):
-                return EVENT_LIMIT, base + t, events, steps, base
-            c = slot[i]
-            if c >= 0 and c < before:
-                if at.friction[i] == 0.0:
-                    continue
-                halts = i == who and kind_of == 2
-                if not halts and abs(v[i]) <= ON_LIMIT * fastest:
-                    halts = sign[i] * la.a[2, c] < 0.0 or sign[i] * la.a[1, c] > 0.0
-                if not halts:
-                    continue
-                v[i] = 0.0
-                f = force_now(i, u, at, cx[0], cc[0], cs[0])
-                if abs(f) > at.static[i] * (1.0 + ON_LIMIT):
-                    sign[i] = np.sign(f)  # reverses: its speed is zero for no time at all
-                    refill = True
-                    continue
-                sign[i] = 0.0
-                slot[i] = -2
-                changed = True
-                log.t[events], log.block[events], log.start[events] = base + t, i, 0
-                events += 1
-            elif c == -1:
-                breaks = i == who and kind_of == 3
-                if not breaks:
-                    if watch[i]:
-                        if kind_of == 2:
-                            continue
-                    elif due[i] > t + ON_LIMIT * max(1.0, t):
-                        continue
-                f = force_now(i, u, at, cx[0], cc[0], cs[0])
-                if not breaks and abs(f) < at.static[i] * (1.0 - ON_LIMIT):
-                    if watch[i]:
-                        continue
-                    if due[i] > t * (1.0 + 4e-16):
-                        stale[i] = True
-                        continue
-                sign[i] = np.sign(f)
-                v[i] = 0.0
-                slot[i] = m
-                slots[m] = i
-                m += 1
-                changed = True
-                log.t[events], log.block[events], log.start[events] = base + t, i, 1
-                events += 1
-        if changed:
-            refill = True
-            m = close_ranks(m, before, at, slot, slots, stale)
-        elif kind_of != 2:
-            check = True
+        events, m, changed, again = happen(
+            t, base + t, kind_of, who, events, m, u, v, sign, watch, due, stale, at, log,
+            la, cx, cc, cs,
+        )  # fmt: skip
+        if events < 0:
+            return EVENT_LIMIT, base + t, len(log.t), steps, base
+        refill = refill or again
+        check = not changed and kind_of != 2
     for i in range(n):
         state[i] = 1 if slot[i] >= 0 else 0
     return OK, t_end, events, steps, base

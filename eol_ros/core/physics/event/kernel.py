@@ -316,23 +316,48 @@ def stop_slow(t, rim_speed, events, u, v, m, rules, at, ws, sliding, log, energy
     return events
 
 
+@inlined
+def mark_creeping(m, h, gain, u, v, rules, at, ws):
+    """Mark the slots that may creep; return (whether any does, the step for it, gain)."""
+    pl, creeping = ws.pl, False
+    for c in range(m if len(pl.past_x) > 0 else 0):
+        i = pl.slots[c]
+        if pl.start[c] == MOVING and at.friction[i] > 0.0:
+            x, y = force_on(i, u, at, ws.cx[0], ws.cy[0], ws.cc[0], ws.cs[0])
+            if may_creep(i, x, y, v[i, 0], v[i, 1], rules.small, at):
+                pl.start[c], creeping, h = CREEPING, True, min(h, CREEP_TOP_S)
+                for k in range(0 if ws.crept[i] else rules.order):
+                    pl.known_x[c, k] = pl.known_y[c, k] = 0.0
+                gain = gain if ws.crept[i] else 1.0
+    return creeping, h, gain
+
+
+@inlined
+def settle_creep(m, count, used, gain, last, u, v, rules, at, ws):
+    """Settle the directions of what creeps; return (gain, last) for the next step.
+
+    gain: of a round that settles directions; last: their last change.
+    """
+    pl, order = ws.pl, rules.order
+    for p in range(CREEP_ROUNDS):
+        change = settle_directions(order, m, CREEP_TOP_S, pl)
+        if p > 0:
+            gain = min(change / last, 1.0)
+        if change * gain < max(rules.relative, SETTLED):  # so little would change next
+            break
+        last = change
+        if p == CREEP_ROUNDS - 1:  # not slow enough
+            for c in range(m):
+                if pl.start[c] == CREEPING:
+                    pl.start[c] = MOVING
+        blocks_series(order, m, count, u, v, used, at, pl, ws.cx, ws.cy, ws.cc, ws.cs)
+    return gain, last
+
+
 @entry
 def run(
-    u,
-    v,
-    sliding,
-    t_end,
-    rules,
-    at,
-    rim,
-    grid,
-    log,
-    max_steps,
-    energy,
-    ledger,
-    counts,
-    ws,
-):
+    u, v, sliding, t_end, rules, at, rim, grid, log, max_steps, energy, ledger, counts, ws,
+):  # fmt: skip
     """Advance `u`, `v` (n, 2) and `sliding` (n,) to `t_end`; return (status, t, events, steps).
 
     `counts` (3,): slips begun, stops at the floor against a pull above mu_k, springs that passed
@@ -341,10 +366,7 @@ def run(
     """
     order, n, pl = rules.order, at.n, ws.pl
     cx, cy, cc, cs, gx, work = ws.cx, ws.cy, ws.cc, ws.cs, ws.gx, ws.work
-    watched, found, push = ws.watched, ws.found, ws.push
-    slack, spare = ws.slack, ws.spare
-    found_x, found_y = ws.found_x, ws.found_y
-    crept = ws.crept
+    watched, crept = ws.watched, ws.crept
     here, rate, gauss = ws.here, ws.rate, ws.gauss
     begin_blocks(v, sliding, at, ws)
     t, left = 0.0, 0.0
@@ -373,33 +395,13 @@ def run(
             pass_zero(count, u, v, rules.relative, rules.small, at, pl, cx, cy, cc, cs)
         start_slots(m, u, at, ws)
         h = min(t_end - t, reach)
-        creeping = False
-        for c in range(m if len(pl.past_x) > 0 else 0):
-            i = pl.slots[c]
-            if pl.start[c] == MOVING and at.friction[i] > 0.0:
-                x, y = force_on(i, u, at, cx[0], cy[0], cc[0], cs[0])
-                if may_creep(i, x, y, v[i, 0], v[i, 1], rules.small, at):
-                    pl.start[c], creeping, h = CREEPING, True, min(h, CREEP_TOP_S)
-                    for k in range(0 if crept[i] else order):
-                        pl.known_x[c, k] = pl.known_y[c, k] = 0.0
-                    gain = gain if crept[i] else 1.0
+        creeping, h, gain = mark_creeping(m, h, gain, u, v, rules, at, ws)
         ends = h == t_end - t
         near = h
         if m > 0 or count > 0:
             blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
-            for p in range(CREEP_ROUNDS if creeping else 0):
-                change = settle_directions(order, m, CREEP_TOP_S, pl)
-                if p > 0:
-                    gain = min(change / last, 1.0)
-                if change * gain < max(rules.relative, SETTLED):  # so little would change next
-                    break
-                last = change
-                if p == CREEP_ROUNDS - 1:  # not slow enough
-                    for c in range(m):
-                        if pl.start[c] == CREEPING:
-                            pl.start[c] = MOVING
-                    creeping = False
-                blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
+            if creeping:
+                gain, last = settle_creep(m, count, used, gain, last, u, v, rules, at, ws)
             if kick_level(m, v, ws):
                 blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
             near = planar_reach(order, m, pl, rules.relative, rules.small, h)
@@ -424,45 +426,15 @@ def run(
                 rim_yaw += power * math.sqrt(cc[q] ** 2 + cs[q] ** 2)
             if at.geometric:
                 clear, by_zero, through = zero_reach(
-                    order,
-                    used,
-                    count,
-                    watching,
-                    watched,
-                    h,
-                    rim_far + rim_yaw * at.far,
-                    rules.small,
-                    rules.relative,
-                    u,
-                    at,
-                    pl,
-                    cx,
-                    cy,
-                    cc,
-                    cs,
-                    work,
-                )
+                    order, used, count, watching, watched, h, rim_far + rim_yaw * at.far,
+                    rules.small, rules.relative, u, at, pl, cx, cy, cc, cs, work,
+                )  # fmt: skip
                 if clear < h:
                     h, top, ends = clear, clear, False
             doubtful = suspects(
-                watching,
-                watched,
-                u,
-                rim_far,
-                rim_yaw,
-                cx[0],
-                cy[0],
-                cc[0],
-                cs[0],
-                found,
-                found_x,
-                found_y,
-                push,
-                slack,
-                spare,
-                at,
-                pl,
-            )
+                watching, watched, u, rim_far, rim_yaw, cx[0], cy[0], cc[0], cs[0], ws.found,
+                ws.found_x, ws.found_y, ws.push, ws.slack, ws.spare, at, pl,
+            )  # fmt: skip
             if doubtful > 0:
                 h, who, hit_any = first_break(
                     doubtful, h, top, order, used, count, rules.small, u, at, ws
