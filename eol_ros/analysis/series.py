@@ -32,15 +32,13 @@ NAMES = ('triggers', 'light', 'kinetic energy', 'sound power', 'loudness')
 
 
 @dataclass(frozen=True)
-class Series:
+class Series(one_over_f.Series):
     """Values (n,) at RATE_HZ from the start of the bag, and how they are to be asked."""
 
-    name: str
-    values: np.ndarray
+    rate_hz: float = RATE_HZ
     high_hz: float = HIGH_HZ
     window_s: float = 1 / RATE_HZ
-    times_s: np.ndarray | None = None
-    rest: float | None = None
+    drive_s: float = one_over_f.GESTURE_S
 
 
 @dataclass(frozen=True)
@@ -86,11 +84,7 @@ def ask(series: Series | Absent, control: 'Uncoupled | None' = None) -> one_over
         return one_over_f.Answer(series.name, 'undecided', doubts=[series.why])
     others = {control.NAME: lambda: control.series[series.name]} if control else None
     try:
-        return one_over_f.ask(
-            series.name, series.values, RATE_HZ, series.high_hz, np.random.default_rng(1),
-            window_s=series.window_s, drive_s=one_over_f.GESTURE_S, times_s=series.times_s,
-            rest=series.rest, others=others,
-        )  # fmt: skip
+        return one_over_f.ask(series, np.random.default_rng(1), others)
     except EolError as error:
         return one_over_f.Answer(series.name, 'undecided', doubts=[str(error)])
 
@@ -179,7 +173,7 @@ def loudness(bag: Bag) -> Iterator[Series]:
     quiet = 10 ** ((SILENCE_LUFS + 0.691) / 10)
     yield Series('sound power', power, rest=quiet)
     yield Series(
-        'loudness', momentary(power), LOUDNESS_HIGH_HZ, window_s=MOMENTARY / RATE_HZ,
+        'loudness', momentary(power), high_hz=LOUDNESS_HIGH_HZ, window_s=MOMENTARY / RATE_HZ,
         rest=SILENCE_LUFS,
     )  # fmt: skip
 

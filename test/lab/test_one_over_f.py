@@ -11,6 +11,12 @@ NOT = [name for name, (right, _) in SERIES.items() if right == 'no']
 IS = [name for name, (right, _) in SERIES.items() if right == 'yes']
 
 
+def ask_of(values, others=None, **how):
+    """The verdict on values at 20/s, up to 5 Hz."""
+    series = one_over_f.Series('x', values, 20.0, 5.0, **how)
+    return one_over_f.ask(series, np.random.default_rng(1), others)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('name', NOT)
 def test_what_only_looks_like_it_is_never_called_so(name):
@@ -55,7 +61,7 @@ def test_the_sentence_says_band_interval_and_reason():
 def test_a_rate_that_is_one_over_f_only_while_visitors_are_there_is_undecided():
     noise = spectra.coloured_noise(1.0, 12_000, np.random.default_rng(5))
     there = np.linspace(0, 1, 12_000) < 0.5
-    found = one_over_f.ask('x', noise * (0.1 + there), 20.0, 5.0, np.random.default_rng(1))
+    found = ask_of(noise * (0.1 + there))
 
     assert found.answer == 'undecided' and 'not steady' in found.sentence
 
@@ -70,7 +76,7 @@ def test_a_rate_that_is_one_over_f_only_while_visitors_are_there_is_undecided():
     ],
 )
 def test_what_cannot_be_asked_is_said(series, times, words):
-    found = one_over_f.ask('x', series, 20.0, 5.0, np.random.default_rng(1), times_s=times)
+    found = ask_of(series, times_s=times)
 
     assert found.answer == 'undecided' and words in found.sentence
 
@@ -81,7 +87,7 @@ def test_bouts_at_other_times_are_the_control_of_a_series_that_rests():
     series = np.zeros(12_000)
     for start in rng.integers(0, 11_900, 60):
         series[start : start + 40] += np.exp(-np.arange(40) / 10)
-    found = one_over_f.ask('light', series, 20.0, 5.0, rng, rest=0.0)
+    found = ask_of(series, rest=0.0)
 
     assert found.answer == 'no' and 'bends' in found.sentence
 
@@ -97,9 +103,7 @@ def test_a_control_that_has_the_slope_too_refuses_it():
         return lambda: asked.append(1) or values
 
     def ask_with(values, found=series):
-        return one_over_f.ask(
-            'x', found, 20.0, 5.0, np.random.default_rng(1), others={'hands': given(values)}
-        )
+        return ask_of(found, {'hands': given(values)})
 
     assert ask_with(rng.normal(size=12_000)).answer == 'yes'
     assert ask_with(np.zeros(12_000)).controls['hands'] == (0.0, 0.0)  # nothing slips: no 1/f
@@ -112,10 +116,9 @@ def test_a_control_that_has_the_slope_too_refuses_it():
 def test_a_record_of_few_gestures_has_no_verdict():
     """Up to ten of the longest gestures the band ends where these bend the spectrum."""
     noise = spectra.coloured_noise(1.0, 20 * 260, np.random.default_rng(5))
-    rng = np.random.default_rng(1)
     drive_s = one_over_f.GESTURE_S
-    short = one_over_f.ask('x', noise[: 20 * 240], 20.0, 5.0, rng, drive_s=drive_s)
+    short = ask_of(noise[: 20 * 240], drive_s=drive_s)
 
     assert short.answer == 'undecided' and '240 s are too short' in short.sentence
     assert '(25 s) need 250 s' in short.sentence
-    assert one_over_f.ask('x', noise, 20.0, 5.0, rng, drive_s=drive_s).spectrum is not None
+    assert ask_of(noise, drive_s=drive_s).spectrum is not None

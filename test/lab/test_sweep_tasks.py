@@ -112,10 +112,9 @@ def test_slips_and_sound_are_asked_for_one_over_f():
     found = compute('table', travel_m=1.0, spectra=True)
     run = sweep.run_of(sweep.Table(travel_m=1.0))
     times = run.event_t[(run.event_start != 0) & (run.event_t >= 500)] - 500
-    answer = one_over_f.ask(
-        'slips', surrogates.event_counts(times, 500.0, 20.0), 20.0, 5.0,
-        np.random.default_rng(1), times_s=times,
-    )  # fmt: skip
+    counts = surrogates.event_counts(times, 500.0, 20.0)
+    series = one_over_f.Series('slips', counts, 20.0, 5.0, times_s=times)
+    answer = one_over_f.ask(series, np.random.default_rng(1))
     heard = compute('table', travel_m=1.0)
 
     assert (found.slips_one_over_f, found.slips_slope) == (answer.answer, answer.slope.beta)
@@ -126,9 +125,9 @@ def test_slips_and_sound_are_asked_for_one_over_f():
 def test_hands_are_held_against_blocks_that_are_not_coupled(monkeypatch):
     asked = {}
 
-    def ask(name, series, *args, others=None, **more):
-        asked[name] = series, {kind: make() for kind, make in (others or {}).items()}
-        return one_over_f.Answer(name, 'undecided')
+    def ask(series, rng, others):
+        asked[series.name] = series.values, {kind: make() for kind, make in others.items()}
+        return one_over_f.Answer(series.name, 'undecided')
 
     monkeypatch.setattr(sweep.one_over_f, 'ask', ask)
     found = compute('table', drive='hands', speed_mps=0.05, travel_m=3.0, skip=0.0, spectra=True)

@@ -28,15 +28,16 @@ class Made:
     values: np.ndarray
     times_s: np.ndarray | None = None
     more: dict[str, Any] = field(default_factory=dict)
+    others: one_over_f.Others | None = None
 
 
 def ask(name: str, duration_s: float, seed: int) -> one_over_f.Answer:
     """Return the verdict on one realisation of a series of SERIES."""
     made = SERIES[name][1](duration_s, np.random.default_rng([seed, 1]))
-    return one_over_f.ask(
-        name, made.values, RATE_HZ, HIGH_HZ, np.random.default_rng([seed, 2]), times_s=made.times_s,
-        **made.more,
+    series = one_over_f.Series(
+        name, made.values, RATE_HZ, HIGH_HZ, times_s=made.times_s, **made.more
     )  # fmt: skip
+    return one_over_f.ask(series, np.random.default_rng([seed, 2]), made.others)
 
 
 def _noise(beta: float) -> Callable:
@@ -119,13 +120,11 @@ def _visitors(name: str) -> Callable:
 
     def make(T: float, rng: np.random.Generator) -> Made:
         times_s, control = _played(T, int(rng.integers(1 << 31)))
-        more = {
-            'drive_s': one_over_f.GESTURE_S, 'rest': 0.0,
-            'others': {control.NAME: lambda: control.series[name]},
-        }  # fmt: skip
+        more = {'drive_s': one_over_f.GESTURE_S, 'rest': 0.0}
+        others = {control.NAME: lambda: control.series[name]}
         if name == 'triggers':
-            return Made(surrogates.event_counts(times_s, T, RATE_HZ), times_s, more)
-        return Made(sounding.power(times_s, T, RATE_HZ, GrainsSettings()), None, more)
+            return Made(surrogates.event_counts(times_s, T, RATE_HZ), times_s, more, others)
+        return Made(sounding.power(times_s, T, RATE_HZ, GrainsSettings()), None, more, others)
 
     return make
 

@@ -253,6 +253,36 @@ class Omori:
         )
 
 
+def _stacked(
+    onsets_s: np.ndarray, sizes: np.ndarray, end_s: float, mains: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return for how long each mainshock is followed (s), the times (s) of what comes after them,
+    and the least size of a mainshock.
+    """
+    order = np.argsort(onsets_s, kind='stable')
+    onsets_s, sizes = np.asarray(onsets_s, float)[order], np.asarray(sizes)[order]
+    if len(sizes) < FEWEST_CASCADES:
+        raise TooFew(len(sizes), 'cascade', 'a law of aftershocks', FEWEST_CASCADES)
+    values, counts = np.unique(sizes, return_counts=True)
+    few = values[counts[::-1].cumsum()[::-1] <= max(mains, len(sizes) // 10)]
+    if not len(few):
+        raise FitError('most cascades are of the greatest size: none is a mainshock')
+    least = float(few[0])
+    great = np.flatnonzero(sizes >= least)
+    until = np.r_[onsets_s[great[1:]], end_s]
+    length = until - onsets_s[great]
+    ends = np.r_[great[1:], len(sizes)]
+    times = np.concatenate([
+        onsets_s[a + 1 : b] - onsets_s[a] for a, b in zip(great, ends, strict=True)
+    ])  # fmt: skip
+    length, times = length[length > 0], times[times > 0]
+    if len(length) < FEWEST_MAINS:
+        raise FitError(too_few(len(length), 'mainshock', 'a law of aftershocks', FEWEST_MAINS))
+    if len(times) < FEWEST:
+        raise FitError(too_few(len(times), 'aftershock', 'a law of them', FEWEST))
+    return length, times, least
+
+
 def omori(onsets_s: np.ndarray, sizes: np.ndarray, end_s: float, mains: int = 10) -> Omori:
     """Fit Omori's law after the greatest cascades, stacked.
 
@@ -292,27 +322,7 @@ def omori(onsets_s: np.ndarray, sizes: np.ndarray, end_s: float, mains: int = 10
     >>> found.better < BETTER  # of AIC: a constant rate does as well
     True
     """
-    order = np.argsort(onsets_s, kind='stable')
-    onsets_s, sizes = np.asarray(onsets_s, float)[order], np.asarray(sizes)[order]
-    if len(sizes) < FEWEST_CASCADES:
-        raise TooFew(len(sizes), 'cascade', 'a law of aftershocks', FEWEST_CASCADES)
-    values, counts = np.unique(sizes, return_counts=True)
-    few = values[counts[::-1].cumsum()[::-1] <= max(mains, len(sizes) // 10)]
-    if not len(few):
-        raise FitError('most cascades are of the greatest size: none is a mainshock')
-    least = float(few[0])
-    great = np.flatnonzero(sizes >= least)
-    until = np.r_[onsets_s[great[1:]], end_s]
-    length = until - onsets_s[great]
-    ends = np.r_[great[1:], len(sizes)]
-    times = np.concatenate([
-        onsets_s[a + 1 : b] - onsets_s[a] for a, b in zip(great, ends, strict=True)
-    ])  # fmt: skip
-    length, times = length[length > 0], times[times > 0]
-    if len(length) < FEWEST_MAINS:
-        raise FitError(too_few(len(length), 'mainshock', 'a law of aftershocks', FEWEST_MAINS))
-    if len(times) < FEWEST:
-        raise FitError(too_few(len(times), 'aftershock', 'a law of them', FEWEST))
+    length, times, least = _stacked(onsets_s, sizes, end_s, mains)
     total = float(length.sum())
     constant = len(times) * math.log(len(times) / total) - len(times)
     middle = float(np.median(times))

@@ -75,49 +75,76 @@ class Answer:
         return f'{text}; slope of the controls at most: {highest}'
 
 
-def ask(
-    name: str,
-    series: np.ndarray,
-    rate_hz: float,
-    high_hz: float,
-    rng: np.random.Generator,
-    *,
-    window_s: float = 0.0,
-    drive_s: float = 0.0,
-    times_s: np.ndarray | None = None,
-    rest: float | None = None,
-    others: Mapping[str, Callable[[], np.ndarray]] | None = None,
-) -> Answer:
-    """Return the verdict on `series`, (n,) at `rate_hz`, up to `high_hz` and three decades down.
+@dataclass(frozen=True)
+class Series:
+    """Values (n,) at `rate_hz` that are asked up to `high_hz` and three decades down.
 
     window_s: each value is a mean over so long. drive_s: the longest period of what drives the
     series; shorter than ten of these, it has no verdict, for the band ends where the drive bends
-    it. times_s: the events that `series` counts, from its
-    beginning. rest: the level at and below which a series that is no count rests. others: further
-    controls by name, each a series as long as this one and made only when it is needed.
+    it. times_s: the events that the values count, from their beginning. rest: the level at and
+    below which a series that is no count rests.
     """
-    series = np.asarray(series, float)
-    duration_s = len(series) / rate_hz
-    lowest_hz = spectra.PERIODS / duration_s if len(series) else np.inf
-    low_hz = max(lowest_hz, high_hz / 10**MOST_DECADES)
-    if low_hz * 10**DECADES > high_hz * (1 + 1e-9):
-        needed_s = spectra.PERIODS * 10**DECADES / high_hz
-        return Answer(name, 'undecided', doubts=[
-            f'{duration_s:.0f} s are too short: two decades below {high_hz:g} Hz need '
-            f'{needed_s:.0f} s'
-        ])  # fmt: skip
-    if duration_s < DRIVE_PERIODS * drive_s * (1 - 1e-9):
-        return Answer(name, 'undecided', doubts=[
-            f'{duration_s:.0f} s are too short: {DRIVE_PERIODS} of the longest gestures '
-            f'({drive_s:g} s) need {DRIVE_PERIODS * drive_s:.0f} s'
-        ])  # fmt: skip
-    if times_s is not None and len(times_s) < FEWEST_EVENTS:
-        few = f'{len(times_s)} events are too few: {FEWEST_EVENTS} are needed'
-        return Answer(name, 'undecided', doubts=[few])
+
+    name: str
+    values: np.ndarray
+    rate_hz: float
+    high_hz: float
+    window_s: float = 0.0
+    drive_s: float = 0.0
+    times_s: np.ndarray | None = None
+    rest: float | None = None
+
+    @property
+    def duration_s(self) -> float:
+        """How long it is."""
+        return len(self.values) / self.rate_hz
+
+    @property
+    def low_hz(self) -> float:
+        """The lower end of the band."""
+        lowest_hz = spectra.PERIODS / self.duration_s if len(self.values) else np.inf
+        return max(lowest_hz, self.high_hz / 10**MOST_DECADES)
+
+    @property
+    def lacks(self) -> str:
+        """Why no verdict is possible on a series so short; empty where one is."""
+        duration_s, low_hz = self.duration_s, self.low_hz
+        if low_hz * 10**DECADES > self.high_hz * (1 + 1e-9):
+            needed_s = spectra.PERIODS * 10**DECADES / self.high_hz
+            return (
+                f'{duration_s:.0f} s are too short: two decades below {self.high_hz:g} Hz need '
+                f'{needed_s:.0f} s'
+            )
+        if duration_s < DRIVE_PERIODS * self.drive_s * (1 - 1e-9):
+            return (
+                f'{duration_s:.0f} s are too short: {DRIVE_PERIODS} of the longest gestures '
+                f'({self.drive_s:g} s) need {DRIVE_PERIODS * self.drive_s:.0f} s'
+            )
+        if self.times_s is not None and len(self.times_s) < FEWEST_EVENTS:
+            return f'{len(self.times_s)} events are too few: {FEWEST_EVENTS} are needed'
+        return ''
+
+    def spectrum(self, values: np.ndarray) -> Spectrum:
+        """Return the spectrum of `values` in its band; raise SeriesError where there is none."""
+        return spectra.spectrum(values, self.rate_hz, self.low_hz, self.high_hz, self.window_s)
+
+
+Others = Mapping[str, Callable[[], np.ndarray]]
+
+
+def ask(series: Series, rng: np.random.Generator, others: Others | None = None) -> Answer:
+    """Return the verdict on a series.
+
+    others: further controls by name, each a series as long as this one and made only when it is
+    needed.
+    """
+    if series.lacks:
+        return Answer(series.name, 'undecided', doubts=[series.lacks])
+    values = np.asarray(series.values, float)
     try:
-        found = spectra.spectrum(series, rate_hz, low_hz, high_hz, window_s)
+        found = series.spectrum(values)
     except spectra.SeriesError as error:
-        return Answer(name, 'undecided', doubts=[str(error)])
+        return Answer(series.name, 'undecided', doubts=[str(error)])
     line = spectra.slope(found)
     both = spectra.halves(found)
     shapes = spectra.shapes(found)
@@ -127,44 +154,55 @@ def ask(
     controls: dict[str, tuple[float, float]] = {}
     steady = None
     if not against:  # these take long, and can only speak against it
-
-        def beta(made: np.ndarray) -> float:
-            return spectra.slope(
-                spectra.spectrum(made, rate_hz, low_hz, high_hz, window_s)
-            ).beta  # fmt: skip
-
-        if times_s is not None:
-            controls = surrogates.slopes(
-                lambda kind: surrogates.event_counts(
-                    surrogates.of_events(kind, times_s, duration_s, rng), duration_s, rate_hz
-                ),
-                beta,
-            )
-        elif rest is not None and (series <= rest).any():
-            pieces = len(surrogates.bouts(series, rest)[0])
-            if pieces < FEWEST_EVENTS:
-                doubts.append(f'{pieces} bouts are too few for controls: {FEWEST_EVENTS} needed')
-            else:
-                controls = surrogates.slopes(
-                    lambda kind: surrogates.of_bouts(kind, series, rest, rng), beta
-                )
-        for kind, make in (others or {}).items():
-            try:
-                slope = beta(make())
-            except spectra.SeriesError:  # it does not vary: no 1/f comes from there
-                slope = 0.0
-            controls[kind] = (slope, slope)
+        controls, few = _controls(series, values, rng, others or {})
+        doubts += few
         for kind, (low, high) in controls.items():
             if high >= ONE_OVER_F[0]:
                 against.append(f'the control ({kind}) has a slope of {low:.2f} to {high:.2f} too')
         if not against:
-            steady = surrogates.stationarity(series, rng)
+            steady = surrogates.stationarity(values, rng)
         if steady is not None and steady <= UNEVEN:
             doubts.append('it is not steady: its course, not one process, makes the spectrum')
     answer = 'no' if against else 'undecided' if doubts else 'yes'
     return Answer(
-        name, answer, against, doubts, found, line, both, shapes, rhythm, controls, steady
+        series.name, answer, against, doubts, found, line, both, shapes, rhythm, controls, steady
     )
+
+
+def _controls(
+    series: Series, values: np.ndarray, rng: np.random.Generator, others: Others
+) -> tuple[dict[str, tuple[float, float]], list[str]]:
+    """Return the least and greatest slope of each control, and what they lack."""
+    times_s, rest = series.times_s, series.rest
+    controls: dict[str, tuple[float, float]] = {}
+    doubts = []
+
+    def beta(made: np.ndarray) -> float:
+        return spectra.slope(series.spectrum(made)).beta
+
+    if times_s is not None:
+        controls = surrogates.slopes(
+            lambda kind: surrogates.event_counts(
+                surrogates.of_events(kind, times_s, series.duration_s, rng), series.duration_s,
+                series.rate_hz,
+            ),
+            beta,
+        )  # fmt: skip
+    elif rest is not None and (values <= rest).any():
+        pieces = len(surrogates.bouts(values, rest)[0])
+        if pieces < FEWEST_EVENTS:
+            doubts.append(f'{pieces} bouts are too few for controls: {FEWEST_EVENTS} needed')
+        else:
+            controls = surrogates.slopes(
+                lambda kind: surrogates.of_bouts(kind, values, rest, rng), beta
+            )
+    for kind, make in others.items():
+        try:
+            slope = beta(make())
+        except spectra.SeriesError:  # it does not vary: no 1/f comes from there
+            slope = 0.0
+        controls[kind] = (slope, slope)
+    return controls, doubts
 
 
 def _against(

@@ -323,13 +323,12 @@ def _spectra(task: Table | Plate | Train, scene: Plain, run: Run) -> Plain:
         ('slips', counts, {'times_s': slips[0]}), ('sound', power, {'rest': 0.0}),
     )  # fmt: skip
     for name, series, more in asked:
+        others = None
         if task.drive == 'hands':
-            more['others'] = {HANDS_APART: functools.partial(alone, series)}
+            others = {HANDS_APART: functools.partial(alone, series)}
             more['drive_s'] = one_over_f.GESTURE_S * max(1.0, HANDS_MPS / task.speed_mps)
-        answer = one_over_f.ask(
-            name, series(slips), SPECTRA_HZ, SPECTRA_HIGH_HZ, np.random.default_rng(task.seed),
-            **more,
-        )  # fmt: skip
+        one = one_over_f.Series(name, series(slips), SPECTRA_HZ, SPECTRA_HIGH_HZ, **more)
+        answer = one_over_f.ask(one, np.random.default_rng(task.seed), others)
         found[f'{name}_one_over_f'] = answer.answer
         found[f'{name}_slope'] = answer.slope.beta if answer.slope is not None else None
     return found
