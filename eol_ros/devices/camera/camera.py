@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from eol_ros.devices.backoff import Backoff
-from eol_ros.devices.camera.sources import Live, Picture, VideoFile
+from eol_ros.devices.camera.picture import Live, Picture
+from eol_ros.devices.camera.sources import VideoFile
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import ConfigError, DeviceMissing

@@ -15,8 +15,8 @@ from eol_ros.core.camera_clock import CameraClock
 from eol_ros.devices import ports
 from eol_ros.devices.camera import aravis
 from eol_ros.devices.camera.aravis import Aravis, AravisError
+from eol_ros.devices.camera.picture import CLOCK_TRUST_S, Picture, SourceLost
 from eol_ros.devices.camera.ports import GENICAM
-from eol_ros.devices.camera.sources import CLOCK_TRUST_S, Picture, SourceLost
 from eol_ros.devices.ports import Port
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.settings import CameraSettings

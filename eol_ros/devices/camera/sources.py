@@ -4,10 +4,11 @@
 import os
 import time
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal
 
 import numpy as np
 
+from eol_ros.devices.camera.picture import CLOCK_TRUST_S, Live, Picture, SourceLost
 from eol_ros.devices.camera.ports import GENICAM, find_camera
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.settings import CameraSettings
@@ -16,21 +17,6 @@ COLOUR_LEVELS = 12  # channels further apart are colour; JPEG of a grey image st
 COLOUR_SHARE = 1e-3  # of the pixels
 MANUAL_EXPOSURE = 1  # V4L2_EXPOSURE_MANUAL
 EXPOSURE_UNIT_US = 100  # of V4L2_CID_EXPOSURE_ABSOLUTE
-CLOCK_TRUST_S = 1.0  # a driver's stamp further from now than this is of another clock
-
-
-class Picture(NamedTuple):
-    """One image, (height, width) uint8, and its mid-exposure time.
-
-    `monotonic_ns` is on CLOCK_MONOTONIC; None for a file, whose images are due when the clock says.
-    """
-
-    monotonic_ns: int | None
-    image: np.ndarray
-
-
-class SourceLost(OSError):
-    """The camera gives no more images: unplugged, or its driver gave up."""
 
 
 def is_file(device: str) -> bool:
@@ -316,26 +302,6 @@ class LiveCamera:
         if self._capture is not None:
             self._capture.release()
             self._capture = None
-
-
-class Live(Protocol):
-    """What `Camera` asks of a camera: V4L2, GenICam, or a fake."""
-
-    live: Literal[True]
-    name: str
-    fps: float
-    notes: list[str]
-    exposure_us: float
-
-    @property
-    def values(self) -> dict[str, Any]: ...
-
-    def open(self) -> None: ...
-
-    def read(self) -> Picture | None:
-        """Return the next image; None where there is none yet, and none is overdue."""
-
-    def close(self) -> None: ...
 
 
 def source_of(settings: CameraSettings) -> VideoFile | Live:

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
-from eol_ros.devices.camera.sources import Picture
+from eol_ros.devices.camera.picture import Picture
 from eol_ros.devices.files.twin_camera import twin_camera
 from eol_ros.settings import TwinSettings
 
