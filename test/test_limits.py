@@ -16,7 +16,6 @@ MORE = {
     'bringup/supervisor.py:Supervisor.__init__',
     'core/physics/twin/rotating.py:Rotating.solve',
     'core/sound/mixer.py:Mixer.__init__',
-    'core/vision/calibration/calibrate.py:from_blocks',
     'core/vision/render/renderer.py:Renderer.render',
     'devices/bag/player.py:BagPlayer.__init__',
     'devices/bag/recording.py:Recording.__init__',

@@ -206,6 +206,50 @@ def from_blocks(
     Raises:
         ConfigError: fewer than 20 whole covers in all.
     """
+    covers = _whole_covers(views, start)
+    bundle = _Bundle(covers, start, lens, rest_sigma_m, side_sigma, corner_sigma_px)
+    if relief is not None:
+        bundle.lean(*relief)
+    done = least_squares(
+        bundle.rests, bundle.x0, bundle.slopes, method='lm', x_scale='jac', max_nfev=60
+    )
+    n = len(covers.ids)
+    left = (done.fun[: 8 * n] * corner_sigma_px).reshape(n, 4, 2).reshape(-1, 2)
+    sigma, platform_mm = _sigmas(done, bundle.camera, bundle.n_camera, 1.0)
+    solution = _solution(
+        bundle.camera(done.x),
+        covers.corners.reshape(-1, 2),
+        left,
+        [f'block {i}' for i in covers.ids for _ in range(4)],
+        sigma,
+        cover_height_m,
+        freedom=(10 * n - len(bundle.x0) + len(_CAMERA_SIGMA)) / (8 * n),
+    )
+    return replace(solution, platform_mm=platform_mm, lens=lens, misfit=2 * float(done.cost))
+
+
+@dataclass(frozen=True)
+class _Covers:
+    """The n covers that show all four sides, in all views, and where they are at first sight.
+
+    ids (n,), corners (n, 4, 2) px in the order of the table's, which is `turn` of that of the
+    views, view (n,), rest (n, 2) m, rims (v, 3), homography (3, 3), poses (n, 3); whole (m,) tells
+    which of all covers they are.
+    """
+
+    ids: np.ndarray
+    corners: np.ndarray
+    turn: list[int]
+    view: np.ndarray
+    rest: np.ndarray
+    rims: np.ndarray
+    homography: np.ndarray
+    poses: np.ndarray
+    whole: np.ndarray
+
+
+def _whole_covers(views: list[tuple[np.ndarray, np.ndarray]], start: Calibration) -> _Covers:
+    """Return the covers of all views that can be used; raise ConfigError for fewer than 20."""
     ids = np.concatenate([np.asarray(i) for i, _ in views])
     corners = np.concatenate([c for _, c in views])
     view = np.repeat(np.arange(len(views)), [len(i) for i, _ in views])
@@ -228,93 +272,105 @@ def from_blocks(
     table = there.to_table(corners.reshape(-1, 2)).reshape(-1, 4, 2)
     side = table[:, 0] - table[:, 3] + table[:, 1] - table[:, 2]
     poses = np.column_stack([table.mean(axis=1), np.arctan2(side[:, 1], side[:, 0])])
-    scale = np.abs(first.ravel()[:8]) + 1e-3 * np.abs(first).max() * np.array(
-        [1, 1, 1, 1, 1, 1, 1e-3, 1e-3]
-    )
-    n_lens = lens
-    n_known = 8 + n_lens + (side_sigma > 0)  # then what is known of the camera
-    n_camera = n_known + len(_CAMERA_SIGMA)
-    frozen = start.distortion_coefficients
+    return _Covers(ids, corners, turn, view, rest, rims, first, poses, whole)
 
-    def camera(x: np.ndarray) -> Calibration:
-        h = np.append(x[:8] * scale, 1.0).reshape(3, 3)
-        k = np.array([*x[8 : 8 + n_lens], *frozen[n_lens:]])
-        return replace(start, homography=h, distortion_coefficients=k)
 
-    n = len(corners)
-    leads = np.zeros((8 + n_lens, n, 4, 2))  # of relief, by each number of the camera
-    n_rim = 3 * len(rims) if len(rims) > 1 else 0  # of one view the rim is the frame
-    n_shared = n_camera + n_rim
+class _Bundle:
+    """What the bundle adjustment solves for, x: the camera, places of the rim, poses of covers.
 
-    def rests(x: np.ndarray) -> np.ndarray:
-        pose, longer = x[n_shared:].reshape(-1, 3), x[8 + n_lens : n_known]
-        known, rim = x[n_known:n_camera], x[n_camera:n_shared].reshape(-1, 3)
-        covers = _cover_corners(pose, 1 + longer.sum()).reshape(-1, 2)
-        seen = camera(x).to_pixels(covers).reshape(-1, 4, 2)
-        seen += np.tensordot(x[: 8 + n_lens] - x0[: 8 + n_lens], leads, 1)
-        return np.concatenate(
+    `x0` is where it starts.
+    """
+
+    def __init__(
+        self,
+        covers: _Covers,
+        start: Calibration,
+        n_lens: int,
+        rest_sigma_m: float,
+        side_sigma: float,
+        corner_sigma_px: float,
+    ):
+        first, self._covers, self._start = covers.homography, covers, start
+        self._scale = np.abs(first.ravel()[:8]) + 1e-3 * np.abs(first).max() * np.array(
+            [1, 1, 1, 1, 1, 1, 1e-3, 1e-3]
+        )
+        self._sigmas = rest_sigma_m, side_sigma, corner_sigma_px
+        self._n_lens, self._n_known = n_lens, 8 + n_lens + (side_sigma > 0)
+        self.n_camera = self._n_known + len(_CAMERA_SIGMA)  # with what is known of it
+        rims = covers.rims
+        self._n_rim = 3 * len(rims) if len(rims) > 1 else 0  # of one view the rim is the frame
+        self._n_shared = self.n_camera + self._n_rim
+        # of relief, by each number of the camera
+        self._leads = np.zeros((8 + n_lens, len(covers.ids), 4, 2))
+        self.x0 = np.concatenate(
             [
-                ((seen - corners) / corner_sigma_px).ravel(),
-                (
-                    (pose[:, :2] - (_pushed(rest, rim[view]) if n_rim else rest)) / rest_sigma_m
-                ).ravel(),
-                longer / (side_sigma or 1.0),
-                known / _CAMERA_SIGMA,
-                _oblong(camera(x), known) / _SQUARE_SIGMA,
-                rim.sum(axis=0) / _FRAME_SIGMA if n_rim else [],
+                first.ravel()[:8] / first[2, 2] / self._scale,
+                start.distortion_coefficients[:n_lens],
+                np.zeros(self.n_camera - 8 - n_lens),
+                rims.ravel()[: self._n_rim],
+                covers.poses.ravel(),
             ]
         )
 
-    def slopes(x: np.ndarray) -> np.ndarray:
+    def lean(self, known: Calibration, beside: Callable[[Calibration], np.ndarray]) -> None:
+        """Begin with a known camera, and let corners move as relief does (see `from_blocks`)."""
+        n_lens, x0 = self._n_lens, self.x0
+        homography = known.homography / known.homography[2, 2]
+        x0[:8] = homography.ravel()[:8] / self._scale
+        x0[8 : 8 + n_lens] = known.distortion_coefficients[:n_lens]
+        steps = np.full(8 + n_lens, 0.01)
+        steps[6:8] = 0.003 / self._scale[6:]
+        whole, turn = self._covers.whole, self._covers.turn
+        for k, step in enumerate(np.diag(steps)):
+            ahead, back = (beside(self.camera(x0[: 8 + n_lens] + d)) for d in (step, -step))
+            self._leads[k] = ((ahead - back) / (2 * steps[k]))[whole][:, turn]
+
+    def camera(self, x: np.ndarray) -> Calibration:
+        """Return the camera of x."""
+        n_lens = self._n_lens
+        h = np.append(x[:8] * self._scale, 1.0).reshape(3, 3)
+        k = np.array([*x[8 : 8 + n_lens], *self._start.distortion_coefficients[n_lens:]])
+        return replace(self._start, homography=h, distortion_coefficients=k)
+
+    def rests(self, x: np.ndarray) -> np.ndarray:
+        """Return what x leaves of everything measured and known, in standard deviations."""
+        rest_sigma_m, side_sigma, corner_sigma_px = self._sigmas
+        n_lens, at = self._n_lens, self._covers
+        pose, longer = x[self._n_shared :].reshape(-1, 3), x[8 + n_lens : self._n_known]
+        known = x[self._n_known : self.n_camera]
+        rim = x[self.n_camera : self._n_shared].reshape(-1, 3)
+        covers = _cover_corners(pose, 1 + longer.sum()).reshape(-1, 2)
+        seen = self.camera(x).to_pixels(covers).reshape(-1, 4, 2)
+        seen += np.tensordot(x[: 8 + n_lens] - self.x0[: 8 + n_lens], self._leads, 1)
+        place = _pushed(at.rest, rim[at.view]) if self._n_rim else at.rest
+        return np.concatenate(
+            [
+                ((seen - at.corners) / corner_sigma_px).ravel(),
+                ((pose[:, :2] - place) / rest_sigma_m).ravel(),
+                longer / (side_sigma or 1.0),
+                known / _CAMERA_SIGMA,
+                _oblong(self.camera(x), known) / _SQUARE_SIGMA,
+                rim.sum(axis=0) / _FRAME_SIGMA if self._n_rim else [],
+            ]
+        )
+
+    def slopes(self, x: np.ndarray) -> np.ndarray:
         """Return the Jacobian: a cover's pose moves nothing but its own corners."""
-        base, cover = rests(x), np.arange(n)
+        n = len(self._covers.ids)
+        base, cover = self.rests(x), np.arange(n)
         found = np.zeros((len(base), len(x)))
-        for k in range(n_shared):
+        for k in range(self._n_shared):
             there = x.copy()
             there[k] += _STEP
-            found[:, k] = (rests(there) - base) / _STEP
+            found[:, k] = (self.rests(there) - base) / _STEP
         for k in range(3):
             there = x.copy()
-            there[n_shared + k :: 3] += _STEP
-            moved = (rests(there) - base) / _STEP
+            there[self._n_shared + k :: 3] += _STEP
+            moved = (self.rests(there) - base) / _STEP
             for begin, size in ((0, 8), (8 * n, 2)):  # its corners, its place on the lattice
                 rows = begin + size * cover[:, None] + np.arange(size)
-                found[rows, (n_shared + 3 * cover + k)[:, None]] = moved[rows]
+                found[rows, (self._n_shared + 3 * cover + k)[:, None]] = moved[rows]
         return found
-
-    x0 = np.concatenate(
-        [
-            first.ravel()[:8] / first[2, 2] / scale,
-            frozen[:n_lens],
-            np.zeros(n_camera - 8 - n_lens),
-            rims.ravel()[:n_rim],
-            poses.ravel(),
-        ]
-    )
-    if relief is not None:
-        known = relief[0].homography / relief[0].homography[2, 2]
-        x0[:8] = known.ravel()[:8] / scale
-        x0[8 : 8 + n_lens] = relief[0].distortion_coefficients[:n_lens]
-        steps = np.full(8 + n_lens, 0.01)
-        steps[6:8] = 0.003 / scale[6:]
-        for k, step in enumerate(np.diag(steps)):
-            ahead, back = (relief[1](camera(x0[: 8 + n_lens] + d)) for d in (step, -step))
-            leads[k] = ((ahead - back) / (2 * steps[k]))[whole][:, turn]
-    done = least_squares(rests, x0, slopes, method='lm', x_scale='jac', max_nfev=60)
-    solved = camera(done.x)
-    left = (done.fun[: 8 * n] * corner_sigma_px).reshape(n, 4, 2).reshape(-1, 2)
-    sigma, platform_mm = _sigmas(done, camera, n_camera, 1.0)
-    names = [f'block {i}' for i in ids for _ in range(4)]
-    solution = _solution(
-        solved,
-        corners.reshape(-1, 2),
-        left,
-        names,
-        sigma,
-        cover_height_m,
-        freedom=(10 * n - len(x0) + len(_CAMERA_SIGMA)) / (8 * n),
-    )
-    return replace(solution, platform_mm=platform_mm, lens=n_lens, misfit=2 * float(done.cost))
 
 
 def _oblong(camera: Calibration, off: np.ndarray) -> np.ndarray:
