@@ -13,11 +13,8 @@ LEAVING = 'core/vision/detect/', 'core/vision/identity/', 'core/vision/tracker.p
 # Functions that exceed a limit. The first is a kernel: intrinsic() is called on it below.
 MORE = {
     'core/vectors.py:_spring_order',
-    'bringup/supervisor.py:Supervisor.__init__',
-    'core/physics/twin/rotating.py:Rotating.solve',
     'core/sound/mixer.py:Mixer.__init__',
     'core/vision/render/renderer.py:Renderer.render',
-    'devices/bag/player.py:BagPlayer.__init__',
     'devices/bag/recording.py:Recording.__init__',
     'settings.py:setting',
 }

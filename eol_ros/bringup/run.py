@@ -15,7 +15,7 @@ from eol_ros.bringup import plan, status
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.memory import Memory
 from eol_ros.bringup.service_manager import ServiceManager
-from eol_ros.bringup.supervisor import Supervisor
+from eol_ros.bringup.supervisor import Around, Supervisor
 from eol_ros.bringup.terminal import Terminal
 from eol_ros.errors import UsageError
 from eol_ros.ros import installed, network
@@ -111,14 +111,16 @@ def run(args: argparse.Namespace) -> int:
             server,
             events,
             say,
-            namespace=scene.namespace,
-            compiler=plan.compiler(scene),
-            manager=manager,
-            changed=network.changes(scene.network),
-            memory=None
-            if 'replay' in scene.nodes  # which plays what was asked in its run
-            else Memory(scene, plan.domain(scene), always=manager.there),
-            notifier=_notifier(scene),
+            Around(
+                plan.compiler(scene),
+                scene.namespace,
+                manager,
+                memory=None
+                if 'replay' in scene.nodes  # which plays what was asked in its run
+                else Memory(scene, plan.domain(scene), always=manager.there),
+                notifier=_notifier(scene),
+                changed=network.changes(scene.network),
+            ),
         )
         return supervisor.run(args.seconds)
 

@@ -7,6 +7,7 @@ import signal
 import socket
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from eol_ros import thread_faults
@@ -45,6 +46,21 @@ FED_BY = {
 STOP_STEPS = ((signal.SIGINT, 4.0), (signal.SIGTERM, 1.0), (signal.SIGKILL, 1.0))
 
 
+@dataclass(frozen=True)
+class Around:
+    """What a run has beside its processes.
+
+    `compiler` compiles before they start. `changed` returns why all have to be started again.
+    """
+
+    compiler: Process | None = None
+    namespace: str = NAMESPACE
+    manager: ServiceManager | None = None
+    memory: Memory | None = None
+    notifier: 'Notifier | None' = None
+    changed: Callable[[bool], str] = lambda restarting: ''
+
+
 class Supervisor:
     """All processes of one run."""
 
@@ -55,20 +71,16 @@ class Supervisor:
         server: socket.socket,
         events: EventLog,
         say: Callable[[str], None],
-        compiler: Process | None = None,
-        namespace: str = NAMESPACE,
+        around: Around | None = None,
         clock: Callable[[], float] = time.monotonic,
-        manager: ServiceManager | None = None,
-        memory: Memory | None = None,
-        notifier: 'Notifier | None' = None,
-        changed: Callable[[bool], str] = lambda restarting: '',
     ):
-        self.scene, self.namespace, self._clock = scene, namespace, clock
-        self._manager = manager or ServiceManager({}, clock)
+        around = around or Around()
+        self.scene, self.namespace, self._clock = scene, around.namespace, clock
+        self._manager = around.manager or ServiceManager({}, clock)
         self.children = [Child(process) for process in processes]
-        self._compiler = Child(compiler) if compiler else None
-        self._memory, self._notifier = memory, notifier
-        self._changed = changed
+        self._compiler = Child(around.compiler) if around.compiler else None
+        self._memory, self._notifier = around.memory, around.notifier
+        self._changed = around.changed
         self._server, self._events, self._say = server, events, say
         self._asked_to_stop = self._hurry = False
         self._told: dict[str, tuple[int, str]] = {}

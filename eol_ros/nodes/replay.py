@@ -13,7 +13,7 @@ from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 
-from eol_ros.devices.bag.player import BagPlayer, choose, complete
+from eol_ros.devices.bag.player import BagPlayer, Played, choose, complete
 from eol_ros.devices.bag.reader import BagMessage, BagReader
 from eol_ros.devices.bag.requests import heeded
 from eol_ros.devices.carrier_thread import carrier_thread
@@ -63,10 +63,13 @@ class ReplayNode(EolNode):
         self.rounds = Rounds()
         self.health.watches('replay', self.rounds, DISK_S, DISK_HUNG_S)
         self.player = BagPlayer(
-            self.bag, self.names, self.give, s.rate, s.fast, s.loop, s.start_s,
-            stamped=[recorded(IMAGES), recorded(BLOCKS)], taps=[recorded(TAPS)], begin=self.begin,
+            self.bag,
+            Played(self.names, [recorded(IMAGES), recorded(BLOCKS)], [recorded(TAPS)]),
+            self.give,
+            s,
+            begin=self.begin,
             sleep=self._nap,
-        )  # fmt: skip
+        )
         self.barrier = StartupBarrier(self)
         self.state, self.fault = 'waiting', None
         for line in self.bag.cut_short:

@@ -342,7 +342,7 @@ def test_the_supervisor_hands_its_state_over_and_says_what_was_told(scene, hook,
     from eol_ros.bringup import status as statuses
     from eol_ros.bringup.event_log import EventLog
     from eol_ros.bringup.plan import Process
-    from eol_ros.bringup.supervisor import Supervisor
+    from eol_ros.bringup.supervisor import Around, Supervisor
 
     settings = scene(f'webhook: {hook.url}', 'after_s: 5', 'pause_s: 10')
     dies = 'import sys, time; time.sleep(0.2); sys.exit(1)'
@@ -350,8 +350,8 @@ def test_the_supervisor_hands_its_state_over_and_says_what_was_told(scene, hook,
     said, steady = [], time.monotonic
     with statuses.listen(4000 + os.getpid()) as server, EventLog(tmp_path) as events:
         supervisor = Supervisor(
-            'museum', [process], server, events, said.append, clock=lambda: 20 * steady(),
-            notifier=Notifier(settings, wall=lambda: NOON),
+            'museum', [process], server, events, said.append,
+            Around(notifier=Notifier(settings, wall=lambda: NOON)), lambda: 20 * steady(),
         )  # fmt: skip
         runner = threading.Timer(0, lambda: (wait_until(lambda: hook.got), supervisor.stop()))
         runner.start()

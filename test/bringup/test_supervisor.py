@@ -23,7 +23,7 @@ from eol_ros.bringup import child, policy, priority, status
 from eol_ros.bringup.child import Child
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.plan import Process
-from eol_ros.bringup.supervisor import Supervisor
+from eol_ros.bringup.supervisor import Around, Supervisor
 from eol_ros.errors import UsageError
 
 BEAT = """
@@ -73,11 +73,13 @@ def start(tmp_path):
     domains = itertools.count(1000 + os.getpid() * 10)
     with contextlib.ExitStack() as stack:
 
-        def go(*processes, **options):
+        def go(*processes, clock=time.monotonic, **around):
             server = stack.enter_context(status.listen(next(domains)))
             events = stack.enter_context(EventLog(tmp_path))
             lines = []
-            supervisor = Supervisor('test', processes, server, events, lines.append, **options)
+            supervisor = Supervisor(
+                'test', processes, server, events, lines.append, Around(**around), clock
+            )
             return supervisor, lines
 
         yield go

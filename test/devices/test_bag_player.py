@@ -13,12 +13,14 @@ from eol_ros.devices.bag.player import (
     STAND_S,
     TAIL_NS,
     BagPlayer,
+    Played,
     choose,
     complete,
 )
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import ConfigError
+from eol_ros.settings import ReplaySettings
 from eol_ros.streams.cdr import stamp_ns
 
 POINTS, TEXTS, IMAGES = '/eol/point', '/eol/text', '/eol/image'
@@ -52,9 +54,12 @@ def bag(tmp_path):
     return BagReader(tmp_path / 'run')
 
 
-def play(bag, topics=(POINTS,), **options):
+def play(bag, topics=(POINTS,), stamped=(), taps=(), begin=lambda: None, **settings):
     clock = Clock()
-    player = BagPlayer(bag, topics, clock.give, clock=clock, sleep=clock.sleep, **options)
+    player = BagPlayer(
+        bag, Played(topics, stamped, taps), clock.give, ReplaySettings(**settings), begin, clock,
+        clock.sleep,
+    )  # fmt: skip
     return clock, player
 
 

@@ -45,6 +45,14 @@ class Log(NamedTuple):
     start: np.ndarray
 
 
+class Ledger(NamedTuple):
+    """What a run adds up: events, drive work and friction heat (J), counts of `event.kernel`."""
+
+    log: Log
+    work_and_heat: np.ndarray
+    counts: np.ndarray
+
+
 class Grid(NamedTuple):
     """Samples: when, and what."""
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from eol_ros.devices.bag.reader import BagMessage, BagReader
 from eol_ros.errors import ConfigError
+from eol_ros.settings import ReplaySettings
 from eol_ros.streams.cdr import stamp_ns
 
 LATE_S = 0.02  # further behind than this, recorded time waits instead of hurrying on
@@ -56,13 +57,22 @@ class Pace(NamedTuple):
     limit_ns: int
 
 
+class Played(NamedTuple):
+    """The topics that are played.
+
+    `stamped` are played by their stamps and give the delay of the run, `taps` by their stamps if
+    the order allows it.
+    """
+
+    names: Collection[str]
+    stamped: Collection[str] = ()
+    taps: Collection[str] = ()
+
+
 class BagPlayer:
     """Hands each message of `topics` to `give` when its time has come.
 
-    rate: recorded seconds per second of the clock; `fast` hands over as fast as `give` takes.
-    `start_s` counts from the first message of the bag. `stamped` names the topics that are played
-    by their stamps and give the delay of the run, `taps` those that are played by their stamps if
-    the order allows it. `begin` is called before each round, when all nodes have seen recorded time
+    `begin` is called before each round, when all nodes have seen recorded time
     go back.
     Clock and sleep are arguments so that tests need not wait.
     """
@@ -70,26 +80,23 @@ class BagPlayer:
     def __init__(
         self,
         bag: BagReader,
-        topics: Collection[str],
+        topics: Played,
         give: Callable[[BagMessage], None],
-        rate: float = 1.0,
-        fast: bool = False,
-        loop: bool = False,
-        start_s: float = 0.0,
-        stamped: Collection[str] = (),
-        taps: Collection[str] = (),
+        settings: ReplaySettings,
         begin: Callable[[], None] = lambda: None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ):
+        start_s = settings.start_s
         self.played = 0
         self.position_s = start_s  # recorded time of the newest message, from the start of the bag
         self.rounds = 0
         self.late_s = 0.0  # how far the newest message came after its time
-        self._bag, self._topics, self._give = bag, frozenset(topics), give
-        self._stamped, self._taps = frozenset(stamped) & self._topics, frozenset(taps)
-        self.rate = rate  # may be changed while it plays
-        self._fast, self._loop, self._begin = fast, loop, begin
+        self._bag, self._topics, self._give = bag, frozenset(topics.names), give
+        self._stamped = frozenset(topics.stamped) & self._topics
+        self._taps = frozenset(topics.taps)
+        self.rate = settings.rate  # may be changed while it plays
+        self._fast, self._loop, self._begin = settings.fast, settings.loop, begin
         self._first_ns = bag.start_ns + round(start_s * 1e9)  # of the recorder's clock
         self._clock, self._sleep = clock, sleep
         self._stop = threading.Event()

@@ -11,7 +11,7 @@ from eol_ros.core.physics import builders
 from eol_ros.core.physics.drive import POSES, Drive
 from eol_ros.core.physics.event.kernel import make_workspace, run
 from eol_ros.core.physics.event.solver import rules_for
-from eol_ros.core.physics.kernel_args import Grid, empty_log
+from eol_ros.core.physics.kernel_args import Grid, Ledger, empty_log
 from eol_ros.core.physics.model import Model, rotated
 from eol_ros.core.physics.numerics import length_scale
 from eol_ros.core.physics.scene import from_mapping
@@ -253,10 +253,8 @@ class LiveTable:
     ) -> tuple[int, int]:
         rim = Drive(POSES, self._par, self._knots, self._cubics)
         if self._rotating:
-            return self._rotating.solve(
-                u, v, moving, span, rim, self._grid, self._log, MOST_STEPS, self._work_and_heat,
-                self._counts,
-            )  # fmt: skip
+            ledger = Ledger(self._log, self._work_and_heat, self._counts)
+            return self._rotating.solve(u, v, moving, span, rim, self._grid, ledger, MOST_STEPS)
         lattice = self._model.lattice
         status, _, events, _ = run(
             u,

@@ -5,7 +5,7 @@ import numpy as np
 
 from eol_ros.core.physics.drive import Drive
 from eol_ros.core.physics.event.solver import rules_for
-from eol_ros.core.physics.kernel_args import Grid, Log
+from eol_ros.core.physics.kernel_args import Grid, Ledger
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.numerics import length_scale
 from eol_ros.core.physics.rotation import kernel
@@ -59,10 +59,8 @@ class Rotating:
         span: float,
         rim: Drive,
         grid: Grid,
-        log: Log,
+        ledger: Ledger,
         most_steps: int,
-        work_and_heat: np.ndarray,
-        counts: np.ndarray,
     ) -> tuple[int, int]:
         """Advance by `span`, s, as `event.kernel.run` does; return status and count of events.
 
@@ -85,9 +83,9 @@ class Rotating:
             self._args,
             rim,
             self._grid,
-            log,
+            ledger.log,
             most_steps,
-            work_and_heat,
+            ledger.work_and_heat,
             True,
             self._workspace,
         )
@@ -97,7 +95,7 @@ class Rotating:
         if sampled:
             grid.u[:], grid.v[:] = self._grid.u[:, :, :2], self._grid.v[:, :, :2]
         if events:
-            counts[0] += int(log.start[:events].sum())
+            ledger.counts[0] += int(ledger.log.start[:events].sum())
         return int(status), int(events)
 
     def energy(self) -> float:
