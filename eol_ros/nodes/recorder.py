@@ -8,7 +8,7 @@ from collections import deque
 from pathlib import Path
 
 from eol_ros.devices.bag.mcap_file import BagTopic
-from eol_ros.devices.bag.recording import Recording
+from eol_ros.devices.bag.recording import Recording, Roles
 from eol_ros.devices.bag.selection import Item, LogTimes, Slipping
 from eol_ros.devices.bag.writer import CONTINUES, REPLAY_OF
 from eol_ros.ros.definitions import describe
@@ -69,11 +69,13 @@ class RecorderNode(EolNode):
             list(described.values()),
             about(self.scene) | origin,
             self.settings,
-            images=self.resolve_topic_name(IMAGES),
-            infos=self.resolve_topic_name(INFO),
-            rhythm=[described[t].name for t in RHYTHM if t in described],
-            thinned=[described[t].name for t in (PREVIEW, 'sound_meter') if t in described],
-            rate_hz=self.scene.image_rate,
+            Roles(
+                images=self.resolve_topic_name(IMAGES),
+                infos=self.resolve_topic_name(INFO),
+                rhythm=[described[t].name for t in RHYTHM if t in described],
+                thinned=[described[t].name for t in (PREVIEW, 'sound_meter') if t in described],
+                rate_hz=self.scene.image_rate,
+            ),
         )
 
     def restart(self) -> None:

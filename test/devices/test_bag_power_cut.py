@@ -13,7 +13,7 @@ from support.bag_samples import POINT, T0, TEXT, point
 from support.forgetful_disk import Clock, ForgetfulDisk
 
 from eol_ros.devices.bag.reader import BagReader
-from eol_ros.devices.bag.recording import Recording
+from eol_ros.devices.bag.recording import Machine, Recording, Roles
 from eol_ros.devices.bag.recover import repair_all
 from eol_ros.devices.bag.selection import Item
 from eol_ros.errors import BagDamaged
@@ -39,8 +39,8 @@ def record(root: Path, settings: RecorderSettings, seed: int):
     clock = Clock()
     disk = ForgetfulDisk(clock, rng, SLOW_S)
     recording = Recording(
-        root, 'cut', [POINT, TEXT], {'scene': 'x'}, settings, images='/eol/text',
-        clock=clock, disk=disk, threaded=False,
+        root, 'cut', [POINT, TEXT], {'scene': 'x'}, settings, Roles('/eol/text'),
+        Machine(clock, disk, threaded=False),
     )  # fmt: skip
     begun, sent, i = clock(), [], 0
     tick_s = begun

@@ -18,7 +18,7 @@ from support.waiting import GENEROUS_S, wait_until
 from eol_ros.devices.bag import recording as bag_recording
 from eol_ros.devices.bag.disk import Disk
 from eol_ros.devices.bag.reader import BagReader
-from eol_ros.devices.bag.recording import Recording
+from eol_ros.devices.bag.recording import Machine, Recording, Roles
 from eol_ros.devices.bag.selection import Item, Slipping
 from eol_ros.errors import ConfigError
 from eol_ros.settings import RecorderSettings
@@ -26,8 +26,11 @@ from eol_ros.settings import RecorderSettings
 SETTINGS = RecorderSettings(images='all', min_free_gb=0.0)
 
 
-def start(root, settings=SETTINGS, **options) -> Recording:
-    return Recording(root, 'my scene', [POINT, TEXT], {'scene': 'x'}, settings, **options)
+def start(root, settings=SETTINGS, images='', rhythm=(), **machine) -> Recording:
+    return Recording(
+        root, 'my scene', [POINT, TEXT], {'scene': 'x'}, settings,
+        Roles(images, rhythm=rhythm), Machine(**machine),
+    )  # fmt: skip
 
 
 def feed(recording, count, first=0, step_ns=1_000_000):

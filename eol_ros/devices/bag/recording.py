@@ -20,6 +20,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -98,13 +99,39 @@ class Sync(threading.Thread):
         self._done()
 
 
+@dataclass(frozen=True)
+class Roles:
+    """Topics that are treated in a way of their own.
+
+    `images` and `infos`: the raw images and what describes their camera. `rhythm`: those whose
+    stamps come regularly, `rate_hz` times a second. `thinned`: those made for the eye, of which one
+    per `display_period_s` is enough.
+    """
+
+    images: str = ''
+    infos: str = ''
+    rhythm: Sequence[str] = ()
+    thinned: Sequence[str] = ()
+    rate_hz: float = 0.0
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Clock, disk, thread and date of a recording, which tests replace.
+
+    With `threaded` off nothing is written but by `pump` and `close`.
+    """
+
+    clock: Callable[[], float] = time.monotonic
+    disk: Disk = DISK
+    threaded: bool = True
+    today: Callable[[], str] = lambda: time.strftime('%Y-%m-%d')
+
+
 class Recording:
     """Records messages of `topics` into a new folder under `root`.
 
-    `images` and `rhythm` name topics: the raw images, and those whose stamps come regularly;
-    `thinned` those made for the eye, of which one per `settings.display_period_s` is
-    enough. Raises ConfigError when `root` cannot be written. `clock` and `disk` are arguments for
-    the tests, and with `threaded` off nothing is written but by `pump` and `close`.
+    Raises ConfigError when `root` cannot be written.
     """
 
     def __init__(
@@ -114,16 +141,11 @@ class Recording:
         topics: Sequence[BagTopic],
         about: Mapping[str, str],
         settings: RecorderSettings,
-        images: str = '',
-        infos: str = '',
-        rhythm: Sequence[str] = (),
-        thinned: Sequence[str] = (),
-        rate_hz: float = 0.0,
-        clock: Callable[[], float] = time.monotonic,
-        disk: Disk = DISK,
-        threaded: bool = True,
-        today: Callable[[], str] = lambda: time.strftime('%Y-%m-%d'),
+        roles: Roles | None = None,
+        machine: Machine | None = None,
     ):
+        roles, machine = roles or Roles(), machine or Machine()
+        images = roles.images
         self.root = root
         self.rounds = Rounds()  # of the writing thread; a round ends when its bytes are written
         self.folder: Path | None = None
@@ -132,12 +154,14 @@ class Recording:
         self.time_jump_s = 0.0  # by which the system clock was set where this bag ends
         self.sync_s = 0.0  # how long the disk took when it was last told to keep what it has
         self.repaired: list[str] = []
-        self.budget = ImageBudget(root, settings.images_max_gb, today)
+        self.budget = ImageBudget(root, settings.images_max_gb, machine.today)
         self._name = re.sub(r'[^\w+-]+', '-', name) or 'run'
         self._topics, self._about, self._settings = tuple(topics), dict(about), settings
         self._images = images
-        self._selection = Selection(settings, {images, infos} - {''}, thinned, self.budget.take)
-        self._losses = Losses(images, rhythm, rate_hz)
+        self._selection = Selection(
+            settings, {images, roles.infos} - {''}, roles.thinned, self.budget.take
+        )
+        self._losses = Losses(images, roles.rhythm, roles.rate_hz)
         self._queue = Backlog(QUEUE_BYTES, images, MOST_BYTES)
         self._written = 0  # messages of bags already closed
         self._ready = threading.Condition()
@@ -145,11 +169,11 @@ class Recording:
         self._stop, self._kept = threading.Event(), threading.Event()
         self._writer: BagWriter | None = None
         self._syncing: Sync | None = None
-        self._clock, self._disk, self._threaded = clock, disk, threaded
-        self._next_flush = self._next_try = self._synced_s = clock()
+        self._clock, self._disk, self._threaded = machine.clock, machine.disk, machine.threaded
+        self._next_flush = self._next_try = self._synced_s = self._clock()
         self._unsaved_s: float | None = None  # since when the oldest message is not on the disk
         self._open()
-        if not threaded:
+        if not self._threaded:
             return
         self._thread = threading.Thread(target=self._run, name='bag-writer', daemon=True)
         atexit.register(self.close)  # a caller that forgets to close still gets a complete bag
