@@ -98,8 +98,8 @@ setup(
     packages=find_packages(include=['eol_ros', 'eol_ros.*']),
     ext_modules=[BLOCK],
     package_data={
-        'eol_ros': ['py.typed'],
-        'eol_ros.web': ['static/*', 'static/*/*'],
+        'eol_ros': ['py.typed', 'lang/*'],
+        'eol_ros.web': ['static/*'],
         'eol_ros.devices.files': ['walls/*'],
     },
     data_files=[

@@ -33,6 +33,7 @@ from typing import Any
 import yaml
 
 from eol_ros.errors import ConfigError, EolError
+from eol_ros.said import said
 from eol_ros.scene_secrets import SceneText, without
 from eol_ros.settings import FORMS, MASK, NotifySettings, masked, renamed, secrets
 from eol_ros.streams.graph import IMAGE_SOURCES, MAX_DOMAIN, NAMESPACE, NODES, providers
@@ -385,14 +386,15 @@ def check_value(field_: dataclasses.Field[Any], value: Any) -> Any:
     if meta.get('choices') and value not in meta['choices']:
         near = difflib.get_close_matches(str(value), meta['choices'], 1, 0.6)
         hint = f'. Did you mean {near[0]}?' if near else ''
-        raise ConfigError(f'{value!r} is not one of {", ".join(meta["choices"])}{hint}')
+        choices = ', '.join(meta['choices']) + hint
+        raise ConfigError(said('not_one_of', value=repr(value), choices=choices))
     if (form := meta.get('form')) and not re.fullmatch(FORMS[form], str(value)):
-        raise ConfigError(f'{value!r} is not {form}')
+        raise ConfigError(said('not_a_line', value=f'{value!r}', shape=form))
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         low, high = meta.get('min'), meta.get('max')
         inside = (low is None or value >= low) and (high is None or value <= high)
         if not inside:  # also refuses NaN
-            raise ConfigError(f'{value:g} is out of range ({asked})')
+            raise ConfigError(said('out_of_range', value=f'{value:g}', asked=asked))
         if math.isinf(value):
             raise ConfigError(f'{value:g} is not a finite number')
     return value

@@ -46,6 +46,7 @@ ALLOWED = {
     'scene_text.py': {'yaml'},
     'settings.py': set(),
     'errors.py': set(),
+    'said.py': set(),
     'folders.py': set(),
     'interrupts.py': set(),
     'parent_death.py': set(),
@@ -55,27 +56,41 @@ ALLOWED = {
 }
 # Which of our own parts a part may use: arrows point down.
 BELOW = {
-    'core': {'core', 'settings', 'errors'},
+    'core': {'core', 'settings', 'errors', 'said'},
     'core/compiled.py': {'compiled'},  # the one loader of compiled code
-    'streams': {'core', 'streams', 'settings', 'errors'},
-    'scene.py': {'settings', 'streams', 'errors', 'scene_secrets'},
+    'streams': {'core', 'streams', 'settings', 'errors', 'said'},
+    'scene.py': {'settings', 'streams', 'errors', 'said', 'scene_secrets'},
     'scene_secrets.py': {'settings'},
     'scene_text.py': {'scene', 'errors'},
-    'devices': {'core', 'devices', 'settings', 'streams', 'errors', 'folders', 'parent_death'},
+    'devices': {
+        *('core', 'devices', 'settings', 'streams', 'errors', 'said', 'folders', 'parent_death')
+    },
     'ros': {
         'core',
         'ros',
         'settings',
         'streams',
         'errors',
+        'said',
         'folders',
         'scene',
         'nodes',
         'compiled',
         'thread_faults',
     },
-    'nodes': {'core', 'devices', 'ros', 'nodes', 'web', 'settings', 'streams', 'errors', 'scene'},
-    'web': {'core', 'devices', 'web', 'settings', 'streams', 'errors'},
+    'nodes': {
+        'core',
+        'devices',
+        'ros',
+        'nodes',
+        'web',
+        'settings',
+        'streams',
+        'errors',
+        'scene',
+        'said',
+    },
+    'web': {'core', 'devices', 'web', 'settings', 'streams', 'errors', 'said'},
     'bringup': {
         'bringup',
         'devices',

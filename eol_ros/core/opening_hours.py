@@ -22,7 +22,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from eol_ros.errors import ConfigError
+from eol_ros.said import said
 
+_DAYS = tuple(map(said, ('mon', 'tue', 'wed', 'thu', 'fri', 'sat', 'sun')))
 NAMES = ('Monday', 'Tuesday', 'Wednesday', 'Thursday', 'Friday', 'Saturday', 'Sunday')
 HORIZON = datetime.timedelta(days=400)  # what does not change within that does not change
 YEARS = range(2000, 2200)  # years of dates; the days before and after each date are checked, too
@@ -313,20 +315,17 @@ class Door:
     def words(self, asleep: bool) -> str:
         """Return it for people: `asleep until Tue 10:00`."""
         is_open, _, until = self.state
-        end = self._shown(until) if until else ''
-        # whole sentences, which the pages find by their words
+        end = self._shown(until) if until else {}
         if is_open and asleep:
-            return (
-                f'open until {end}, put to sleep by hand' if end else 'open, put to sleep by hand'
-            )
+            return said('open_hand', **end) if end else said('open_hand_ever')
         if is_open:
-            return f'open until {end}' if end else 'open, and no closing ahead'
+            return said('open_until', **end) if end else said('open_ever')
         if not asleep:
-            return f'closed until {end}, woken by hand' if end else 'closed, woken by hand'
-        return f'asleep until {end}' if end else 'asleep, and no opening ahead'
+            return said('closed_hand', **end) if end else said('closed_hand_ever')
+        return said('asleep_until', **end) if end else said('asleep_ever')
 
-    def _shown(self, at: datetime.datetime) -> str:
+    def _shown(self, at: datetime.datetime) -> dict[str, str]:
         local = at.astimezone(self.hours.zone)
         far = at.timestamp() - (self._looked_s or 0.0) > 6 * 86400
         date = f'{local:%Y-%m-%d} ' if far else ''
-        return f'{NAMES[local.weekday()][:3]} {date}{local:%H:%M}'
+        return {'day': _DAYS[local.weekday()], 'time': f'{date}{local:%H:%M}'}

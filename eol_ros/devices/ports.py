@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from eol_ros.errors import DeviceMissing
+from eol_ros.said import said
 
-LISTED = 'eol devices lists them'
+LISTED = said('listed')
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ def find(what: str, wanted: str, ports: Sequence[Port]) -> str:
     """
     if '/' in wanted:
         if not os.path.exists(wanted):
-            raise DeviceMissing(f'{what} {wanted} is not there: is it plugged in?')
+            raise DeviceMissing(said('is_not_there', name=f'{what} {wanted}'))
         return wanted
     fitting = [p for p in ports if wanted == 'auto' or wanted in p.name or wanted in p.description]
     if len(fitting) == 1:
@@ -42,5 +43,5 @@ def find(what: str, wanted: str, ports: Sequence[Port]) -> str:
         names = ', '.join(p.name for p in fitting)
         raise DeviceMissing(f'{what} {wanted}: {len(fitting)} fit ({names}); name one')
     if wanted == 'auto':
-        raise DeviceMissing(f'no {what} found: plug it in, or name it in the scene ({LISTED})')
-    raise DeviceMissing(f'no {what} has {wanted!r} in its name ({LISTED})')
+        raise DeviceMissing(said('none_found', what=what, list=LISTED))
+    raise DeviceMissing(said('none_named', what=what, wanted=f'{wanted!r}', list=LISTED))

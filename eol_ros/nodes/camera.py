@@ -8,6 +8,7 @@ from eol_ros.devices.camera.sources import source_of
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
+from eol_ros.said import said
 
 DEVICE_S, DEVICE_HUNG_S = 15.0, 60.0  # time limits to open a camera and to get an image
 LATE_IMAGES = 5  # periods
@@ -37,7 +38,7 @@ class CameraNode(EolNode):
 
     def on_state(self, state: State) -> None:
         late_s = max(2.0, LATE_IMAGES / (self.camera.source.fps or 60.0))
-        self.health.expects('images' if state.kind == 'streaming' else '', late_s)
+        self.health.expects(said('images') if state.kind == 'streaming' else '', late_s)
         report = {
             'streaming': self.health.ok,
             'ended': self.health.ok,

@@ -18,10 +18,10 @@ from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import to_ns
+from eol_ros.said import clauses, said
 from eol_ros.streams import blocks, triggers
 from eol_ros.streams import corpus as corpora
 from eol_ros.streams.requests import Asked
-from eol_ros.streams.said import clauses, said
 
 
 class GrainsNode(EolNode):
@@ -39,7 +39,7 @@ class GrainsNode(EolNode):
         self.awaited: list[Asked] = []
         self.notes: tuple[str, ...] = ()  # on weights
         self.spec = corpus_spec(self.settings)
-        self.health.expects('blocks')
+        self.health.expects(said('blocks_data'))
         self.tell_settings(self.settings)
         ready = self.loader.at_once(self.spec)
         if ready is not None:  # before the first image: a replay must find the corpus in place
@@ -109,14 +109,14 @@ class GrainsNode(EolNode):
 
     def on_move_grain(self, asked: Asked) -> str:
         if self.corpus is None:
-            raise EolError('there is no corpus yet')
+            raise EolError(said('no_corpus'))
         v = asked.values
         path = move(self.corpus, v['grain'], v['x'], v['y'])  # the timer sees the file change
-        return f'kept in {path.name}'
+        return said('kept_in', name=path.name)
 
     def on_restore_grain(self, asked: Asked) -> str:
         if self.corpus is None:
-            raise EolError('there is no corpus yet')
+            raise EolError(said('no_corpus'))
         return f'forgotten in {restore(self.corpus, asked.values["grain"]).name}'
 
     def on_timer(self) -> None:
@@ -131,8 +131,9 @@ class GrainsNode(EolNode):
         elif isinstance(outcome, EolError) and self.corpus is None:
             raise outcome  # nothing to play: the run ends with the line that says why
         elif isinstance(outcome, EolError):
-            self.health.warn(f'{outcome}; the sound before it plays on')
-            self.answer_awaited(False, f'{outcome}; the sound before it plays on')
+            text = clauses([str(outcome), said('plays_on')])
+            self.health.warn(text)
+            self.answer_awaited(False, text)
 
     def show(self, corpus: Corpus) -> None:
         self.corpus = corpus
@@ -143,7 +144,7 @@ class GrainsNode(EolNode):
             self.get_logger().warning(note)
         self.health.values['grains'] = len(corpus)
         count, name = int(corpus.placed.sum()), corpora.title(corpus)
-        self.words = said('grains', '{count} grains of {name}', count=count, name=name)
+        self.words = said('grains', count=count, name=name)
         self.tell()
         self.tell_settings(self.settings)  # a weight may name a sound that came, or has gone
 

@@ -10,6 +10,7 @@ from eol_ros.core.opening_hours import SLEEP, Door, OpeningHours
 from eol_ros.devices.files import time_zone
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
+from eol_ros.said import clauses, said
 from eol_ros.streams.requests import KINDS, Asked
 
 LOOK_S = 1.0
@@ -89,9 +90,11 @@ class HoursNode(EolNode):
         text = door.words(self.asleep)
         if not door.trusted:
             date = time.strftime('%Y-%m-%d %H:%M', time.gmtime(self.clock()))
-            self.health.warn(f'the clock says {date}: it is not trusted, and the work stays open')
+            self.health.warn(said('clock_untrusted', date=date))
         elif self.waits and time.monotonic() - self.began_s > PATIENCE_S:
-            self.health.warn(f'{text}; no answer of {", ".join(sorted(self.waits))}')
+            self.health.warn(
+                clauses([text, said('no_answer_of', names=', '.join(sorted(self.waits)))])
+            )
         else:
             self.health.ok(text)
 

@@ -5,6 +5,7 @@ from eol_ros.core.serial_protocol import ALL_BLOCKS
 from eol_ros.devices.board.lights import Sent
 from eol_ros.errors import EolError
 from eol_ros.ros.stamps import NS
+from eol_ros.said import said
 from eol_ros.streams.requests import Asked
 
 DARKNESS_S = 1.5  # the tracker looks at the table without infrared for this long
@@ -28,10 +29,10 @@ class Infrared:
         Raises EolError where there is no light to be switched off.
         """
         if self.node.sim_time:
-            raise EolError('the images that are replayed were dark then, if ever')
+            raise EolError(said('replayed_dark'))
         sent = self._switch(0)
         if sent is None:
-            raise EolError(f'no board to switch the infrared light off: {self.node.health.text}')
+            raise EolError(said('no_board', why=self.node.health.text))
         self.relight.reset()
         until_ns = sent.sent_ns + round(DARKNESS_S * NS) - FADE_NS
         from_ns = sent.sent_ns + FADE_NS

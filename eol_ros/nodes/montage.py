@@ -13,8 +13,8 @@ from eol_ros.devices.files.media_folder import MediaFolder, Pair
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import now_ns, system_ns, to_msg
+from eol_ros.said import said
 from eol_ros.streams.requests import Asked
-from eol_ros.streams.said import said
 
 RELOAD_S = 1.0
 
@@ -143,13 +143,11 @@ class MontageNode(EolNode):
         self.health.values.update(pairs=count, skipped=len(skipped), changes=self.wall.change)
         if skipped:
             names = '; '.join(skipped[:3])
-            self.health.warn(
-                said('skipped', '{count} pairs; skipped {names}', count=count, names=names)
-            )
+            self.health.warn(said('skipped', count=count, names=names))
         elif self.asleep:
-            self.health.ok(said('pairs_asleep', '{count} pairs, asleep', count=count))
+            self.health.ok(said('pairs_asleep', count=count))
         else:
-            self.health.ok(said('pairs', '{count} pairs', count=count))
+            self.health.ok(said('pairs', count=count))
 
 
 main = runner(MontageNode)

@@ -9,8 +9,8 @@ from eol_ros.core.motion.felt import FeltSlip as Felt
 from eol_ros.core.motion.motion import Motion
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
+from eol_ros.said import said
 from eol_ros.streams import blocks, cascades, felt, slips, taps
-from eol_ros.streams.said import said
 
 TOLD = {felt.PROVISIONAL: 'felt', felt.CONFIRMED: 'confirmed', felt.RETRACTED: 'retracted'}
 
@@ -25,7 +25,7 @@ class MotionNode(EolNode):
         self.felt_slips = self.publisher('felt_slips')
         self.cascades = self.publisher('cascades')
         self.felt = dict.fromkeys(TOLD, 0)
-        self.health.expects('blocks')
+        self.health.expects(said('blocks_data'))
         self.subscribe('blocks', self.on_blocks)
         self.subscribe('block_taps', self.on_tap)
 
@@ -71,10 +71,8 @@ class MotionNode(EolNode):
             slips=self.motion.detector.count,
             **{name: self.felt[kind] for kind, name in TOLD.items()},
         )
-        still = said('still', 'all is still')
-        self.health.ok(
-            said('moving', '{moving} of 25 blocks move', moving=moving) if moving else still
-        )
+        still = said('still')
+        self.health.ok(said('moving', moving=moving) if moving else still)
 
 
 main = runner(MotionNode)

@@ -16,9 +16,9 @@ from eol_ros.nodes.panel_markers import Markers
 from eol_ros.nodes.panel_streams import Streams
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
+from eol_ros.said import clauses, said
 from eol_ros.streams import corpus
 from eol_ros.streams.requests import Asked
-from eol_ros.streams.said import clauses, said
 from eol_ros.web import metrics, notices, screens, wire
 from eol_ros.web.server import WebServer
 
@@ -104,9 +104,7 @@ class PanelNode(EolNode):
         self.staff_file.save(self.server.routes.pin.known, time.monotonic())
         files = self.day_file, self.screen_file, self.staff_file
         trouble = next((file.trouble for file in files if file.trouble), '')
-        here = said(
-            'panel', '{address}, viewers: {viewers}', address=self.server.address, viewers=viewers
-        )
+        here = said('panel', address=self.server.address, viewers=viewers)
         self.health.ok(clauses([here, trouble]))  # the panel works; a restart loses some
 
     def close(self) -> None:

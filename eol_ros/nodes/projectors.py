@@ -9,6 +9,7 @@ from eol_ros.devices.projector.projector import ERROR, NOT_ASKED, WARN, Projecto
 from eol_ros.errors import ConfigError
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
+from eol_ros.said import clauses, said
 from eol_ros.streams.requests import Asked
 
 LOOK_S = 1.0
@@ -50,7 +51,7 @@ class ProjectorsNode(EolNode):
         self.keep(asleep=asleep)
         self.look()
         left_s = self.off_s - time.monotonic()
-        return f'projectors off in {left_s:.0f} s' if asleep and left_s > 0 else None
+        return said('projectors_off', seconds=f'{left_s:.0f}') if asleep and left_s > 0 else None
 
     def look(self) -> None:
         on = not self.asleep or time.monotonic() < self.off_s
@@ -67,7 +68,7 @@ class ProjectorsNode(EolNode):
             if reading.lamps_h:
                 self.health.values[f'lamp_{number}_h'] = max(reading.lamps_h)
         say = {ERROR: self.health.error, WARN: self.health.warn}.get(max(levels), self.health.ok)
-        say('; '.join(projector.words() for projector in self.all))
+        say(clauses(projector.words() for projector in self.all))
 
     def close(self) -> None:
         for projector in self.all:

@@ -17,8 +17,8 @@ from eol_ros.ros.run import runner
 from eol_ros.ros.run_record import about
 from eol_ros.ros.startup_barrier import READY
 from eol_ros.ros.topics import CLOCK
+from eol_ros.said import said
 from eol_ros.streams.graph import TOPICS, counted, node_of
-from eol_ros.streams.said import said
 from eol_ros.streams.slips import START
 
 IMAGES, INFO, SAMPLES = 'camera/image_raw', 'camera/camera_info', 'sound_samples'
@@ -160,24 +160,14 @@ class RecorderNode(EolNode):
         if dropped != self._dropped:
             self._dropped, self._dropped_s = dropped, time.monotonic()
         if recording.trouble:
-            health.error(said('not_recording', 'not recording: {why}', why=recording.trouble))
+            health.error(said('not_recording', why=recording.trouble))
         elif dropped and time.monotonic() - self._dropped_s < DROPS_TOLD_S:
-            health.warn(
-                said(
-                    'dropped', '{cause}: {count} messages dropped',
-                    cause=recording.drop_cause, count=dropped,
-                )
-            )  # fmt: skip
+            health.warn(said('dropped', cause=recording.drop_cause, count=dropped))
         elif recording.budget.spent:
             limit = f'{self.settings.images_max_gb:g}'
-            health.ok(
-                said(
-                    'no_images', 'recording without images: the {limit} GB of today are full',
-                    limit=limit,
-                )
-            )  # fmt: skip
+            health.ok(said('no_images', limit=limit))
         else:
-            health.ok(said('recording', 'recording into {folder}', folder=recording.folder))
+            health.ok(said('recording', folder=recording.folder))
 
     def close(self) -> None:
         self.recording.close()

@@ -27,9 +27,9 @@ from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.ros.startup_barrier import StartupBarrier
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, UNKNOWN_NODE, message_class, with_depth
+from eol_ros.said import said
 from eol_ros.streams.graph import TOPICS, relative_name
 from eol_ros.streams.requests import PEOPLE, Asked, ahead
-from eol_ros.streams.said import said
 
 READY_S = 1.0  # from the last reader found to the first message
 ACKNOWLEDGED_S = 2.0  # longest wait for readers to say that they have all
@@ -154,16 +154,17 @@ class ReplayNode(EolNode):
     def _play(self) -> None:
         try:
             self._await_readers()
-            self.state = 'standing'  # all is well: bringup gives the nodes their priority now
+            # All is well: bringup gives the nodes their priority now.
+            self.state = said('doing_standing')
             if not self._stop.wait(READY_S):
                 self._refuse_others()
-                self.state = 'playing'
+                self.state = said('doing_playing')
             self.player.run()
             if not self._stop.is_set():
                 self._acknowledged(self.publishers_of.values())
         except Exception as error:  # the executor's thread ends the node with it
             self.fault = error
-        self.state = 'over'
+        self.state = said('doing_over')
         self.rounds.rest()
 
     def _keep_pace(self, publisher: Publisher) -> None:
@@ -220,16 +221,17 @@ class ReplayNode(EolNode):
         if self.fault is not None:
             raise self.fault
         if self.state == 'waiting':
-            self.health.warn(f'waiting for a reader of {", ".join(self.names)}')
+            self.health.warn(said('waiting_reader', names=', '.join(self.names)))
         else:
             self.health.ok(
                 said(
-                    'replayed', '{doing} {at} of {all} s of {path}',
-                    doing='paused at' if self.player.paused else self.state,
-                    at=f'{self.player.position_s:.1f}', all=f'{self.bag.duration_s:.1f}',
+                    'replayed',
+                    doing=said('doing_paused') if self.player.paused else self.state,
+                    at=f'{self.player.position_s:.1f}',
+                    all=f'{self.bag.duration_s:.1f}',
                     path=self.bag.path,
                 )
-            )  # fmt: skip
+            )
         self.health.values.update(
             messages=self.player.played,
             rounds=self.player.rounds,

@@ -25,9 +25,9 @@ from eol_ros.ros.requests import LATER
 from eol_ros.ros.run import runner
 from eol_ros.ros.sound import SampleStream, meter_message
 from eol_ros.ros.stamps import NS, now_ns, to_ns
+from eol_ros.said import clauses, said
 from eol_ros.streams import corpus, triggers
 from eol_ros.streams.requests import Asked
-from eol_ros.streams.said import clauses, said
 
 COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
 FILTER = ('filter', 'filter_hz', 'filter_q', 'filter_by', 'filter_octaves')
@@ -67,7 +67,7 @@ class SoundNode(EolNode):
         self.testing: tuple[Asked, ChannelTest] | None = None
         self.asleep = bool(self.resumed.get('asleep'))
         self.muted = bool(self.resumed.get('muted'))
-        self.trouble = 'waiting for the corpus'
+        self.trouble: str = said('waiting_corpus')
         self.player = Player(
             self.mixer,
             s.device,
@@ -142,7 +142,7 @@ class SoundNode(EolNode):
         grains, places = corpus.to_core(message), corpus.places(message)
         told = corpus.values(message)
         if self.banks.ask(message.digest, from_ns, *grains, places=places, descriptors=told):
-            self.trouble = f'loading {message.name}'
+            self.trouble = said('loading', name=message.name)
 
     def on_fade(self, asked: Asked) -> None:
         self.asleep = asked.kind == 'sleep' or (self.asleep and asked.kind != 'wake')
@@ -163,9 +163,9 @@ class SoundNode(EolNode):
         stamp_ns, grain = self.now_ns(), asked.values['grain']
         bank = self.banks.at(stamp_ns)
         if bank is None:
-            raise EolError(self.trouble or 'there is no corpus yet')
+            raise EolError(self.trouble or said('no_corpus'))
         if grain >= len(bank):
-            raise EolError(f'grain {grain}: the corpus has grains 0 to {len(bank) - 1}')
+            raise EolError(said('no_grain', grain=grain, last=len(bank) - 1))
         row = triggers.of_person(stamp_ns, self.asked, grain)
         self.by_hand.publish(triggers.RECORD.fill(GrainTrigger(), row, self.frame_prefix))
         self.asked += 1
@@ -173,9 +173,9 @@ class SoundNode(EolNode):
     def on_test(self, asked: Asked) -> object:
         """Play noise from each loudspeaker in turn; say how loud it came out of the mixer."""
         if self.asleep or self.muted:
-            return 'no sound, it is asleep' if self.asleep else 'no sound, it is muted'
+            return said('quiet_asleep') if self.asleep else said('quiet_muted')
         if self.testing:
-            raise EolError('the test of before still sounds')
+            raise EolError(said('test_sounds'))
         start_s = (now_ns() - self.epoch_ns) * 1e-9 + self.latency_s + TEST_IN_S
         self.testing = asked, ChannelTest(self.mixer, start_s, output_names(self.settings))
         return LATER
@@ -260,8 +260,8 @@ class SoundNode(EolNode):
             relocks=int(state['clock_locks']),
             **{k: int(state[k]) for k in COUNTERS},
         )
-        silent = said('muted', 'muted') if self.muted else ''
-        silent = said('asleep', 'asleep') if self.asleep else silent
+        silent = said('muted') if self.muted else ''
+        silent = said('asleep') if self.asleep else silent
         trouble = self.trouble or (self.log.trouble if self.log else '')
         text = clauses([silent, player.text, trouble])
         level = 'warn' if trouble and player.level == 'ok' else player.level

@@ -19,6 +19,7 @@ from eol_ros.errors import ConfigError
 from eol_ros.ros import presets
 from eol_ros.ros.parameters import checked_live
 from eol_ros.ros.requests import parameters
+from eol_ros.said import said
 from eol_ros.settings import live_fields
 from eol_ros.streams.graph import INSTRUMENT, NODES
 from eol_ros.streams.requests import SET, Asked
@@ -64,7 +65,7 @@ class Instrument:
             except ConfigError as error:
                 failed(str(error))
             else:
-                done(f'kept in {path.name}')
+                done(said('kept_in', name=path.name))
 
         self._now(write)
 

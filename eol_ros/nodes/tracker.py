@@ -27,6 +27,7 @@ from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import to_msg
+from eol_ros.said import clauses, said
 from eol_ros.streams import blocks, images, taps
 from eol_ros.streams.requests import Asked, for_tracker
 
@@ -59,7 +60,7 @@ class TrackerNode(EolNode):
         self.tell_calibration()
         self.preview = Preview(self._show)
         self.health.watches('preview', self.preview.rounds)
-        self.health.expects('images')
+        self.health.expects(said('images'))
         self.health.values['threshold'] = self.threshold
         self.subscribe('block_taps', self.on_tap)
         self.requests.serve(
@@ -73,7 +74,7 @@ class TrackerNode(EolNode):
         self.images, self.stamp_ns = 0, 0
         self.lamps = self.files.lamps  # to begin with
         for asked in self.pending.values():
-            self.requests.answer(asked, False, 'time has jumped, and the tracker started over')
+            self.requests.answer(asked, False, said('jumped'))
         self.pending.clear()
 
     def time_jumped(self, jump_ns: int) -> None:
@@ -103,10 +104,17 @@ class TrackerNode(EolNode):
     def pend(self, asked: Asked) -> object:
         """Let the tracker do it, and answer when it is known what came of it."""
         if asked.kind in self.pending:
-            raise EolError('it is being done already')
+            raise EolError(said('being_done'))
         # The next image would answer it. A replay asks for what has been done.
         if not self.sim_time and (silent_s := self.health.overdue_s()):
-            raise EolError(f'no images for {silent_s:.0f} s; eol status says what the camera lacks')
+            raise EolError(
+                clauses(
+                    [
+                        said('nothing_of', what=said('images'), seconds=f'{silent_s:.0f}'),
+                        'eol status says what the camera lacks',
+                    ]
+                )
+            )
         self.hand_over(asked)
         self.pending[asked.kind] = asked
         return LATER

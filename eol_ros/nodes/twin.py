@@ -22,14 +22,14 @@ from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import NS, to_msg
 from eol_ros.ros.startup_barrier import StartupBarrier
+from eol_ros.said import said
 from eol_ros.streams.requests import Asked
-from eol_ros.streams.said import said
 
 REST_SAMPLES = 288  # after those that a block's detector learns from
 LONGEST_STEP_S = 0.1  # a machine that slept does not make up for it
 HANDS = {
-    'visitors': said('hands_visitors', 'visitors'),
-    'nobody': said('hands_nobody', 'nobody'),
+    'visitors': said('hands_visitors'),
+    'nobody': said('hands_nobody'),
 }
 
 
@@ -171,7 +171,7 @@ class TwinNode(EolNode):
     def check(self) -> None:
         s = self.settings
         if self.camera is None and self.barrier.ready():
-            self.health.expects('images')
+            self.health.expects(said('images'))
             self.camera = VirtualCamera(
                 s.fps, s.exposure_us * 1e-6, self.expose, self.deliver, move=self.move
             )
@@ -181,11 +181,8 @@ class TwinNode(EolNode):
         if self.camera is not None and self.told != (now := (s.hands, self.play.playing)):
             self.told = now
             self.health.ok(
-                said(
-                    'twin', '{width}x{height} at {fps} images/s, hands: {hands}',
-                    width=s.width, height=s.height, fps=f'{s.fps:g}', hands=HANDS[s.hands],
-                )
-            )  # fmt: skip
+                said('twin', width=s.width, height=s.height, fps=f'{s.fps:g}', hands=HANDS[s.hands])
+            )
             self.health.report()  # pages name who plays: do not wait for the next second
 
     def close(self) -> None:

@@ -22,8 +22,8 @@ from eol_ros.core.round_watch import HUNG_S, STALLED_S, RoundWatch
 from eol_ros.ros.give_back import give_back
 from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.ros.stamps import to_msg
+from eol_ros.said import SAID, Said, clauses, said
 from eol_ros.streams.graph import status_name
-from eol_ros.streams.said import SAID, Said, clauses, said
 
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 OK, WARN, ERROR, STARTING = 0, 1, 2, 3
 PERIOD_S = 1.0
 DONE = object()
-STARTS = said('starting', 'starting')
+STARTS = said('starting')
 SETTLED = 4, 10  # reports in a row that all is well, after which to give back memory
 REJECTED_TOLD_S = 60.0  # between two lines on messages that were rejected
 GIVE_S = 0.05  # between steps of that: no knock waits for more than one
@@ -145,10 +145,7 @@ class Health:
             self._node.get_logger().warning(self._rejections())
 
     def _rejections(self) -> Said:
-        return said(
-            'rejected', '{count} messages rejected, the last on {why}', count=self.rejected,
-            why=self._rejected_why,
-        )  # fmt: skip
+        return said('rejected', count=self.rejected, why=self._rejected_why)
 
     def _set(self, level: int, text: str) -> None:
         changed = level != self.level
@@ -173,19 +170,13 @@ class Health:
         level, text = self.level, self.text
         if self._expected and level == OK and (silent_s := self.overdue_s()):
             level = WARN
-            text = said(
-                'nothing_of', 'no {what} for {seconds} s', what=self._expected[0],
-                seconds=f'{silent_s:.0f}',
-            )  # fmt: skip
+            text = said('nothing_of', what=self._expected[0], seconds=f'{silent_s:.0f}')
         if time.monotonic() - self._rejected_s < REJECTED_TOLD_S:
             text = clauses([text, self._rejections()])
         worker, still_s = self._stalled()
         if worker:
             level = ERROR
-            text = said(
-                'stands_still', '{what} has stood still for {seconds} s', what=worker,
-                seconds=f'{still_s:.0f}',
-            )  # fmt: skip
+            text = said('stands_still', what=worker, seconds=f'{still_s:.0f}')
         return {
             'node': self._name,
             'level': level,

@@ -50,6 +50,7 @@ from eol_ros.ros.topics import (
     type_name,
     with_depth,
 )
+from eol_ros.said import clauses, said
 from eol_ros.scene import Scene, check_namespace, check_value
 from eol_ros.settings import live_fields, masked, renamed
 from eol_ros.streams.checks import ANY_TIME, PLAYED_SPAN_NS, SPAN_NS
@@ -296,7 +297,7 @@ class EolNode(Node):
                 self._recorded.setdefault(name, getattr(self.settings, name))
         self.live_from_ns = asked.from_ns
         self._set(values)
-        return ', '.join(f'{name} is {value}' for name, value in values.items())
+        return clauses(said('is_now', setting=k, value=v) for k, v in values.items())
 
     def _set(self, values: dict[str, Any]) -> None:
         """Change live settings without telling of it."""

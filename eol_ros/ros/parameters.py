@@ -9,6 +9,7 @@ from typing import Any
 
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
 from eol_ros.ros.session import Session, session
+from eol_ros.said import said
 from eol_ros.scene import check_value
 from eol_ros.streams.graph import NAMESPACE, NODES
 
@@ -27,9 +28,9 @@ def checked_live(settings: type, node: str, values: Mapping[str, Any]) -> dict[s
         if name not in fields:
             near = difflib.get_close_matches(name, fields, 1, 0.6)
             hint = f'; did you mean {near[0]}?' if near else ''
-            raise ConfigError(f'{node} has no setting {name}{hint}')
+            raise ConfigError(said('no_setting', node=node, name=f'{name}{hint}'))
         if not fields[name].metadata.get('live'):
-            raise ConfigError(f'{name} is read when {node} starts: change the scene')
+            raise ConfigError(said('at_start', name=name, node=node))
     return checked(settings, values)
 
 
@@ -41,7 +42,7 @@ def checked(settings: type, values: Mapping[str, Any]) -> dict[str, Any]:
         try:
             found[name] = check_value(fields[name], value)
         except ConfigError as error:
-            raise ConfigError(f'{name}: {error}') from None
+            raise ConfigError(said('of_node', node=name, why=error)) from None
     return found
 
 
@@ -88,5 +89,5 @@ def _asking(node: str, reach: str, namespace: str) -> Iterator[tuple[Session, An
 
 def _answer(node: str, visit: Session, future: Any) -> Any:
     if not visit.run(future.done, WAIT_S):
-        raise DeviceMissing(f'{node} does not answer')
+        raise DeviceMissing(said('does_not_answer', names=node))
     return future.result()

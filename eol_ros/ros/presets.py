@@ -15,6 +15,7 @@ import yaml
 from eol_ros import folders
 from eol_ros.core.sound.midi import Mapping
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
+from eol_ros.said import said
 from eol_ros.scene import check_value
 from eol_ros.settings import by_today, live_fields
 from eol_ros.streams.graph import INSTRUMENT, NODES
@@ -45,7 +46,7 @@ def load(path: Path) -> Preset:
     try:
         data = yaml.safe_load(path.read_text('utf-8'))
     except FileNotFoundError:
-        raise DeviceMissing(f'{path}: no such preset; eol preset list names them') from None
+        raise DeviceMissing(said('no_preset', path=path)) from None
     except (OSError, UnicodeError, yaml.YAMLError) as error:
         raise ConfigError(f'{path}: cannot be read ({type(error).__name__})') from None
     found = data.get('nodes') if isinstance(data, dict) else None

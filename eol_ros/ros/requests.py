@@ -7,18 +7,19 @@ import threading
 import time
 from array import array
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from eol_msgs.msg import Request, RequestResult
-from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.msg import Parameter as ParameterMessage
 from rclpy.parameter import Parameter
 
 from eol_ros.core.stamp_watch import SOON_NS
 from eol_ros.errors import DeviceMissing, EolError, UsageError
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
+from eol_ros.said import Said, clauses, code_and_args, from_message, said
 from eol_ros.streams.graph import NAMESPACE
 from eol_ros.streams.requests import KINDS, Asked, value_of
 
@@ -48,7 +49,7 @@ def request_to_msg(asked: Asked, stamp_ns: int) -> Request:
         source=asked.source,
         node=asked.node,
         kind=asked.kind,
-        values=_values(asked),
+        values=parameter_messages(asked.values),
         data=array('B', asked.data),
         from_stamp=to_msg(asked.from_ns),
     )
@@ -70,17 +71,22 @@ def parameters(values: Mapping[str, Any]) -> list[Parameter]:
     ]
 
 
-def _values(asked: Asked) -> list[ParameterValue]:
-    return [parameter.to_parameter_msg() for parameter in parameters(asked.values)]
+def parameter_messages(values: Mapping[str, Any]) -> list[ParameterMessage]:
+    """Return settings, or values of a request, as a message has them."""
+    return [parameter.to_parameter_msg() for parameter in parameters(values)]
+
+
+def values_of(messages: Iterable[ParameterMessage]) -> dict[str, Any]:
+    """Return what `parameter_messages` was given."""
+    return {message.name: value_of(message.value) for message in messages}
 
 
 def request_from_msg(message: Request) -> Asked:
     """Return what a message asks."""
-    values = {v.name: value_of(v.value) for v in message.values}
     return Asked(
         message.kind,
         message.node,
-        values,
+        values_of(message.values),
         bytes(message.data),
         to_ns(message.from_stamp),
         message.id,
@@ -164,13 +170,16 @@ class RequestServer:
 
     def answer(self, asked: Asked, accepted: bool, reason: str) -> None:
         """Say what came of a request."""
+        code, args = code_and_args(reason)
         result = RequestResult(
             id=asked.id,
             node=self._node.NAME,
             kind=asked.kind,
-            values=_values(asked),
+            values=parameter_messages(asked.values),
             accepted=accepted,
             reason=reason,
+            code=code,
+            args=parameter_messages(args),
             from_stamp=to_msg(asked.from_ns),
         )
         result.header.stamp = to_msg(now_ns())
@@ -208,21 +217,26 @@ class Answers:
         return refused or self.expected <= set(self.found)
 
     @property
-    def refusal(self) -> str:
+    def refusal(self) -> Said:
         """Return why it was refused, with the node's name; '' where it was not."""
-        return '; '.join(f'{node}: {why}' for node, (good, why) in self.found.items() if not good)
+        refused = [(node, why) for node, (good, why) in self.found.items() if not good]
+        return clauses(said('of_node', node=node, why=why) for node, why in refused)
 
     @property
-    def text(self) -> str:
+    def text(self) -> Said:
         """Return what nodes that accepted it say came of it."""
-        return '; '.join(why for _node, (good, why) in self.found.items() if good and why)
+        return clauses(why for good, why in self.found.values() if good)
 
     @property
-    def silent(self) -> str:
+    def silent(self) -> Said:
         """Return who has not answered, in words."""
         nodes = sorted(self.expected - set(self.found))
         names = ', '.join(nodes)
-        return f'{names} does not answer' if len(nodes) == 1 else f'{names} do not answer'
+        return (
+            said('does_not_answer', names=names)
+            if len(nodes) == 1
+            else said('do_not_answer', names=names)
+        )
 
 
 class RequestClient:
@@ -255,7 +269,10 @@ class RequestClient:
             answers = self._open.get(result.id)
             if answers is None:
                 return
-            answers.found[result.node] = (result.accepted, result.reason)
+            answers.found[result.node] = (
+                result.accepted,
+                from_message(result.reason, result.code, values_of(result.args)),
+            )
             if not answers.whole:
                 return
             del self._open[result.id]
@@ -279,7 +296,7 @@ def expected_of(kind: str, node: str, runs: Callable[[str], bool]) -> set[str]:
 
 def _do_not_run(nodes: Sequence[str]) -> str:
     names = ', '.join(nodes)
-    return f'{names} does not run' if len(nodes) == 1 else f'{names} do not run'
+    return said('does_not_run', names=names) if len(nodes) == 1 else said('do_not_run', names=names)
 
 
 def visit_and_ask(asked: Asked, reach: str, namespace: str = NAMESPACE) -> Answers:

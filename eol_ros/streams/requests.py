@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from eol_ros.errors import UsageError
+from eol_ros.said import said
 from eol_ros.settings import live_fields
 from eol_ros.streams.graph import NODES
 
@@ -37,11 +38,19 @@ class Number:
             or not isinstance(value, (int, float))
             or not math.isfinite(value)
         ):
-            raise UsageError(f'{self.name}: {value!r} is not a number')
+            raise UsageError(said('no_number', name=self.name, value=f'{value!r}'))
         if not self.low <= value <= self.high:
-            raise UsageError(f'{self.name}: {value:g} is not within {self.low:g} to {self.high:g}')
+            raise UsageError(
+                said(
+                    'not_within',
+                    name=self.name,
+                    value=f'{value:g}',
+                    low=f'{self.low:g}',
+                    high=f'{self.high:g}',
+                )
+            )
         if self.whole and value != int(value):
-            raise UsageError(f'{self.name}: {value:g} is not a whole number')
+            raise UsageError(said('not_whole', name=self.name, value=f'{value:g}'))
         return int(value) if self.whole else float(value)
 
 
@@ -59,7 +68,7 @@ class Word:
             and value.isascii()
             and len(value) <= 64
         ):
-            raise UsageError(f'{self.name}: {str(value)[:40]!r} is not a name')
+            raise UsageError(said('no_name', name=self.name, value=f'{str(value)[:40]!r}'))
         return value
 
 
@@ -73,7 +82,7 @@ class Lines:
         """Return the value; raise UsageError where it is another."""
         good = isinstance(value, (list, tuple)) and len(value) <= 100
         if not good or not all(isinstance(line, str) and len(line) <= 200 for line in value):
-            raise UsageError(f'{self.name}: {str(value)[:40]!r} is not a list of texts')
+            raise UsageError(said('not_texts', name=self.name, value=f'{str(value)[:40]!r}'))
         return tuple(value)
 
 
@@ -116,9 +125,11 @@ def checked(
     known = {item.name for item in takes}
     for given in values:
         if given not in known:
-            raise UsageError(f'{str(given)[:40]}: {name} takes {sorted(known) or "nothing"}')
+            raise UsageError(
+                said('takes', given=str(given)[:40], name=name, known=sorted(known) or 'nothing')
+            )
     for missing in sorted(known - set(values)):
-        raise UsageError(f'{missing}: missing')
+        raise UsageError(said('missing', name=missing))
     return {item.name: item.check(values[item.name]) for item in takes}
 
 

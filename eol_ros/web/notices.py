@@ -11,12 +11,11 @@ import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import powerlaw
+from eol_ros.said import SAID
 from eol_ros.streams import cascades
 from eol_ros.streams.graph import node_of
 from eol_ros.streams.record import seconds
 from eol_ros.streams.requests import Number
-from eol_ros.streams.said import SAID
-from eol_ros.web.answers import deepened
 from eol_ros.web.controls import CONTROLS
 
 RECENT = 40
@@ -65,7 +64,7 @@ def health(status: Any) -> dict[str, Any]:
         'level': LEVELS[min(level, 3)], 'text': status.message,
         'rate': float(values.pop('rate_hz', 0.0)), 'values': values,
         'pid': values.pop('pid', ''),
-        'said': deepened(json.loads(parts) if parts else [status.message]),
+        'said': json.loads(parts) if parts else [status.message],
     }  # fmt: skip
 
 

@@ -14,9 +14,9 @@ from typing import Any
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from eol_ros.errors import EolError, UsageError
+from eol_ros.said import LANGUAGES, parts_of, said
 from eol_ros.streams.requests import KINDS, Asked
 from eol_ros.web import guard, metrics, screens, wire
-from eol_ros.web.answers import recognised
 from eol_ros.web.connections import VIEWING, Connection, heaviest
 from eol_ros.web.controls import CONTROLS
 from eol_ros.web.hub import Hub, Viewer
@@ -62,9 +62,9 @@ class Routes:
         self._sockets: set[web.WebSocketResponse] = set()
         self._lines: dict[Viewer, Connection] = {}  # in order of arrival
         self._files = {
-            path.relative_to(STATIC).as_posix(): _File(path)
-            for path in sorted(STATIC.rglob('*'))
-            if path.is_file()
+            path.relative_to(folder).as_posix(): _File(path)
+            for folder, pattern in ((STATIC, '*'), (LANGUAGES.parent, 'lang/*'))
+            for path in sorted(folder.glob(pattern))
         }
 
     def application(self) -> web.Application:
@@ -172,10 +172,10 @@ class Routes:
         if state == 'locked':
             wait_s = math.ceil(self.pin.wait_s(request.remote or '', time.monotonic()))
             self.say(f'PIN: too many wrong ones; {request.remote} has to wait {wait_s} s')
-            refusal = _error(429, f'too many wrong PINs, wait {wait_s} s')
+            refusal = _error(429, said('pin_wait', seconds=wait_s))
             refusal.headers['Retry-After'] = str(wait_s)
             return refusal
-        return _error(401, 'the PIN is asked for')
+        return _error(401, said('pin_asked'))
 
     async def _screen(self, request: web.Request) -> web.Response:
         found = self.screens.get(request.match_info['name'], {})
@@ -186,11 +186,11 @@ class Routes:
             return self._refusal(request, state)
         name = request.match_info['name']
         if name not in self.screens and len(self.screens) >= screens.MOST_SCREENS:
-            return _error(409, f'{screens.MOST_SCREENS} screens are kept, and no more')
+            return _error(409, said('most_screens', count=screens.MOST_SCREENS))
         try:
             found = screens.checked(wire.loads(await _body(request)))
         except ValueError as error:
-            return _error(400, f'the request is not JSON: {error}')
+            return _error(400, said('not_json', why=error))
         except UsageError as error:
             return _error(400, str(error))
         self.screens = self.screens | {name: found}
@@ -205,7 +205,7 @@ class Routes:
         try:
             body = wire.loads(await _body(request) or b'{}')
         except ValueError as error:
-            return _error(400, f'the request is not JSON: {error}')
+            return _error(400, said('not_json', why=error))
         try:
             return await self._ask(control.read(body, f'panel {request.remote}'))
         except UsageError as error:
@@ -231,7 +231,7 @@ class Routes:
         if answers.refusal:
             return _error(409, answers.refusal)
         text = answers.text
-        return web.json_response({'ok': True, 'text': text, 'said': recognised(text)})
+        return web.json_response({'ok': True, 'text': text, 'said': text.parts})
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
         connection = _connection(request)
@@ -340,7 +340,7 @@ class _File:
 
 
 def _error(status: int, why: str) -> web.Response:
-    return web.json_response({'error': why, 'said': recognised(why)}, status=status)
+    return web.json_response({'error': why, 'said': parts_of(why)}, status=status)
 
 
 def describe() -> str:

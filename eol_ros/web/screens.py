@@ -4,6 +4,7 @@
 from typing import Any
 
 from eol_ros.errors import UsageError
+from eol_ros.said import said
 
 MOST_SCREENS = 16
 
@@ -26,7 +27,7 @@ def checked(value: Any) -> dict[str, Any]:
         raise UsageError('edges: four numbers from 0 to 0.5')
     turns = [_turn(corners[i - 1], corners[i], corners[(i + 1) % 4]) for i in range(4)]
     if min(turns) < 1e-3:
-        raise UsageError('corners: not the outline of a picture, clockwise from the upper left')
+        raise UsageError(said('no_outline'))
     return value
 
 

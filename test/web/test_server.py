@@ -19,6 +19,7 @@ from support.waiting import wait_until
 
 from eol_ros.core import terrain
 from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.said import said
 from eol_ros.streams.requests import KINDS
 from eol_ros.web import screens
 from eol_ros.web.controls import CONTROLS
@@ -192,7 +193,7 @@ def test_each_control_reaches_the_graph(serve):
 
 def test_the_answer_is_that_of_the_nodes(serve):
     server = serve()
-    server.bridge.answer = False, 'grain 7: the corpus has grains 0 to 3'
+    server.bridge.answer = False, said('no_grain', grain=7, last=3)
     status, _, text = ask(server, '/control/play', '{"grain": 7}')
     assert status == 409
     why = [['no_grain', {'grain': '7', 'last': '3'}]]
@@ -210,8 +211,8 @@ def test_a_node_that_does_not_answer_is_named(serve, monkeypatch):
     server.bridge.answer = None
     monkeypatch.setitem(KINDS, 'mute', dataclasses.replace(KINDS['mute'], within_s=0.05))
     status, _, text = ask(server, '/control/mute', '{}')
-    said = [['does_not_answer', {'names': 'sound'}]]
-    assert (status, json.loads(text)) == (409, {'error': 'sound does not answer', 'said': said})
+    parts = [['does_not_answer', {'names': 'sound'}]]
+    assert (status, json.loads(text)) == (409, {'error': 'sound does not answer', 'said': parts})
     assert server.bridge.calls[-1] == ('give up', 'mute')
 
 

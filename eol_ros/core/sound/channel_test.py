@@ -9,6 +9,7 @@ from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.meter import FLOOR_DB, decibels
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.triggers import TRIGGER
+from eol_ros.said import said
 
 BURST_S = 0.35
 EVERY_S = 0.55
@@ -86,8 +87,8 @@ class ChannelTest:
             return None
         silent = self.silent() if done else ['all but ' + (self.words() or 'none')]
         if silent:
-            return False, f'{output}: nothing came from {", ".join(silent)}'
-        return True, f'{output}: measured {self.words()}'
+            return False, said('test_silent', why=output, speakers=', '.join(silent))
+        return True, said('test_heard', why=output, levels=self.words())
 
     def silent(self) -> list[str]:
         """Return the names of the channels from which nothing came."""

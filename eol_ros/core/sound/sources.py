@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eol_ros.errors import ConfigError
+from eol_ros.said import said
 
 REGIONS = {
     'left': (0.0, 0.0, 0.5, 1.0),
@@ -87,7 +88,7 @@ def _no_sound(
     name: str, word: str, names: Sequence[str], folders: Sequence[str], empty: Sequence[str]
 ) -> str:
     there = [n for n, f in zip(names, folders or names, strict=True) if f not in empty]
-    return f'{f"{name} {word}"!r}: no sound of this name; there are {", ".join([*there, *empty])}'
+    return said('no_such_sound', line=f'{f"{name} {word}"!r}', names=', '.join([*there, *empty]))
 
 
 def _said(lines: Sequence[str], names: Sequence[str], folders: Sequence[str]) -> list[str]:

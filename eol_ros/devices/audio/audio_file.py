@@ -10,6 +10,7 @@ import soundfile
 
 from eol_ros.core import elementary
 from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.said import said
 
 BLOCK = 1 << 20  # samples read at a time: a long file never needs all its channels in memory
 LAST = 1 << 12  # where a file breaks off, this many samples at most are lost before the break
@@ -102,7 +103,7 @@ def write(path, samples: np.ndarray, rate: int, subtype: str | None = None) -> N
 
 def _read(path: Path) -> tuple[np.ndarray, int, int, list[str]]:
     if not path.is_file():
-        raise DeviceMissing(f'{path}: no such sound file; give the path of a recording')
+        raise DeviceMissing(said('no_sound_file', path=path))
     notes: list[str] = []
     try:
         with soundfile.SoundFile(path) as sound:

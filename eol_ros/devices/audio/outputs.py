@@ -5,6 +5,7 @@ import os
 from typing import Any
 
 from eol_ros.errors import DeviceMissing, pip_install
+from eol_ros.said import said
 
 INSTALL = 'sudo apt install libportaudio2'
 
@@ -60,7 +61,7 @@ def find(device: str, channels: int = 1) -> int:
     """
     outputs = cards()
     if not outputs:
-        raise DeviceMissing('there is no sound card')
+        raise DeviceMissing(said('no_card'))
     if device == 'auto':
         default = portaudio().default.device[1]
         numbers = [c['index'] for c in outputs]
@@ -71,11 +72,10 @@ def find(device: str, channels: int = 1) -> int:
         found = found or [c for c in outputs if device.lower() in c['name'].lower()]
     if not found:
         names = ', '.join(c['name'] for c in outputs)
-        raise DeviceMissing(f'sound card {device}: not there; there are: {names}')
+        raise DeviceMissing(said('card_not_there', name=device, names=names))
     enough = [c for c in found if c['channels'] >= channels]
     if not enough:
         raise DeviceMissing(
-            f'sound card {found[0]["name"]}: it has {found[0]["channels"]} channels, '
-            f'the scene asks for {channels}'
+            said('card_channels', name=found[0]['name'], count=found[0]['channels'], asked=channels)
         )
     return enough[0]['index']

@@ -21,7 +21,7 @@ from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.carrier_thread import aside, carrier_thread
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import ConfigError, DeviceMissing
-from eol_ros.streams.said import clauses, said
+from eol_ros.said import clauses, said
 
 WATCH_S = 0.1  # between two looks at the card
 STILL_S = 0.6  # a card that asks for nothing for so long is gone
@@ -182,13 +182,13 @@ class Player:
         """Return what is being done, for people."""
         output = self.output
         if isinstance(output, Card):
-            return said('playing', 'playing on {name}', name=output.name)
-        full = said('full', 'the file has reached its limit') if output.full else ''
+            return said('playing', name=output.name)
+        full = said('full') if output.full else ''
         if self.device == 'wav' and not self._why:
-            return clauses([said('writing', 'writing {name}', name=output.name), full])
-        instead = said('instead', 'the sound goes to {name}', name=output.name)
+            return clauses([said('writing', name=output.name), full])
+        instead = said('instead', name=output.name)
         if not self._wav:
-            instead = said('no_file', 'the sound goes to no file: set sound.wav for one')
+            instead = said('no_file')
         return clauses([self._why, instead, full])
 
     def close(self, fade_out_s: float = 0.5) -> None:
@@ -234,7 +234,7 @@ class Player:
         try:
             return WavSink(self.mixer, path or None, self.block_size, self._wav_limit_s)
         except ConfigError as error:
-            self._why = f'{self._why}; {error}'.removeprefix('; ')
+            self._why = clauses([self._why, str(error)])
             return WavSink(self.mixer, None, self.block_size, self._wav_limit_s)
 
     def _watch(self) -> None:
@@ -260,7 +260,7 @@ class Player:
         card = self.output
         assert isinstance(card, Card)  # a file is never lost
         self.losses += 1
-        self._why = f'sound card {card.name} is gone'
+        self._why = said('card_gone', name=card.name)
         if card.give_up():
             self.output = self._file(self._wav)
         if not card.close(LOST_S):

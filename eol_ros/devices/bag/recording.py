@@ -32,6 +32,7 @@ from eol_ros.devices.bag.selection import Dropped, Item, Losses, Selection, Slip
 from eol_ros.devices.bag.writer import BagExists, BagWriter
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import ConfigError, EolError
+from eol_ros.said import said
 from eol_ros.settings import RecorderSettings
 
 FLUSH_S = 1.0
@@ -40,7 +41,7 @@ ROOM = 1.1  # of `min_free_gb`, before it goes on: else each image that goes mak
 BUDGET = '.pictures-of-today.json'  # beside the bags
 QUEUE_BYTES = 64 << 20  # above this, images are dropped
 MOST_BYTES = 256 << 20  # above this, all are dropped: half an hour of a rehearsal, measured
-SLOW = 'disk or processor too slow'
+SLOW = said('too_slow')
 STUCK = 'the disk does not answer'
 CALM_BYTES = 4 << 20  # with more than this waiting, earlier bags are not cared for
 HURRY_BYTES = QUEUE_BYTES // 4  # with more than this waiting, images are not compressed
@@ -372,7 +373,7 @@ class Recording:
         """Return in words what the disk says; a full one is called full."""
         words = error.strerror or str(error)
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            return f'the disk of {self.root} is full ({words}): make room'
+            return said('disk_full', root=self.root, words=words)
         return f'{self.folder}: {words}'
 
     def _check_space(self) -> None:
@@ -386,9 +387,12 @@ class Recording:
 
     def _full(self, free_gb: float) -> str:
         least = self._settings.min_free_gb
-        return (
-            f'{free_gb:.2f} GB free on the disk of {self.root}, recording stops below {least:g} GB '
-            f'and goes on above {ROOM * least:g} GB: make room, or lower recorder.min_free_gb'
+        return said(
+            'disk_low',
+            free=f'{free_gb:.2f}',
+            root=self.root,
+            least=f'{least:g}',
+            above=f'{ROOM * least:g}',
         )
 
     def _pause(self, trouble: str, whole: bool) -> None:

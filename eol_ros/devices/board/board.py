@@ -24,8 +24,8 @@ from eol_ros.devices.board.ports import find_port
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import DeviceMissing
+from eol_ros.said import clauses, said
 from eol_ros.streams.checks import BLOCKS, strange
-from eol_ros.streams.said import said
 
 BAUD = 1_000_000
 HELLO_EVERY_S = 0.25
@@ -87,7 +87,7 @@ class Board:
         backoff: Backoff | None = None,
         line: Callable[[], int] | None = None,
     ):
-        self.state = State('looking', f'looking for the board on {port}')
+        self.state = State('looking', said('looking', path=port))
         self.sync = ClockSync()
         self.decoder = protocol.Decoder()
         self.sent = self.dropped = self.connections = self.taps = 0
@@ -195,7 +195,7 @@ class Board:
             if self._stop.is_set():
                 break
             pause_s = self._backoff.failed()
-            self._set_state(kind, f'{text}; trying again in {pause_s:.0f} s')
+            self._set_state(kind, clauses([text, said('again', seconds=f'{pause_s:.0f}')]))
             with self.rounds.waiting():
                 self._stop.wait(pause_s)
         self.rounds.rest()
@@ -219,10 +219,7 @@ class Board:
             name = welcome.name.rstrip(b'\0').decode('ascii', 'replace')
             self._backoff.succeeded()
             self.connections += 1
-            board = said(
-                'board', 'board {name} on {path}, {count} blocks',
-                name=name, path=path, count=welcome.blocks,
-            )  # fmt: skip
+            board = said('board', name=name, path=path, count=welcome.blocks)
             self._set_state('ready', board)
             self.infrared(self._infrared)
             for message in self._configuration:
@@ -244,7 +241,7 @@ class Board:
                     if isinstance(message, protocol.Welcome):
                         return message
             if time.monotonic() > give_up:
-                raise LineLost(errno.ETIMEDOUT, f'nothing on {path} answers like a board')
+                raise LineLost(errno.ETIMEDOUT, said('no_board_answers', path=path))
         raise LineLost(errno.ECANCELED, 'stopped')
 
     def _serve(self) -> None:
@@ -260,7 +257,9 @@ class Board:
                 heard = time.monotonic()
                 self._hear(message, heard)
             if time.monotonic() - heard > SILENT_AFTER_S:
-                raise LineLost(errno.ETIMEDOUT, f'the board is silent for {SILENT_AFTER_S:.0f} s')
+                raise LineLost(
+                    errno.ETIMEDOUT, said('board_silent', seconds=f'{SILENT_AFTER_S:.0f}')
+                )
 
     def _hear(self, message: protocol.Message, now: float) -> None:
         if strange(message, RULES.get(type(message), {})):
@@ -302,7 +301,7 @@ class Board:
             if ready:
                 data = os.read(self._fd, READ_BYTES)
                 if not data:
-                    raise LineLost(errno.ENODEV, f'the board is gone from {self._port}')
+                    raise LineLost(errno.ENODEV, said('board_gone', path=self._port))
                 found = [r.message for r in self.decoder.feed(data)]
                 if found:
                     return found

@@ -30,9 +30,9 @@ from eol_ros.core.light.bridge import Bridge
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import UsageError
-from eol_ros.streams.said import said
+from eol_ros.said import said
 
-TABLE = said('simulated_table', 'the simulated table')  # the port of a bridge that a twin plays
+TABLE = said('simulated_table')  # the port of a bridge that a twin plays
 MILLIVOLTS, CELSIUS = 3900, 24  # of the battery of a block that has one
 WHOLE = (protocol.ANSWERS, 400, 400, 400, 1700, 100, 1350)  # of a self-test
 FAULTS = ('noise', 'truncate', 'oversize', 'mute', 'unmute', 'unplug', 'plug', 'reboot')

@@ -24,6 +24,7 @@ from eol_ros.core.light.frames import FELT_NS, Frames
 from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.devices.board.board import Board, State, TapReport
 from eol_ros.errors import ConfigError
+from eol_ros.said import said
 from eol_ros.settings import LedsSettings
 from eol_ros.streams.graph import NAMESPACE
 
@@ -90,24 +91,21 @@ def faults(blocks: Mapping[int, protocol.BlockStatus]) -> list[str]:
 
     Where the bridge hears nobody because of its own radio, that is said, and not 25 times more.
     """
-    found = []
+    found: list[str] = []
     bridge = blocks.get(protocol.BRIDGE)
     mute = bridge is not None and bool(bridge.flags & protocol.RADIO_DEAD)
     if mute:
-        found.append('the radio of the bridge does not work: look at the eight wires of its module')
+        found.append(said('radio_dead'))
     for number, block in sorted(blocks.items()):
-        name = 'the bridge' if number == protocol.BRIDGE else f'block {number}'
+        name = said('the_bridge') if number == protocol.BRIDGE else said('one_block', number=number)
         if not block.flags & protocol.LINKED and not mute:
-            found.append(f'{name} is not heard, so all light fades slowly: look at its battery')
+            found.append(said('block_mute', part=name))
         if block.flags & protocol.TWICE:
-            found.append(
-                f'more than one block says that it is {number}: give all but one their own number'
-                ' (eol board --flash)'
-            )
+            found.append(said('block_twice', number=number))
         if block.flags & protocol.SENSOR_DEAD:
-            found.append(f'the accelerometer of {name} repeats one value: exchange it')
+            found.append(said('sensor_dead', part=name))
         if 0 < block.millivolts <= LOW_MV:
-            found.append(f'the battery of {name} is at {block.millivolts / 1000:.1f} V: charge it')
+            found.append(said('battery_low', part=name, volts=f'{block.millivolts / 1000:.1f}'))
     return found
 
 
@@ -289,7 +287,7 @@ class Lights:
         """Return what is wrong with board and blocks, a sentence each; the others go on."""
         count = self.board.count
         wrong = [
-            f'the board drives {count} blocks, and the table has {N_BLOCKS}: those beyond stay dark'
+            said('board_count', count=count, all=N_BLOCKS)
         ] if count not in (0, N_BLOCKS) else []  # fmt: skip
         return wrong + faults(dict(self.board.blocks))
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from eol_ros.devices import ports
 from eol_ros.devices.ports import Port
+from eol_ros.said import said
 
 BY_ID = Path('/dev/serial/by-id')
 
@@ -27,4 +28,4 @@ def list_ports(by_id: Path = BY_ID) -> list[Port]:
 
 def find_port(wanted: str, found: Sequence[Port] | None = None) -> str:
     """Return the device path of `wanted`, see `ports.find`; raises DeviceMissing."""
-    return ports.find('serial port', wanted, list_ports() if found is None else found)
+    return ports.find(said('serial_port'), wanted, list_ports() if found is None else found)

@@ -20,7 +20,7 @@ from eol_ros.devices.camera.sources import VideoFile
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import ConfigError, DeviceMissing
-from eol_ros.streams.said import clauses, said
+from eol_ros.said import clauses, said
 
 AHEAD = 6  # images of a file decoded before their time
 WATCHDOG_IMAGES = 3
@@ -58,7 +58,7 @@ class Camera:
         backoff: Backoff | None = None,
     ):
         self.source = source
-        self.state = State('opening', f'opening {source.name}')
+        self.state = State('opening', said('opening', name=source.name))
         self.delivered = self.dropped = self.opened = self.stalls = 0
         self.late_ms = 0.0  # of the last image of a file behind its time
         self._deliver, self._on_state = deliver, on_state
@@ -97,7 +97,7 @@ class Camera:
 
     def _streams(self) -> None:
         name, fps = self.source.name, f'{self.source.fps:g}'
-        self._tell('streaming', said('camera', '{name} at {fps} images/s', name=name, fps=fps))
+        self._tell('streaming', said('camera', name=name, fps=fps))
 
     def _tell(self, kind: str, text: str) -> None:
         self._set_state(kind, clauses([text, *self.source.notes]))
@@ -125,7 +125,9 @@ class Camera:
                         return
                     pause_s = self._backoff.failed()
                     kind = 'wrong' if isinstance(error, ConfigError) else 'lost'
-                    self._set_state(kind, f'{error}; trying again in {pause_s:.0f} s')
+                    self._set_state(
+                        kind, clauses([str(error), said('again', seconds=f'{pause_s:.0f}')])
+                    )
                     with self.reading.waiting():
                         self._stop.wait(pause_s)
         finally:
@@ -182,7 +184,7 @@ class Camera:
             with self.handing_over.waiting():
                 picture = self._take(patience_s if self.source.live else max(patience_s, 0.5))
             if picture is None and self._at_end and not self._waiting:
-                self._tell('ended', said('ended', '{name} is at its end', name=self.source.name))
+                self._tell('ended', said('ended', name=self.source.name))
                 return self.handing_over.rest()
             if picture is None:
                 self._miss()
@@ -205,8 +207,12 @@ class Camera:
     def _miss(self) -> None:
         if self.state.kind == 'streaming' and self.delivered:
             self.stalls += 1
-            images = f'{WATCHDOG_IMAGES} image times' if self.source.live else 'half a second'
-            self._set_state('stalled', f'no image from {self.source.name} for {images}')
+            images = (
+                said('image_times', count=WATCHDOG_IMAGES)
+                if self.source.live
+                else said('half_second')
+            )
+            self._set_state('stalled', said('no_image_from', name=self.source.name, span=images))
 
 
 class Pace:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from eol_ros.devices import ports
 from eol_ros.devices.ports import Port
+from eol_ros.said import said
 
 BY_ID = Path('/dev/v4l/by-id')
 SYSTEM = Path('/sys/class/video4linux')
@@ -33,7 +34,7 @@ def list_cameras(by_id: Path = BY_ID, system: Path = SYSTEM) -> list[Port]:
 
 def find_camera(wanted: str, cameras: Sequence[Port] | None = None) -> str:
     """Return the device path of `wanted`, see `ports.find`; raises DeviceMissing."""
-    return ports.find('camera', wanted, list_cameras() if cameras is None else cameras)
+    return ports.find(said('a_camera'), wanted, list_cameras() if cameras is None else cameras)
 
 
 def _text(path: Path) -> str:

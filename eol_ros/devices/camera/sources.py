@@ -11,6 +11,7 @@ import numpy as np
 from eol_ros.devices.camera.picture import CLOCK_TRUST_S, Live, Picture, SourceLost
 from eol_ros.devices.camera.ports import GENICAM, find_camera
 from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.said import said
 from eol_ros.settings import CameraSettings
 
 COLOUR_LEVELS = 12  # channels further apart are colour; JPEG of a grey image stays within 2
@@ -200,7 +201,7 @@ class LiveCamera:
         self.name, self.notes = path, []
         self._capture = capture = self._open_capture(path)
         if not capture.isOpened():
-            raise DeviceMissing(f'camera {path} does not open: is another program using it?')
+            raise DeviceMissing(said('camera_busy', name=path))
         self._set_format(capture, path)
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 2)
         # After the format, because drivers forget it at a change of format.
@@ -261,7 +262,7 @@ class LiveCamera:
 
         while True:
             if not self._capture.grab():
-                raise SourceLost(f'camera {self.name} gives no more images')
+                raise SourceLost(said('no_more_images', name=self.name))
             now_ns = time.monotonic_ns()
             driver_ns = int(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
             if driver_ns and driver_ns == self._last_ns:
@@ -269,7 +270,7 @@ class LiveCamera:
                 continue
             ok, data = self._capture.retrieve()
             if not ok:
-                raise SourceLost(f'camera {self.name} gives no more images')
+                raise SourceLost(said('no_more_images', name=self.name))
             stamp_ns = driver_ns
             if not self._last_ns < driver_ns <= now_ns + 1e6 or (
                 now_ns - driver_ns > CLOCK_TRUST_S * 1e9

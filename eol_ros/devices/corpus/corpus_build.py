@@ -23,6 +23,7 @@ from eol_ros.core.sound.corpus import Corpus, Source, widened
 from eol_ros.devices.corpus import corpus_file
 from eol_ros.devices.corpus.corpus_file import ANALYSIS, Options
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, writing
+from eol_ros.said import said
 from eol_ros.settings import DESCRIPTORS, MORE_DESCRIPTORS, PROJECTIONS
 
 ICE_S, ICE_RATE = 120.0, 48000
@@ -221,7 +222,7 @@ def _analysed(sound: Path, options: Options, progress):
     """Return source, grains, which are silent and notes of one sound, from the cache if it can."""
     labels = corpus_file.label_file(sound, options)
     if not sound.is_file():
-        raise DeviceMissing(f'{sound}: no such sound file; give the path of a recording')
+        raise DeviceMissing(said('no_sound_file', path=sound))
     sha = corpus_file.sha256(sound)
     words = [ANALYSIS, sha, *(getattr(options, name) for name in CUT)]
     times = None if labels is None else corpus_file.load_labels(labels)

@@ -18,6 +18,7 @@ import numpy as np
 from eol_ros import folders
 from eol_ros.core.sound.corpus import AXES, COLUMNS, Corpus, Source, grain_dtype
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, writing
+from eol_ros.said import said
 from eol_ros.settings import MAP_AXES, MORE_DESCRIPTORS, PROJECTIONS, GrainsSettings
 
 VERSION = 1  # of the JSON
@@ -97,7 +98,7 @@ def sounds_of(path: Path) -> list[Path]:
             )
         return found
     if not path.is_file():
-        raise DeviceMissing(f'{path}: no such sound file; give the path of a recording')
+        raise DeviceMissing(said('no_sound_file', path=path))
     return [path]
 
 
@@ -371,7 +372,7 @@ def restore(corpus: Corpus, grain: int) -> Path:
     noted = load_moved(sound)
     kept = [m for m in noted if not start <= m[0] < end]
     if len(kept) == len(noted):
-        raise ConfigError(f'grain {grain}: was not moved')
+        raise ConfigError(said('not_moved', grain=grain))
     return _save_moved(sound, kept)
 
 
@@ -390,7 +391,7 @@ def moved(corpus: Corpus) -> list[int]:
 def _span(corpus: Corpus, grain: int) -> tuple[Path, tuple[float, float]]:
     """Return the sound of a grain, and where in it the grain lies, s."""
     if not 0 <= grain < len(corpus):
-        raise ConfigError(f'grain {grain}: the corpus has grains 0 to {len(corpus) - 1}')
+        raise ConfigError(said('no_grain', grain=grain, last=len(corpus) - 1))
     row = corpus.grains[grain]
     start = row['start_s']
     return Path(corpus.sources[row['file']].path), (start, start + row['duration_s'])

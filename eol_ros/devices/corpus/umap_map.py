@@ -4,13 +4,12 @@
 import numpy as np
 
 from eol_ros.errors import ConfigError, DeviceMissing, pip_install
+from eol_ros.said import said
 
 try:
     from umap import UMAP
 except ImportError:  # an extra
-    raise DeviceMissing(
-        f'umap_1 and umap_2 need umap-learn: {pip_install("umap-learn")}, or take pca_1 and pca_2'
-    ) from None
+    raise DeviceMissing(said('needs_umap', command=pip_install('umap-learn'))) from None
 
 NEIGHBOURS, SEED = 15, 1
 

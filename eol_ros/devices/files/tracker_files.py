@@ -10,9 +10,10 @@ from eol_ros.core.vision.image_health import Sizes
 from eol_ros.core.vision.requests import DARKNESS, Outcome, packed
 from eol_ros.core.vision.states import CALIBRATING, LOST, SEARCHING, TRACKING
 from eol_ros.core.vision.tracker import Tracked, Tracker
+from eol_ros.devices.files.vision_texts import recognised
 from eol_ros.errors import EolError
+from eol_ros.said import clauses, said
 from eol_ros.settings import TrackerSettings
-from eol_ros.streams.said import clauses, said
 
 SIZED_EVERY_S = 60.0  # between two looks whether the covers are those of the calibration
 TOLD_S = 20.0  # how long the status says what came of a request
@@ -71,12 +72,7 @@ class TrackerFiles:
         if self._sizes.add(tracked.world, tracker.sides_px(), tracked.visibility):
             self._covers = ''
             if self._sizes.fault():
-                self._covers = said(
-                    'other_covers',
-                    'blocks differ in size by {spread} from what their covers should look like: '
-                    'the calibration is of other covers, or of flat ones',
-                    spread=f'{self._sizes.spread:.1%}',
-                )
+                self._covers = said('other_covers', spread=f'{self._sizes.spread:.1%}')
             self._sizes, self._sized_s = None, tracked.stamp_s
 
     def news(self, tracker: Tracker, stamp_s: float) -> Outcome | None:
@@ -86,7 +82,7 @@ class TrackerFiles:
             return None
         self._seen, self._until_s = outcome, stamp_s + TOLD_S
         kept = '' if outcome.refused else self._keep(tracker, outcome.kind)
-        self.told = replace(outcome, text=outcome.text + kept)
+        self.told = replace(outcome, text=clauses([recognised(outcome.text), kept]))
         return self.told
 
     def words(self, tracked: Tracked) -> tuple[bool, str]:
@@ -94,21 +90,16 @@ class TrackerFiles:
         good = tracked.state == TRACKING
         text: str = _troubled(tracked)
         if good:
-            text = said('seen', '{seen} of 25 blocks seen', seen=int(tracked.seen.sum()))
+            text = said('seen', seen=int(tracked.seen.sum()))
             if tracked.symmetry_ambiguous:
                 good = False
-                text = said(
-                    'ambiguous',
-                    'which way round the lattice lies is open: ids may be turned by 90 deg',
-                )
+                text = said('ambiguous')
             if self._covers:
                 good, text = False, clauses([self._covers, text])
         if tracked.changed:
             good = False
             blocks = ', '.join(map(str, tracked.changed))
-            text = clauses(
-                [text, said('covers', 'other covers than before on blocks {blocks}', blocks=blocks)]
-            )
+            text = clauses([text, said('covers', blocks=blocks)])
         if self.told is not None and tracked.stamp_s < self._until_s:
             return good and not self.told.refused, clauses([self.told.text, text])
         return good, text
@@ -124,24 +115,24 @@ class TrackerFiles:
                 from eol_ros.devices.files import background_file
 
                 background_file.save(self.settings.background, tracker.finder.background)
-                return f'; kept in {self.settings.background}'
+                return said('kept_in', name=self.settings.background)
             if not self.settings.calibration or tracker.calibration is None:
-                return '; until the next start'
+                return said('until_restart')
             from eol_ros.devices.files import calibration_file
 
             path = Path(self.settings.calibration).with_suffix('.new.yaml')
             calibration_file.save(path, tracker.calibration)
-            return f'; kept in {path}'
+            return said('kept_in', name=path)
         except EolError as error:
-            return f'; but not kept: {error}'
+            return said('not_kept', why=error)
 
 
 def _troubled(tracked: Tracked) -> str:
     """Return in words why nothing is tracked."""
     if tracked.state == SEARCHING:
-        return said('searching', 'searching: {why}', why=tracked.why)
+        return said('searching', why=recognised(tracked.why))
     if tracked.state == LOST:
-        return said('lost', 'lost: {why}', why=tracked.why)
+        return said('lost', why=recognised(tracked.why))
     if tracked.state == CALIBRATING:
-        return said('calibrating', 'calibrating: {why}', why=tracked.why)
-    return said('fault', 'fault: {why}', why=tracked.why)
+        return said('calibrating', why=recognised(tracked.why))
+    return said('fault', why=recognised(tracked.why))

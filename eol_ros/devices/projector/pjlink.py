@@ -12,13 +12,21 @@ from collections.abc import Iterator, Sequence
 
 from eol_ros.devices import address as addresses
 from eol_ros.errors import ConfigError, EolError
+from eol_ros.said import said
 
 PORT = 4352
 TIMEOUT_S = 3.0
 LONGEST = 256  # bytes of a line; the specification allows 136
 OFF, ON, COOLING, WARMING = range(4)  # answers to POWR ?
-STATES = ('off', 'on', 'cooling down', 'warming up')
-PARTS = ('fan', 'lamp', 'temperature', 'cover', 'filter', 'something else')  # of ERST
+STATES = (said('power_off'), said('power_on'), said('power_cooling'), said('power_warming'))
+PARTS = (
+    said('which_fan'),
+    said('which_lamp'),
+    said('which_temperature'),
+    said('which_cover'),
+    said('which_filter'),
+    said('which_else'),
+)  # of ERST
 ERRORS = {
     'ERR1': 'does not know this command',
     'ERR2': 'does not know this value',
@@ -58,11 +66,11 @@ def converse(
             lines = _lines(line)
             greeting = next(lines).split()
             if greeting[:2] == ['PJLINK', 'ERRA'] or len(greeting) < 2 or greeting[0] != 'PJLINK':
-                raise Unanswered('does not speak PJLink')
+                raise Unanswered(said('no_pjlink'))
             digest = ''
             if greeting[1] == '1' and len(greeting) == 3:
                 if not password:
-                    raise WrongPassword('asks for a password')
+                    raise WrongPassword(said('asks_password'))
                 asked = (greeting[2] + password).encode()
                 digest = hashlib.md5(asked, usedforsecurity=False).hexdigest()
             found = []
@@ -72,14 +80,14 @@ def converse(
                 found.append(_answer(command[:4], next(lines)))
             return found
     except OSError as error:
-        raise Unanswered(f'does not answer ({error.strerror or error})') from None
+        raise Unanswered(said('no_answer', why=error.strerror or error)) from None
     except UnicodeError:  # of a host, such as a..b
-        raise Unanswered('has no name that can be looked up') from None
+        raise Unanswered(said('no_host')) from None
 
 
 def _answer(name: str, text: str) -> str:
     if text.upper() == 'PJLINK ERRA':
-        raise WrongPassword('refuses the password')
+        raise WrongPassword(said('refuses_password'))
     head, equals, value = text.partition('=')
     if not equals or head.upper() != f'%1{name}':
         raise Unanswered(f'answers {text[:40]!r} to {name}')
@@ -93,7 +101,7 @@ def _lines(line: socket.socket) -> Iterator[str]:
             more = line.recv(LONGEST)
             data += more
             if not more or len(data) > LONGEST:
-                raise Unanswered('does not speak PJLink' if more else 'hangs up')
+                raise Unanswered(said('no_pjlink') if more else 'hangs up')
         told, _, data = data.partition(b'\r')
         yield told.decode('ascii', 'replace').strip()
 

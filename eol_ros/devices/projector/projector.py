@@ -20,10 +20,11 @@ from eol_ros.devices.projector.pjlink import (
     lamp_hours,
 )
 from eol_ros.devices.rounds import Rounds
+from eol_ros.said import clauses, said
 
 OBEYS_S = 240.0  # a lamp may take so long to cool down or to warm up
 OK, WARN, ERROR = range(3)
-NOT_ASKED = 'was not asked yet'
+NOT_ASKED = said('not_asked')
 
 
 @dataclass(frozen=True)
@@ -119,18 +120,18 @@ class Projector:
         """Return how it is, for people: `10.0.0.5 on, lamp 1200 h`."""
         reading = self.reading
         if reading.power is None:
-            return f'{self.address} {reading.trouble}'
-        parts = [f'{self.address} {STATES[reading.power]}']
+            return said('projector', address=self.address, power=reading.trouble)
+        parts: list[str] = [STATES[reading.power]]
         if reading.lamps_h:
             hours = ' and '.join(f'{hours} h' for hours in reading.lamps_h)
-            parts.append(f'lamp {hours}')
-        parts += [f'{part} has failed' for part in reading.failed]
-        parts += [f'{part} warns' for part in reading.warns]
+            parts.append(said('lamp_hours', hours=hours))
+        parts += [said('part_failed', which=part) for part in reading.failed]
+        parts += [said('part_warns', which=part) for part in reading.warns]
         if reading.trouble:
             parts.append(reading.trouble)
         elif self._disobeys():
-            parts.append(f'though it should be {"on" if self._on else "off"}')
-        return ', '.join(parts)
+            parts.append(said('should_be', which=STATES[self._on]))
+        return said('projector', address=self.address, power=clauses(parts, ', '))
 
     def _disobeys(self) -> bool:
         there = (ON, WARMING) if self._on else (OFF, COOLING)
