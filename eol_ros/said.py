@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-SAID = 'said'  # the key in a DiagnosticStatus under which the parts go, as JSON
+DEEPEST = 8  # texts within each other in a message
 LANGUAGES = Path(__file__).parent / 'lang'
 
 
@@ -75,6 +75,7 @@ def code_and_args(text: str) -> tuple[str, dict[str, str]]:
 
 def from_message(text: str, code: str, args: Mapping[str, Any]) -> Said:
     """Return a text that knows its codes, by what `code_and_args` gave."""
+    args = {key: value for key, value in args.items() if key.count(':') <= DEEPEST}
     return _with(text, _parts(code, args) or [text])
 
 
@@ -102,15 +103,16 @@ def _flat(parts: list[Any]) -> tuple[str, dict[str, str]]:
 
 def _parts(code: str, args: Mapping[str, Any]) -> list[Any]:
     places: dict[str, Any] = {}
+    within: dict[str, dict[str, Any]] = {}
     for key, value in args.items():
         name, inside, rest = key.partition(':')
         if inside:
-            places.setdefault(name, {})[rest] = value
+            within.setdefault(name, {})[rest] = value
         else:
             places[name] = value
-    for name, value in places.items():
-        if isinstance(value, dict):
-            places[name] = _parts(value.pop('', ''), value)
-    clauses = [places.pop(name) for name in sorted(filter(str.isdigit, places), key=int)]
-    first = [[code, places]] if code else []
-    return first + [p for one in clauses for p in (one if isinstance(one, list) else [one])]
+    places |= {name: _parts(found.pop('', ''), found) for name, found in within.items()}
+    more = sorted(filter(str.isdecimal, places), key=lambda name: (len(name), name))
+    parts = [[code, places]] if code else []
+    for clause in map(places.pop, more):
+        parts += clause if isinstance(clause, list) else [clause]
+    return parts

@@ -45,3 +45,8 @@ def test_what_fills_a_place_keeps_its_code():
 def test_a_message_carries_text_and_codes(text):
     found = from_message(str(text), *code_and_args(text))
     assert found == text and found.parts == parts_of(text)
+
+
+def test_arguments_that_nobody_should_send_do_no_harm():
+    args = {'why:' * 9999: 'lost', 'why': 1, 'why:': 'muted', '9' * 9999: 'plain', ':': '', '': ()}
+    assert from_message('text', 'lost', args).parts[0][0] == 'lost'

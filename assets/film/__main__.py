@@ -27,7 +27,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import soundfile
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray
 from PIL import Image
 from rclpy.serialization import deserialize_message
 
@@ -119,10 +118,9 @@ class Teller:
                     last_fit_s = m.log_ns * 1e-9
                     self._day.fit()
                 yield self._one(m, 'cascades', self._day.notice())
-            elif m.topic == '/diagnostics':
-                for status in deserialize_message(m.data, DiagnosticArray).status:
-                    notice = self._roster.take(status, m.log_ns * 1e-9, m.log_ns * 1e-9)
-                    yield self._one(m, f'health {notice["node"]}', notice)
+            elif m.topic == self.bag.name('node_states'):
+                notice = self._roster.take(self._read(m), m.log_ns * 1e-9, m.log_ns * 1e-9)
+                yield self._one(m, f'health {notice["node"]}', notice)
 
     def _read(self, m: BagMessage) -> Any:
         name = next(name for name in TOPICS if self.bag.name(name) == m.topic)

@@ -14,6 +14,7 @@ from eol_ros.bringup import priority, processor
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import QUIET_S, STARVED, Look, Policy, Silence
 from eol_ros.bringup.shared_memory import Ports
+from eol_ros.bringup.status import starting
 from eol_ros.ros.inherited import AGAIN, HEALTH_FD, KEPT
 
 _LOG_LINES = ('[INFO]', '[WARN]', '[ERROR]', '[FATAL]', '[DEBUG]')
@@ -82,17 +83,8 @@ class Child:
         self.policy.start(now_s)
         self.start_at_s, self.code, self.hung_s = None, None, None
         self.settled = self.starved = False
-        self.status = {
-            node: {
-                'node': node,
-                'level': 3,
-                'text': 'starting',
-                'rate': 0.0,
-                'values': {},
-                'pid': self.popen.pid,
-            }
-            for node in self.process.nodes
-        }
+        pid = self.popen.pid
+        self.status = {n: starting(n, 'starting', pid) for n in self.process.nodes}
 
     def comes_back(self, now_s: float) -> bool:
         """Tell whether it is about to be started again."""

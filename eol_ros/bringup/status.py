@@ -131,6 +131,12 @@ def answer(server: socket.socket, status: dict[str, Any]) -> None:
             client.sendall(text)
 
 
+def starting(node: str, text: str, pid: int = 0) -> dict[str, Any]:
+    """Return the status of a node that has reported none yet."""
+    row = {'node': node, 'level': 3, 'text': text, 'code': '', 'args': {}}
+    return row | {'rate': 0.0, 'pid': pid, 'values': {}}
+
+
 def table(status: dict[str, Any]) -> str:
     """Return the status as a table that stays put."""
     run_s = int(status['running_s'])

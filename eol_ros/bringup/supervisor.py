@@ -228,17 +228,7 @@ class Supervisor:
             text = f'compiling, {compiler.percent} %'
             self._manager.status(text)
             for child in self.children:
-                child.status = {
-                    node: {
-                        'node': node,
-                        'level': 3,
-                        'text': text,
-                        'rate': 0.0,
-                        'values': {},
-                        'pid': 0,
-                    }
-                    for node in child.process.nodes
-                }
+                child.status = {n: status.starting(n, text) for n in child.process.nodes}
             status.answer(self._server, self.describe())
             self._wait([compiler])
         compiler.signal(signal.SIGTERM)
@@ -405,7 +395,7 @@ class Supervisor:
             if set(child.process.nodes) & set(IMAGE_SOURCES):
                 return 0  # its input has come to an end, and so has the run
             for row in child.status.values():
-                row.update(level=0, text='finished', rate=0.0)
+                row.update(level=0, text='finished', code='', args={}, rate=0.0)
             return None
         if code in FINAL and never_ran and child.policy.restarts == 0:
             self._note(f'{name} cannot start (exit code {code})')
@@ -416,7 +406,7 @@ class Supervisor:
         red = ', for the third time within a minute' if child.policy.red() else ''
         self._note(f'{name} has died ({how}){red}; {again}')
         for row in child.status.values():
-            row.update(level=status.DOWN, text=f'{how}; {again}', rate=0.0)
+            row.update(level=status.DOWN, text=f'{how}; {again}', code='', args={}, rate=0.0)
         for node in child.process.nodes:
             self._told[node] = (status.DOWN, '')
         child.start_at_s = now + wait

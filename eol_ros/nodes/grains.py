@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Publishes the corpus, and a trigger for every grain that a moving block touches."""
 
-import json
 import sys
 from pathlib import Path
 
@@ -61,10 +60,9 @@ class GrainsNode(EolNode):
             self.corpora.publish(self.message(self.corpus))
 
     def tell_settings(self, new) -> None:
-        told = {'radius': new.radius, 'blend': new.blend, 'mode': new.mode}  # for the panel
-        told |= {name: json.dumps(getattr(new, name)) for name in ('weights', 'regions')}
         folders = [Path(x).name for x in (new.sound, *new.more_sounds) if x and Path(x).is_dir()]
-        told['folders'] = json.dumps(folders)
+        names = ('radius', 'blend', 'mode', 'weights', 'regions')
+        told = {'folders': folders} | {name: getattr(new, name) for name in names}  # for the panel
         self.tell_absent(new.weights, folders)
         if not told.items() <= self.health.values.items():
             self.health.values.update(told)

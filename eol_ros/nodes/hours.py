@@ -84,7 +84,7 @@ class HoursNode(EolNode):
             asleep=self.asleep,
             open=door.state.open,
             trusted=door.trusted,
-            until_s=round(until.timestamp()) if until else '',
+            until_s=round(until.timestamp()) if until else 0,
             time_zone=self.settings.time_zone,
         )
         text = door.words(self.asleep)

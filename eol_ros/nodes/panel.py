@@ -59,7 +59,7 @@ class PanelNode(EolNode):
             self.on_calibration,
             read=lambda message: calibration_file.loads(message.data, 'calibration'),
         )
-        self.subscribe('/diagnostics', self.states.take, raw=True)
+        self.subscribe('node_states', self.states.take, raw=True)
         self.documents['terrain'] = lambda: landscape(self.settings.terrain_seed)
         self.documents['status'] = lambda: wire.text(self.states.nodes()).encode()
         self.server.routes.metrics = lambda: metrics.text(self.states.nodes(), self.namespace)

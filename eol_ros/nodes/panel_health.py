@@ -6,7 +6,7 @@ import time
 from collections import deque
 from typing import Any
 
-from eol_ros.streams.graph import node_of
+from eol_ros.streams.graph import NODES
 from eol_ros.web import notices
 
 UNREAD = 64  # kept while nobody looks: five seconds of twelve nodes
@@ -16,12 +16,12 @@ class Health:
     """The newest state of each node, which the panel tells as soon as it is read."""
 
     def __init__(self, panel: Any):
-        self._panel, self._intake = panel, panel.intake('/diagnostics', self._notices)
+        self._panel, self._intake = panel, panel.intake('node_states', self._notice)
         self._unread: deque[tuple[float, float, bytes]] = deque(maxlen=UNREAD)
         self._roster, self._reading = notices.Roster(), threading.Lock()
 
     def take(self, raw: bytes) -> None:
-        """Keep a DiagnosticArray in CDR."""
+        """Keep a NodeState in CDR."""
         self._unread.append((time.monotonic(), time.time(), raw))
         if self._panel.server.hub.viewers:
             self._read_up()
@@ -31,16 +31,12 @@ class Health:
             while self._unread:
                 heard_s, wall_s, raw = self._unread.popleft()
                 self._heard_s = heard_s, wall_s
-                for notice in self._intake(raw) or ():
+                if notice := self._intake(raw):
                     self._panel.tell(f'health {notice["node"]}', notice)
         return self._roster
 
-    def _notices(self, message: Any) -> list[dict[str, Any]]:
-        named = [(status, *node_of(status.name)) for status in message.status]
-        ours = [
-            row for row, node, namespace in named if node and namespace == self._panel.namespace
-        ]
-        return [self._roster.take(row, *self._heard_s) for row in ours]
+    def _notice(self, state: Any) -> dict[str, Any] | None:
+        return self._roster.take(state, *self._heard_s) if state.node in NODES else None
 
     def runs(self, node: str) -> bool:
         """Return whether a node gives signs of life; any thread."""

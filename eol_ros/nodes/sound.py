@@ -109,7 +109,7 @@ class SoundNode(EolNode):
         from eol_ros.ros import presets
 
         told = {name: getattr(self.settings, name) for name in FILTER}
-        self.health.values.update(told, presets=' '.join(presets.names(presets.folder())))
+        self.health.values.update(told, presets=list(presets.names(presets.folder())))
 
     def on_save_preset(self, asked: Asked) -> object:
         self.instrument.save(

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a node says how it is: `/diagnostics` for every ROS tool, and a heartbeat for bringup.
+"""State of a node: `node_states`, `/diagnostics` for ROS tools, and a heartbeat for bringup.
 
-The same status goes both ways once a second: as a `DiagnosticStatus` (REP 107), and as one JSON
-line to the pipe inherited from bringup. The executor writes it, so a node whose executor
-hangs falls silent, and bringup notices. The status reports a worker thread that completes no round
-within seconds. Later the line says `hung`, and bringup treats it as silence.
+The same status goes all ways once a second: as a `NodeState`, as a `DiagnosticStatus` (REP 107),
+and as one JSON line to the pipe inherited from bringup. The executor writes it, so a node whose
+executor hangs falls silent, and bringup notices. The status reports a worker thread that completes
+no round within seconds. Later the line says `hung`, and bringup treats it as silence.
 """
 
-import json
 import math
 import os
 import platform
@@ -16,13 +15,15 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from eol_msgs.msg import NodeState
 from std_msgs.msg import Header
 
 from eol_ros.core.round_watch import HUNG_S, STALLED_S, RoundWatch
 from eol_ros.ros.give_back import give_back
 from eol_ros.ros.health_pipe import HealthPipe
+from eol_ros.ros.requests import parameter_messages
 from eol_ros.ros.stamps import to_msg
-from eol_ros.said import SAID, Said, clauses, said
+from eol_ros.said import Said, clauses, code_and_args, said
 from eol_ros.streams.graph import status_name
 
 if TYPE_CHECKING:
@@ -47,7 +48,8 @@ class Health:
         self.text: str = STARTS
         self._name = node.get_name()
         self._node = node
-        self._publisher = node.publisher('/diagnostics')
+        self._states = node.publisher('node_states')
+        self._diagnostics = node.publisher('/diagnostics')
         self.ticks = self._reported_ticks = 0
         self._rate = 0.0
         self._well = 0
@@ -177,10 +179,13 @@ class Health:
         if worker:
             level = ERROR
             text = said('stands_still', what=worker, seconds=f'{still_s:.0f}')
+        code, args = code_and_args(text)
         return {
             'node': self._name,
             'level': level,
             'text': text,
+            'code': code,
+            'args': args,
             'rate': round(self._rate, 2),
             'pid': os.getpid(),
             'values': self.values,
@@ -199,24 +204,20 @@ class Health:
             self._gives.cancel()
 
     def report(self) -> None:
-        """Send the status both ways."""
+        """Send the status all ways."""
         status = self.status()
         if self._pipe is not None:
             self._pipe.send(status | {'kept': self.kept} | ({'hung': True} if self.hung else {}))
+        header = Header(stamp=to_msg(self._node.now_ns()))
+        typed = {name: parameter_messages(status[name]) for name in ('args', 'values')}
+        self._states.publish(NodeState(header=header, **(status | typed)))
+        values = {'rate_hz': status['rate'], 'pid': status['pid'], **self.values}
         row = DiagnosticStatus(
             # Who starts is not stale (REP 107): that is what others find of one who is silent.
             level=bytes([WARN if status['level'] == STARTING else status['level']]),
             name=status_name(self._name, self._node.namespace),
             message=status['text'],
             hardware_id=platform.node(),
+            values=[KeyValue(key=k, value=str(v)) for k, v in values.items()],
         )
-        row.values = [
-            KeyValue(key='rate_hz', value=str(status['rate'])),
-            KeyValue(key='pid', value=str(status['pid'])),
-        ]
-        row.values += [KeyValue(key=k, value=str(v)) for k, v in self.values.items()]
-        if isinstance(status['text'], Said):
-            words = json.dumps(status['text'].parts, ensure_ascii=False)
-            row.values.append(KeyValue(key=SAID, value=words))
-        header = Header(stamp=to_msg(self._node.now_ns()))
-        self._publisher.publish(DiagnosticArray(header=header, status=[row]))
+        self._diagnostics.publish(DiagnosticArray(header=header, status=[row]))

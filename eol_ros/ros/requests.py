@@ -7,7 +7,7 @@ import threading
 import time
 from array import array
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -21,7 +21,7 @@ from eol_ros.errors import DeviceMissing, EolError, UsageError
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
 from eol_ros.said import Said, clauses, code_and_args, from_message, said
 from eol_ros.streams.graph import NAMESPACE
-from eol_ros.streams.requests import KINDS, Asked, value_of
+from eol_ros.streams.requests import KINDS, Asked, values_of
 
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
@@ -59,26 +59,21 @@ def request_to_msg(asked: Asked, stamp_ns: int) -> Request:
 
 def plain(value: Any) -> Any:
     """Return the value of a setting as a parameter has it."""
-    return list(value) if isinstance(value, tuple) else value
+    if isinstance(value, tuple):
+        return list(value)
+    return value.item() if hasattr(value, 'item') else value  # of NumPy
 
 
 def parameters(values: Mapping[str, Any]) -> list[Parameter]:
     """Return settings, or values of a request, as parameters; an empty list is one of strings."""
     texts = Parameter.Type.STRING_ARRAY  # rclpy makes an empty list an array of bytes
-    return [
-        Parameter(name, texts if value in ((), []) else None, plain(value))
-        for name, value in values.items()
-    ]
+    found = {name: plain(value) for name, value in values.items()}
+    return [Parameter(name, texts if v == [] else None, v) for name, v in found.items()]
 
 
 def parameter_messages(values: Mapping[str, Any]) -> list[ParameterMessage]:
     """Return settings, or values of a request, as a message has them."""
     return [parameter.to_parameter_msg() for parameter in parameters(values)]
-
-
-def values_of(messages: Iterable[ParameterMessage]) -> dict[str, Any]:
-    """Return what `parameter_messages` was given."""
-    return {message.name: value_of(message.value) for message in messages}
 
 
 def request_from_msg(message: Request) -> Asked:

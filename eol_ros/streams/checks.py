@@ -57,6 +57,7 @@ RULES = {
     ),
     'eol_msgs/msg/GrainTrigger': Rule({'block': {*BLOCKS, triggers.NO_BLOCK}}),
     'eol_msgs/msg/Corpus': Rule(nan=('x', 'y', 'values'), holds=_corpus),
+    'eol_msgs/msg/NodeState': Rule({'level': range(4)}),
     'eol_msgs/msg/SoundMeter': Rule(holds=lambda m: len(m.wave_min) == len(m.wave_max)),
     'eol_msgs/msg/SoundSamples': Rule(
         holds=lambda m: m.channels and not len(m.data) % (4 * m.channels)

@@ -125,7 +125,7 @@ _NODES = (
              subscribes=('camera/image_raw/compressed', 'calibration', 'truth', 'blocks',
                          'slips', 'cascades', 'led_commands', 'corpus', 'grain_triggers',
                          'sound_meter', 'sound_samples', 'wall', 'requests', 'request_results',
-                         '/diagnostics')),
+                         'node_states')),
     NodeSpec('recorder', settings.RecorderSettings, nice=3,
              subscribes=('camera/image_raw', 'camera/camera_info', 'camera/image_raw/compressed',
                          '/diagnostics')),
@@ -139,6 +139,7 @@ QOS = {
     'preview': QoS(10, reliable=False),
     'meter': QoS(10, reliable=False),
     'latched': QoS(10, latched=True),
+    'state': QoS(32, latched=True, sent=1),  # the last of each node
     'health': QoS(10),
     'clock': QoS(1, reliable=False),  # as rclcpp and rclpy ask for it
 }
@@ -188,8 +189,11 @@ _TOPICS = (
     TopicSpec('ready', 'std_msgs/msg/Empty', 'latched',
               'startup barrier, without data: a node subscribes once it has discovered its peers',
               subscribers=(EVERY_NODE,)),
+    TopicSpec('node_states', 'eol_msgs/msg/NodeState', 'state',
+              'state of each node, once a second and at each change of level',
+              publishers=(EVERY_NODE,)),
     TopicSpec('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', 'health',
-              'state of every node, once a second', publishers=(EVERY_NODE,)),
+              'node_states for ROS tools', publishers=(EVERY_NODE,)),
     TopicSpec('/clock', 'rosgraph_msgs/msg/Clock', 'clock',
               'recorded time, for nodes that use_sim_time', subscribers=(EVERY_NODE,)),
 )

@@ -7,7 +7,7 @@ again by a replay and by `eol report --retrack`, from the same image on.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -259,6 +259,11 @@ def value_of(value: Any) -> Any:
     if number < 5:
         return found.item() if isinstance(found, np.generic) else found
     return tuple(v.item() if isinstance(v, np.generic) else v for v in found)
+
+
+def values_of(parameters: Iterable[Any]) -> dict[str, Any]:
+    """Return rcl_interfaces/Parameter messages as plain data, by name."""
+    return {parameter.name: value_of(parameter.value) for parameter in parameters}
 
 
 def recorded(requests: Columns, results: Columns) -> list[Heeded]:

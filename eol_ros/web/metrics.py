@@ -46,8 +46,8 @@ def text(states: dict[str, dict[str, Any]], namespace: str) -> bytes:
         rate.add_metric([namespace, node], state['rate'])
         age.add_metric([namespace, node], state['age_s'])
         for name, told in sorted(state['values'].items()):
-            if (number := _number(told)) is not None:
-                value.add_metric([namespace, node, name], number)
+            if isinstance(told, (int, float)) and math.isfinite(told):
+                value.add_metric([namespace, node, name], told)
 
     class Found:
         def collect(self) -> list[GaugeMetricFamily]:
@@ -56,14 +56,3 @@ def text(states: dict[str, dict[str, Any]], namespace: str) -> bytes:
     registry = CollectorRegistry()
     registry.register(Found())
     return generate_latest(registry)
-
-
-def _number(told: str) -> float | None:
-    """Return a value of a status as a number: also True and False; None for words."""
-    if told in ('True', 'False'):
-        return float(told == 'True')
-    try:
-        number = float(told)
-    except ValueError:
-        return None
-    return number if math.isfinite(number) else None

@@ -2,7 +2,6 @@
 """Messages of the graph as the plain dicts that pages read. Takes anything with the same fields."""
 
 import datetime
-import json
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -11,11 +10,10 @@ import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import powerlaw
-from eol_ros.said import SAID
+from eol_ros.said import from_message
 from eol_ros.streams import cascades
-from eol_ros.streams.graph import node_of
 from eol_ros.streams.record import seconds
-from eol_ros.streams.requests import Number
+from eol_ros.streams.requests import Number, values_of
 from eol_ros.web.controls import CONTROLS
 
 RECENT = 40
@@ -54,17 +52,13 @@ def meter(message: Any) -> dict[str, Any]:
     return {name: getattr(message, name) for name in names}
 
 
-def health(status: Any) -> dict[str, Any]:
-    """Return a DiagnosticStatus (REP 107) of one of our nodes."""
-    level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
-    values = {pair.key: pair.value for pair in status.values}
-    parts = values.pop(SAID, '')
+def health(state: Any) -> dict[str, Any]:
+    """Return a NodeState; who starts is shown as a warning."""
+    level = LEVELS[state.level] if state.level < 3 else 'warn'
+    said = from_message(state.text, state.code, values_of(state.args))
     return {
-        't': 'health', 'node': node_of(status.name)[0],
-        'level': LEVELS[min(level, 3)], 'text': status.message,
-        'rate': float(values.pop('rate_hz', 0.0)), 'values': values,
-        'pid': values.pop('pid', ''),
-        'said': json.loads(parts) if parts else [status.message],
+        't': 'health', 'node': state.node, 'level': level, 'text': state.text, 'said': said.parts,
+        'rate': round(state.rate, 2), 'pid': state.pid, 'values': values_of(state.values),
     }  # fmt: skip
 
 
@@ -77,12 +71,12 @@ class Roster:
         self.nodes: dict[str, dict[str, Any]] = {}
         self._heard_s: dict[str, float] = {}
 
-    def take(self, status: Any, now_s: float, wall_s: float) -> dict[str, Any]:
-        """Note a DiagnosticStatus heard at `now_s` (`wall_s` on the wall clock); return it.
+    def take(self, state: Any, now_s: float, wall_s: float) -> dict[str, Any]:
+        """Note a NodeState heard at `now_s` (`wall_s` on the wall clock); return it.
 
         `at` tells a page that is opened later how old it is.
         """
-        notice = health(status) | {'at': wall_s}
+        notice = health(state) | {'at': wall_s}
         self.nodes[notice['node']] = notice
         self._heard_s[notice['node']] = now_s
         return notice

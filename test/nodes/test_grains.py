@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import contextlib
 import dataclasses
-import json
 import shutil
 import subprocess
 import sys
@@ -304,7 +303,7 @@ def test_a_folder_has_a_region_before_it_has_sounds(stage, sounds, tmp_path):
         Parameter('regions', value=['voices near', 'floe far']),
     ]
     assert stage.node.set_parameters_atomically(both).successful
-    assert json.loads(stage.node.health.values['folders']) == ['voices']
+    assert stage.node.health.values['folders'] == ['voices']
     shutil.copy(sounds[1], folder / 'take-1.wav')
     stage.until(lambda: stage.probe.corpora[-1].name == 'floe.wav + 1')
     y, file = np.array(stage.probe.corpora[-1].y), np.array(stage.probe.corpora[-1].file)

@@ -12,8 +12,7 @@ import urllib.request
 import aiohttp
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from eol_msgs.msg import Cascade, Corpus, RequestResult, SoundMeter, SoundSamples, Wall
+from eol_msgs.msg import Cascade, Corpus, NodeState, RequestResult, SoundMeter, SoundSamples, Wall
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import String
 from support.spinning import Nodes, matched
@@ -32,7 +31,7 @@ from eol_ros.settings import GrainsSettings, PanelSettings
 from eol_ros.streams import blocks
 from eol_ros.web.hub import CHANNELS
 
-GIVES = ('wall', 'cascades', 'corpus', '/diagnostics', 'blocks', 'camera/image_raw/compressed',
+GIVES = ('wall', 'cascades', 'corpus', 'blocks', 'camera/image_raw/compressed',
          'sound_meter', 'sound_samples', 'slips', 'calibration')  # fmt: skip
 
 pytestmark = pytest.mark.usefixtures('any_stamp')
@@ -46,6 +45,7 @@ class Around(EolNode):
     def __init__(self):
         super().__init__(GrainsSettings())
         self.gives = {name: self.publisher(name) for name in GIVES}
+        self.states = self.publisher('node_states')
         self.asked, self.rims = [], []
         self.subscribe('requests', self.on_asked)
         self.subscribe('rim_command', self.rims.append)
@@ -248,8 +248,7 @@ def test_what_people_ask_reaches_the_graph(rig):
             assert (status, answer['error']) == (409, 'leds, sound, montage do not run')
             status, answer = await post(client, 'play', {'grain': 12})
             assert (status, answer['error']) == (409, 'sound does not run')
-            sound = DiagnosticStatus(name='eol: sound', level=b'\0')
-            rig.around.gives['/diagnostics'].publish(DiagnosticArray(status=[sound]))
+            rig.around.states.publish(NodeState(node='sound'))
             runs = rig.panel.states.runs
             await asyncio.to_thread(wait_until, lambda: runs('sound') and runs('grains'))
             assert await post(client, 'sleep', {}) == (200, {'ok': True, 'text': '', 'said': []})

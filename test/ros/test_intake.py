@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from eol_msgs.msg import BlockTap, FeltSlip, Slip
+from eol_msgs.msg import BlockTap, FeltSlip, NodeState, Slip
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
@@ -50,7 +49,7 @@ from eol_ros.streams.requests import Asked
 SOURCE = Path(eol_ros.__file__).parent
 SAMPLE = SOURCE.parent / 'bags' / 'sample'
 VISITORS = {'echo.py', 'mirror.py', 'watch.py', 'requests.py'}  # they are no nodes of the graph
-READ = {('panel', 'calibration'), ('panel', '/diagnostics')}
+READ = {('panel', 'calibration'), ('panel', 'node_states')}
 MAY_LACK = {'x', 'y', 'values'}  # of a corpus
 
 
@@ -114,10 +113,6 @@ def stamped(message, sec):
     return packed(message, stamp=False)
 
 
-NOBODY = DiagnosticArray(status=[DiagnosticStatus(name='eol: motion')])
-NOBODY.status[0].values = [KeyValue(key='rate_hz', value='many')]
-DEEP = DiagnosticArray(status=[DiagnosticStatus(name='eol: motion')])
-DEEP.status[0].values = [KeyValue(key='said', value='[' * 100_000)]
 NAN = math.nan
 
 
@@ -142,8 +137,7 @@ NAN = math.nan
         ('recorder', '/diagnostics', lambda: b'\0\1\0\0' + b'\xff' * 40),
         ('panel', 'calibration', lambda: packed(String(data='}\n- [no YAML: \0'))),
         ('panel', 'calibration', lambda: packed(String(data='image_width: 7'))),
-        ('panel', '/diagnostics', lambda: packed(NOBODY)),
-        ('panel', '/diagnostics', lambda: packed(DEEP)),
+        ('panel', 'node_states', lambda: packed(NodeState(node='motion', level=4))),
         ('panel', 'wall', lambda: b'\1'),
         ('sound', 'corpus', lambda: b'\0\1\0\0' + b'\xff' * 64),
     ],
@@ -382,7 +376,7 @@ def test_nodes_live_on_and_count_true(live, count):
                     before = node.health.rejected
                     with np.errstate(invalid='ignore'):  # signalling NaN
                         give(node, topic, raw)
-                    if node.NAME == 'panel' and topic == '/diagnostics':
+                    if node.NAME == 'panel' and topic == 'node_states':
                         node.states.nodes()
                     dropped = node.health.rejected - before
                     if node.NAME == 'recorder' and topic not in ('slips', '/diagnostics'):

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from eol_msgs.msg import NodeState
 from rcl_interfaces.msg import ParameterType
 from rclpy.clock import ClockType, ROSClock
 from rclpy.experimental.events_executor import EventsExecutor
@@ -36,10 +37,11 @@ from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run_record import about
 from eol_ros.ros.stamps import system_ns, to_msg, to_ns
-from eol_ros.ros.topics import CLOCK, PUBLISHER_QOS, QOS, message_class
+from eol_ros.ros.topics import PUBLISHER_QOS, QOS, message_class
 from eol_ros.settings import MontageSettings
 from eol_ros.streams.graph import NODES, TOPICS, providers
 from eol_ros.streams.images import TYPE, Codec
+from eol_ros.streams.requests import values_of
 
 CODEC = Codec(definition(TYPE))
 
@@ -133,9 +135,10 @@ def test_health_goes_both_ways(ros, monkeypatch):
     out, into = os.pipe()
     monkeypatch.setenv('EOL_HEALTH_FD', str(into))
     node = ProbeNode(MontageSettings())
-    seen = []
+    seen, states = [], []
     node.subscribe('/diagnostics', seen.append)
-    node.health.values['pairs'] = 24
+    node.subscribe('node_states', states.append)
+    node.health.values |= {'pairs': 24, 'mean': np.float64(0.5), 'last': np.int64(7), 'names': ()}
     spin(node, lambda: seen)  # it says how it is once a second, also while it starts
     node.health.warn('no image on the right')
     spin(node, lambda: any(m.status[0].message.startswith('no image') for m in seen))
@@ -144,7 +147,10 @@ def test_health_goes_both_ways(ros, monkeypatch):
 
     assert lines[0]['level'] == 3  # starting
     assert lines[-1]['level'] == 1 and lines[-1]['text'] == 'no image on the right'
-    assert lines[-1]['values'] == {'pairs': 24, 'rejected': 0}
+    told = {'rejected': 0, 'pairs': 24, 'mean': 0.5, 'last': 7, 'names': ()}
+    assert lines[-1]['values']['pairs'] == 24 and values_of(states[-1].values) == told
+    assert (states[0].level, states[0].code) == (NodeState.STARTING, 'starting')
+    assert (states[-1].level, states[-1].text, states[-1].code) == (1, 'no image on the right', '')
     row = seen[-1].status[0]
     assert (row.name, row.message) == ('eol: montage', 'no image on the right')
     assert any(kv.key == 'pairs' and kv.value == '24' for kv in row.values)
@@ -302,7 +308,7 @@ def test_a_timer_that_is_called_several_times_at_once_is_not_put_off(ros):
 def test_topic_table():
     for row in TOPICS.values():
         assert message_class(row.type_name).__name__ == row.type_name.split('/')[-1]
-        least = 1 if row.name == CLOCK else 10
+        least = 1 if row.qos in ('clock', 'state') else 10  # the newest is all that counts
         assert least <= PUBLISHER_QOS[row.qos].depth <= QOS[row.qos].depth
         for node in (*row.publishers, *row.subscribers):
             assert node in NODES or node == 'every node'

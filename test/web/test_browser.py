@@ -914,8 +914,8 @@ def test_opening_hours_stand_in_words_at_the_top(graph, browser):
     visit(browser, address, '/')
     tell = 'eol.link.emit("health", {node: "hours", at: eol.link.now(), level: "ok", values: '
     values = {
-        'asleep': 'True', 'open': 'False', 'trusted': 'True', 'time_zone': 'Asia/Taipei',
-        'until_s': '1795485600',  # Tuesday 2026-11-24 10:00 in Taipei
+        'asleep': True, 'open': False, 'trusted': True, 'time_zone': 'Asia/Taipei',
+        'until_s': 1795485600,  # Tuesday 2026-11-24 10:00 in Taipei
     }  # fmt: skip
     for name, words in (
         ('en', ('asleep until Tue 10:00', 'closed until Tue 10:00, woken by hand')),
@@ -923,11 +923,11 @@ def test_opening_hours_stand_in_words_at_the_top(graph, browser):
     ):
         browser.find_element('css selector', f'[data-language={name}]').click()
         until_page(browser, f'document.documentElement.lang === "{name}"')
-        for asleep, text in zip(('True', 'False'), words, strict=True):
+        for asleep, text in zip((True, False), words, strict=True):
             run(browser, tell + 'arguments[0], text: "", rate: 0})', values | {'asleep': asleep})
             shown = run(browser, 'return document.getElementById("hours").textContent')
             assert ' '.join(shown.split()).replace(' 10', ' 10') == text
-    run(browser, tell + 'arguments[0], text: "", rate: 0})', values | {'until_s': ''})
+    run(browser, tell + 'arguments[0], text: "", rate: 0})', values | {'until_s': 0})
     until_page(browser, 'document.getElementById("hours").textContent.startsWith("休眠至")')
     run(browser, 'document.querySelector("[data-language=en]").click()')
     until_page(browser, 'document.getElementById("hours").textContent'

@@ -631,7 +631,7 @@ def test_metrics_are_what_prometheus_reads(serve):
     states = {
         'leds': {
             'level': 'warn', 'rate': 12.5, 'age_s': 0.4, 'text': 'no board',
-            'values': {'sent': '7', 'asleep': 'True', 'flash_limit': 'on', 'wire_ms': 'nan'},
+            'values': {'sent': 7, 'asleep': True, 'flash_limit': 'on', 'wire_ms': float('nan')},
         },
         'twin': {'level': 'silent', 'rate': 0.0, 'age_s': 61.0, 'text': '', 'values': {}},
     }  # fmt: skip

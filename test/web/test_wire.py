@@ -8,9 +8,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from eol_msgs.msg import NodeState
 
 from eol_ros.analysis import report
 from eol_ros.core.science import powerlaw
+from eol_ros.ros.requests import parameter_messages
+from eol_ros.said import code_and_args, said
 from eol_ros.streams import corpus
 from eol_ros.web import notices, wire
 
@@ -189,28 +192,29 @@ def test_corpus_values_become_columns():
     assert found['folders'] == ['a', 'b']
 
 
-def test_health_takes_the_level_as_ros_gives_it():
-    pair = SimpleNamespace(key='rate_hz', value='59.9')
-    pid = SimpleNamespace(key='pid', value='12')
-    status = SimpleNamespace(
-        level=b'\x01', name='eol: tracker', message='dim', values=[pair, pid], hardware_id='museum'
-    )
-    notice = notices.health(status)
+def state(**fields):
+    return NodeState(node='tracker', text='well', rate=59.9, pid=12, **fields)
+
+
+def test_health_has_typed_values_and_codes():
+    told = {'seen': 25, 'asleep': False, 'files': ('a', 'b'), 'share': 0.5, 'name': '7'}
+    why = said('lost', why=said('out_of_sight'))
+    code, args = code_and_args(why)
+    typed = {'values': parameter_messages(told), 'args': parameter_messages(args), 'code': code}
+    notice = notices.health(state(level=NodeState.WARN, **typed))
     assert (notice['node'], notice['level'], notice['rate']) == ('tracker', 'warn', 59.9)
-    assert notice['pid'] == '12' and notice['values'] == {}
+    assert (notice['pid'], notice['values'], notice['said']) == (12, told, why.parts)
+    assert notices.health(state(level=NodeState.STARTING))['level'] == 'warn'
 
 
 def test_the_roster_knows_who_gives_signs_of_life():
     roster = notices.Roster()
-    status = SimpleNamespace(
-        level=b'\0', name='eol: tracker', message='well', values=[], hardware_id='museum'
-    )
     assert not roster.runs('tracker', 100.0)
-    notice = roster.take(status, 100.0, 1.7e9)
+    notice = roster.take(state(), 100.0, 1.7e9)
     assert (notice['text'], notice['at']) == ('well', 1.7e9)
     assert roster.runs('tracker', 104.0) and not roster.runs('tracker', 106.0)
     assert set(roster.nodes) == {'tracker'}
-    state = roster.states(104.0)['tracker']
-    assert (state['level'], state['age_s']) == ('ok', 4.0)
-    state = roster.states(106.0)['tracker']
-    assert (state['level'], state['age_s'], state['text']) == ('silent', 6.0, 'well')
+    found = roster.states(104.0)['tracker']
+    assert (found['level'], found['age_s']) == ('ok', 4.0)
+    found = roster.states(106.0)['tracker']
+    assert (found['level'], found['age_s'], found['text']) == ('silent', 6.0, 'well')

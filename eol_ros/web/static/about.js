@@ -47,7 +47,7 @@ function rows() {
     moving: motion && say('moving_words', { count: moving.size }),
     count: day && say('cascade_words', { total, largest: areas.reduce((most, n, area) => (n ? area : most), 0) }),
     last: day && !newest ? say('about_none') : newest && `${new Date(1000 * newest[0]).toLocaleTimeString(document.documentElement.lang)}  ${caption(newest[2], newest[1])}`,
-    sound: sound && say(asleep ? 'sound_asleep' : sound.values.muted === 'True' ? 'sound_muted' : sound.level === 'error' ? 'sound_fault' : 'about_sound'),
+    sound: sound && say(asleep ? 'sound_asleep' : sound.values.muted ? 'sound_muted' : sound.level === 'error' ? 'sound_fault' : 'about_sound'),
     walls: wall && [document.documentElement.lang === 'zh-Hant' && wall.caption_zh ? wall.caption_zh : wall.caption, wall.credit].filter(Boolean).join('  \u00b7  '),
   };
 }

@@ -64,7 +64,7 @@ export class CameraView {
 
   // What the tracker works with, unless somebody is trying another value here.
   showThreshold(value) {
-    if (!Number.isFinite(Number(value ?? NaN)) || value === this.told) return;
+    if (value === undefined || value === this.told) return;
     this.told = value;
     this.slider.value = value;
     this.slider.oninput();

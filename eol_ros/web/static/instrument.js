@@ -74,17 +74,17 @@ export class InstrumentView {
 
   // What a node says of its settings; what has not changed is left alone: a hand may be on it.
   take(node, values) {
-    const fresh = (name) => values[name] !== undefined && this.told[name] !== values[name];
+    const fresh = (name) => values[name] !== undefined && String(this.told[name]) !== String(values[name]);
     for (const id of node === 'grains' ? ['mode'] : ['filter', 'filter_by']) {
       if (fresh(id)) this.$(id).value = values[id];
     }
     for (const [id, { low, high }] of Object.entries(node === 'sound' ? SLIDERS : {})) {
       if (!fresh(id)) continue;
-      const value = Number(values[id]);
+      const value = values[id];
       this.$(id).value = low ? Math.log(value / low) / Math.log(high / low) : value;
       this.sayValue(id, value);
     }
-    if (fresh('presets')) this.showPresets(values.presets.split(' ').filter(Boolean));
+    if (fresh('presets')) this.showPresets(values.presets);
     const [sounds, folders] = [fresh('weights') || fresh('regions'), fresh('folders')];
     Object.assign(this.told, values);
     if (folders && this.corpus) this.setCorpus(this.corpus);
@@ -105,7 +105,7 @@ export class InstrumentView {
 
   setCorpus(corpus) {
     this.corpus = corpus;
-    const known = JSON.parse(this.told.folders ?? '[]');
+    const known = this.told.folders ?? [];
     const names = [...new Set([...soundsOf(corpus, known).names, ...known])]; // a folder may get some yet
     if (names.join() === this.sounds.join()) return;
     this.sounds = names;
@@ -114,7 +114,7 @@ export class InstrumentView {
 
   // A row for each sound: how much of it, and where it lies.
   showSounds() {
-    const said = (key) => Object.fromEntries(JSON.parse(this.told[key] ?? '[]').map((line) => [line.slice(0, line.lastIndexOf(' ')), line.slice(line.lastIndexOf(' ') + 1)]));
+    const said = (key) => Object.fromEntries((this.told[key] ?? []).map((line) => [line.slice(0, line.lastIndexOf(' ')), line.slice(line.lastIndexOf(' ') + 1)]));
     const [weights, regions] = [said('weights'), said('regions')];
     const rows = this.sounds.map((name) => {
       const row = document.createElement('div');

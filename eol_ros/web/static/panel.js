@@ -87,9 +87,9 @@ link.on('health', (status) => {
   if (status.node === 'tracker') camera.showThreshold(status.values.threshold);
   if (['grains', 'sound'].includes(status.node)) instrument.take(status.node, status.values);
   if (status.node === 'grains') {
-    showReach(Number(status.values.radius));
+    showReach(status.values.radius);
     space.showBlend(status.values.blend);
-    space.setFolders(JSON.parse(status.values.folders ?? '[]'));
+    space.setFolders(status.values.folders ?? []);
   }
   if (status.node === 'twin' && status.values.hands) {
     $('ghosts').hidden = false;
@@ -99,11 +99,11 @@ link.on('health', (status) => {
 });
 // The times of the museum, whatever clock the browser has.
 function sayHours({ values }) {
-  const kind = `hours_${values.open === 'True' ? 'open' : 'closed'}_${values.asleep === 'True' ? 'asleep' : 'awake'}`;
+  const kind = `hours_${values.open ? 'open' : 'closed'}_${values.asleep ? 'asleep' : 'awake'}`;
   const day = { weekday: 'short', hour: '2-digit', minute: '2-digit', hourCycle: 'h23', timeZone: values.time_zone };
   const clock = new Intl.DateTimeFormat(language(), day);
   const time = values.until_s ? clock.format(new Date(1000 * values.until_s)) : say('hours_later');
-  write($('hours'), values.trusted === 'True' ? say(kind, { time }) : say('hours_untrusted'));
+  write($('hours'), values.trusted ? say(kind, { time }) : say('hours_untrusted'));
 }
 function nameCorpus() {
   const { corpus } = space;
@@ -142,7 +142,7 @@ let asleep = null; // as the walls have it
 function sayState(stale) {
   const known = (node, value) => (stale || !nodes.heard(node) || nodes.age(node) > SILENT_S ? null : value);
   const sleeps = known('montage', asleep);
-  const muted = known('sound', nodes.values('sound').muted === 'True');
+  const muted = known('sound', nodes.values('sound').muted);
   const hands = known('twin', nodes.values('twin').hands);
   for (const [id, on, words] of [['work-state', sleeps, ['awake', 'asleep']], ['mute-state', muted, ['sound_on', 'muted']]]) {
     write($(id), on === null ? '' : say(words[Number(on)]));

@@ -108,8 +108,8 @@ export class SpaceView {
   }
 
   showBlend(told) {
-    if (told === undefined || Number(told) === this.told) return; // the same: a hand may be on it
-    this.told = Number(told);
+    if (told === undefined || told === this.told) return; // the same: a hand may be on it
+    this.told = told;
     this.slider.value = told;
     this.sayBlend();
   }

@@ -129,7 +129,7 @@ function silence() {
   if (asleep) return 'sound_asleep';
   if (!sounds) return link.age('hello') > 2 * STALE_S ? 'sound_none' : '';
   if (performance.now() - sounds.heard > 2000 * STALE_S) return 'sound_silent';
-  if (sounds.values.muted === 'True') return 'sound_muted';
+  if (sounds.values.muted) return 'sound_muted';
   if (sounds.level === 'error') return 'sound_fault';
   return listener.on && listener.context.state !== 'running' ? 'sound_blocked' : '';
 }
