@@ -516,7 +516,7 @@ def test_the_outer_half_of_a_hidden_edge_is_not_trusted():
     px[n // 8, n % 8 + pixels.EDGE] = e
     px[n // 8, n % 8 + pixels.Q] = np.where(hidden, 100.0, 1.0)
     px[n // 8, n % 8 + pixels.TRUST] = 1.0
-    fit.trust(px, starts[4], 1.0, np.empty((4 * model.PARTS, 2)))
+    fit.trust(px, starts[4], 1.0, np.empty((4, model.PARTS, 2)))
     found = px[n // 8, n % 8 + pixels.TRUST]
     right, left = (a > 23) & (np.abs(b) < 14), (a < -23) & (np.abs(b) < 14)
     assert right.sum() > 100 and left.sum() > 100

@@ -26,7 +26,9 @@ from eol_ros.core.vision.appearance.model import (
     FULL,
     LANES,
     LEAST_VARIANCE,
+    PARTS,
     SIDE_MOST,
+    TRUST_SHARES,
     TUKEY,
 )
 from eol_ros.core.vision.appearance.pixels import (
@@ -435,27 +437,38 @@ def levels(px, groups, half, blur, scratch):
 
 @njit(cache=True, error_model='numpy')
 def trust(px, groups, widen, bins):
-    """Trust the pixels at each part of a side by how many of those inside agree; see residuals.
+    """Trust the pixels at each part of a side by how many of its pixels agree; see residuals.
 
     An arm as dark as the ground hides the inner half of an edge and leaves the outer half, which
-    would draw the side inwards. bins (4 * PARTS, 2): scratch.
+    would draw the side inwards; beside a part that an arm hides its border blurs the next one.
+    bins (4, PARTS, 2): scratch.
     """
     bins[:] = 0.0
     for i in range(groups * LANES):
         k, z = i // LANES, i % LANES
         part = int(px[k, z + PART])
-        if part >= 0 and px[k, z + EDGE] > 0.5:
-            bins[part, 0] += 1.0
+        if part >= 0:
+            row = bins[part // PARTS, part % PARTS]
+            row[0] += 1.0
             if px[k, z + Q] < AGREE * widen:
-                bins[part, 1] += 1.0
-    for part in range(bins.shape[0]):
-        share = bins[part, 1] / bins[part, 0] if bins[part, 0] > 0.0 else 1.0
-        bins[part, 0] = share * share * share
+                row[1] += 1.0
+    for side in range(4):
+        rows = bins[side]
+        for part in range(PARTS):
+            rows[part, 1] = rows[part, 1] / rows[part, 0] if rows[part, 0] > 0.0 else 1.0
+        for part in range(PARTS):
+            share = rows[part, 1]
+            if part > 0:
+                share = min(share, rows[part - 1, 1])
+            if part < PARTS - 1:
+                share = min(share, rows[part + 1, 1])
+            low, high = TRUST_SHARES
+            rows[part, 0] = min(max((share - low) / (high - low), 0.0), 1.0)
     for i in range(groups * LANES):
         k, z = i // LANES, i % LANES
         part = int(px[k, z + PART])
         if part >= 0:
-            px[k, z + TRUST] = bins[part, 0]
+            px[k, z + TRUST] = bins[part // PARTS, part % PARTS, 0]
 
 
 @njit(cache=True, error_model='numpy')

@@ -337,6 +337,15 @@ def _start_wide(blocks: np.ndarray, found: np.ndarray, which: np.ndarray, ahead_
     found['start_px'][which] = model.LOST_PX
 
 
+@njit(inline='always')
+def _enters(f):
+    """Return whether so much of a block shows that it lies where it was found from far off.
+
+    The border of an arm passes for a side.
+    """
+    return f.nats > model.ENTERS_NATS and f.ring > model.MIN_RING_YOUNG
+
+
 @njit(cache=True)
 def _accept(blocks, found, near, which, fresh, usual_gain, first_nats, px_per_m, good):
     """Set which blocks of `which` are in sight, and the evidence of all of these.
@@ -362,6 +371,7 @@ def _accept(blocks, found, near, which, fresh, usual_gain, first_nats, px_per_m,
             and f.ratio > model.MIN_RATIO
             and total > (0.0 if b.seen else first_nats)
             and (not young or f.weakest > model.WEAKEST_NATS or f.nats > model.THREE_NATS)
+            and (f.start_px < model.LOST_PX or young or _enters(f))
             and (f.nats > 0.0 or (f.visible > model.MOSTLY and f.nats > model.NO_SIDES))
             and (not fresh or f.nats > model.FRESH_NATS)
             and f.step_px < 0.5

@@ -64,7 +64,7 @@ def register(
         np.empty(fit.SUMS + fit.COLUMNS),
         np.empty((fit.COLUMNS, fit.COLUMNS + 1)),
     )
-    bins, few = np.empty((4 * m.PARTS, 2)), np.empty(m.MOST_PX, np.float32)
+    bins, few = np.empty((4, m.PARTS, 2)), np.empty(m.MOST_PX, np.float32)
     side_room, sides = np.empty((4, 11)), np.empty(4)
     table, flat = np.zeros(outline.SIZE, np.float32), heights.shape[0] == 0
     for k in range(which.shape[0]):
@@ -138,7 +138,12 @@ def register(
             sure_px = math.sqrt(max(work[0, 8], 0.0))
             judged = sigma_px < max(m.JUDGED_PX, 2 * sure_px) and f.step_px < m.SETTLED * sure_px
             if judged and (not fresh[n] or it > 4):
-                break
+                if doubtful or fresh[n]:
+                    break
+                seen = _judged(px, starts[5], noise, z, widen)
+                doubtful = seen[0] < m.ALIKE or seen[3] > m.MISFIT  # an arm came in
+                if not doubtful:
+                    break
             sigma_px = min(0.4 * sigma_px, 0.5 * f.step_px + m.MODEL_PX)
         groups = starts[5]
         f.visible = f.ring = f.ratio = 0.0
