@@ -85,8 +85,8 @@ class Uncoupled:
         times_s, block = run.event_t[begins], run.event_block[begins]
         heard_s = times_s[sounding.heard(times_s, block, self._grains)]
         power = sounding.power(heard_s, self._span_s, series.RATE_HZ, self._grains)
-        steps = np.diff(run.u, axis=0) * IMAGES * series.RATE_HZ
-        energy = 0.5 * self._twin.block_kg * (steps**2).sum(axis=(1, 2))
+        steps, per_s = np.diff(run.u, axis=0), IMAGES * series.RATE_HZ
+        energy = 0.5 * self._twin.block_kg * per_s**2 * np.einsum('tbi,tbi->t', steps, steps)
         whole = len(energy) // IMAGES * IMAGES
         return {
             'triggers': surrogates.event_counts(heard_s, self._span_s, series.RATE_HZ),

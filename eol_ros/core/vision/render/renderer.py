@@ -181,30 +181,7 @@ class Renderer:
         poses = np.column_stack([np.asarray(c, float) for c in (x, y, yaw)])
         white = np.asarray(clutter.flashes(image_index) if flash is None else flash, float)
         on = clutter.battery * (1.0 if ir is None else np.asarray(ir, float))
-        glow = self.options.block_level - self.options.background
-        level = glow * on + _FLASH_LEVEL * white
-        core = clutter.level.core * on
-        halo = _FLASH_HALO * white
-        scale = clutter.scale_px
-        placed, owner, weight = self._positions(poses, velocity)
-        n = kernels.draw_blocks(
-            work,
-            clutter.vignette,
-            clutter.glints,
-            self.corners_px(placed, owner),
-            level,
-            core,
-            clutter.level.core_px * scale,
-            clutter.texture,
-            self.options.psf_px,
-            owner,
-            weight,
-            windows,
-            0,
-        )
-        if halo.any():
-            centres = self.corners_px(poses).mean(axis=1)
-            n = kernels.draw_halos(work, centres, halo, 40.0 * scale, windows, n)
+        n = self._draw_blocks(poses, velocity, white, on)
         capsules, grey = clutter.arms_and(arms, image_index)
         if len(capsules):
             ends = self.calibration.to_pixels(capsules[:, :4].reshape(-1, 2)).reshape(-1, 4)
@@ -223,6 +200,35 @@ class Renderer:
             out = np.empty(work.shape, np.uint8)
         self._sensor.sense(work, int(image_index), out)
         return out
+
+    def _draw_blocks(
+        self, poses: np.ndarray, velocity: ArrayLike | None, white: np.ndarray, on: np.ndarray
+    ) -> int:
+        """Draw the blocks and the halos of their flashes; return how many windows they take."""
+        work, clutter, windows = self._work, self.clutter, self._windows
+        glow = self.options.block_level - self.options.background
+        scale = clutter.scale_px
+        placed, owner, weight = self._positions(poses, velocity)
+        n = kernels.draw_blocks(
+            work,
+            clutter.vignette,
+            clutter.glints,
+            self.corners_px(placed, owner),
+            glow * on + _FLASH_LEVEL * white,
+            clutter.level.core * on,
+            clutter.level.core_px * scale,
+            clutter.texture,
+            self.options.psf_px,
+            owner,
+            weight,
+            windows,
+            0,
+        )
+        halo = _FLASH_HALO * white
+        if halo.any():
+            centres = self.corners_px(poses).mean(axis=1)
+            n = kernels.draw_halos(work, centres, halo, 40.0 * scale, windows, n)
+        return n
 
     @property
     def light(self) -> np.ndarray:
