@@ -292,19 +292,21 @@ class _Reader:
             except ConfigError as error:
                 self.wrong(item, where, str(error))
                 continue
-            path = fields[key].metadata.get('path')
-            if path and isinstance(value, tuple):
-                value = tuple(self._path(item, where, one, path) for one in value)
-            elif path and value:
-                value = self._path(item, where, value, path)
+            kind_of = fields[key].metadata.get('kind', '')
+            if kind_of in ('path', 'optional path') and value:
+                needed = kind_of == 'path'
+                if isinstance(value, tuple):
+                    value = tuple(self._path(item, where, one, needed) for one in value)
+                else:
+                    value = self._path(item, where, value, needed)
             values[key] = value
         return kind(**values)
 
-    def _path(self, item: _Place, where: str, value: str, path: bool | str) -> str:
+    def _path(self, item: _Place, where: str, value: str, needed: bool) -> str:
         full = (Path(item.file).parent / Path(value).expanduser()).resolve()
         if full.exists():
             return str(full)
-        if path is True:
+        if needed:
             self.wrong(item, where, f'{value}: no such file or folder')
         return value
 
@@ -388,7 +390,7 @@ def check_value(field_: dataclasses.Field[Any], value: Any) -> Any:
         hint = f'. Did you mean {near[0]}?' if near else ''
         choices = ', '.join(meta['choices']) + hint
         raise ConfigError(said('not_one_of', value=repr(value), choices=choices))
-    if (form := meta.get('form')) and not re.fullmatch(FORMS[form], str(value)):
+    if (form := meta.get('kind')) in FORMS and not re.fullmatch(FORMS[form], str(value)):
         raise ConfigError(said('not_a_line', value=f'{value!r}', shape=form))
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         low, high = meta.get('min'), meta.get('max')

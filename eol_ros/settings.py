@@ -19,17 +19,13 @@ def setting(
     max: float | None = None,
     choices: tuple[str, ...] | None = None,
     live: bool = False,
-    path: bool | str = False,
-    was: str = '',
-    secret: bool = False,
-    form: str = '',
+    kind: str = '',
 ) -> Any:
     """Return a dataclass field that knows how to be checked and explained.
 
-    `live`: may change while the node runs. `path`: names a file or folder, relative to the scene
-    file; with 'maybe' it is one only if such a file is there. `was`: the name before, which is
-    still understood, with a warning. `secret`: shown to nobody: not in bags, parameters or words.
-    `form`: what a text looks like, one of FORMS.
+    `live`: may change while the node runs. `kind` of a text: 'path', of a file or folder, relative
+    to the scene file; 'optional path', which is one only if such a file is there; 'secret', shown
+    to nobody: not in bags, parameters or words; or what its lines look like, one of FORMS.
     A tuple default makes a list setting; its items are checked one by one.
     """
     return field(
@@ -41,10 +37,8 @@ def setting(
             'max': max,
             'choices': choices,
             'live': live,
-            'path': path,
-            'was': was,
-            'secret': secret,
-            'form': form,
+            'kind': kind,
+            'secret': kind == 'secret',
         },
     )
 
@@ -117,7 +111,7 @@ class TwinSettings:
         '',
         'calibration file of the camera to simulate: pose, lens and cover heights; empty: an '
         'ideal camera above flat covers',
-        path=True,
+        kind='path',
     )
     mirror: bool = setting(False, 'simulate a camera that sees the table in a mirror')
     seed: int = setting(
@@ -214,7 +208,7 @@ class CameraSettings:
         'auto',
         'stable camera name, /dev path, genicam:NAME (or genicam:auto) for an industrial '
         'camera, or a file that OpenCV opens',
-        path='maybe',
+        kind='optional path',
     )
     fps: float = setting(60.0, 'image rate; 0: the rate stated in a video file', 'Hz', 0, 240)
     width: int = setting(1280, 'image width', 'px', 160, 4096)
@@ -244,13 +238,13 @@ class CameraSettings:
     light_seen_error_s: float = setting(0.0, 'standard error of light_seen_s', 's', 0, 1)
     loop: bool = setting(True, 'start a video file again at its end')
     calibration: str = setting(
-        '', 'calibration file published in camera_info; empty: none', path=True
+        '', 'calibration file published in camera_info; empty: none', kind='path'
     )
 
 
 @dataclass(frozen=True)
 class TrackerSettings:
-    calibration: str = setting('', "calibration file; empty: the twin's ideal camera", path=True)
+    calibration: str = setting('', "calibration file; empty: the twin's ideal camera", kind='path')
     mirror: bool = setting(
         False,
         'the camera sees the table in a mirror; not needed with a calibration file, which '
@@ -288,7 +282,7 @@ class TrackerSettings:
         '',
         'background model (PNG) of lamps and reflections to ignore; rewritten each time it is '
         'learnt',
-        path=True,
+        kind='path',
     )
 
 
@@ -323,7 +317,6 @@ class MotionSettings:
         '',
         0,
         1,
-        was='felt_probability',
     )
 
 
@@ -356,7 +349,6 @@ class LedsSettings:
         4,
         500,
         live=True,
-        was='knock_threshold_mg',
     )
     frame_hz: float = setting(
         100.0, 'rate at which light levels are sent while any block is lit', 'Hz', 10, 500
@@ -436,25 +428,25 @@ class GrainsSettings:
     sound: str = setting(
         '',
         'audio file, folder of audio files, or corpus JSON; empty: the procedural recording of ice',
-        path=True,
+        kind='path',
         live=True,
     )
     more_sounds: tuple[str, ...] = setting(
-        (), 'further audio files or folders for the same corpus', path=True, live=True
+        (), 'further audio files or folders for the same corpus', kind='path', live=True
     )
     weights: tuple[str, ...] = setting(
         (),
         'lines, one a sound: the share, 0 to 1, of the grains of that sound that blocks can '
         'play; NAME is the file name without its ending, the name of its folder, or ice',
         live=True,
-        form='NAME WEIGHT',
+        kind='NAME WEIGHT',
     )
     regions: tuple[str, ...] = setting(
         (),
         'lines, one a sound: the part of the space for its grains: left, right, near, far, or '
         'X MIN,Y MIN,X MAX,Y MAX in 0..1',
         live=True,
-        form='NAME REGION',
+        kind='NAME REGION',
     )
     segment: str = setting(
         'chop',
@@ -525,7 +517,7 @@ class GrainsSettings:
         'or to the grain that it sounded last, instead of those nearest in space; the '
         'distance is a weighted distance of ranks, 0 to 1',
         live=True,
-        form='DESCRIPTOR WEIGHT SOURCE',
+        kind='DESCRIPTOR WEIGHT SOURCE',
     )
     radius: float = setting(0.045, 'trigger radius of a block', 'm', 0.001, 1, live=True)
     rearm_ratio: float = setting(
@@ -617,7 +609,6 @@ class GrainsSettings:
         0,
         100,
         live=True,
-        was='bed_rate',
     )
     ambience_gain: float = setting(
         0.05,
@@ -626,7 +617,6 @@ class GrainsSettings:
         0,
         8,
         live=True,
-        was='bed_gain',
     )
     ambience_playback_rate: float = setting(
         0.25,
@@ -636,7 +626,6 @@ class GrainsSettings:
         0.0625,
         16,
         live=True,
-        was='bed_speed',
     )
     ambience_break_m: float = setting(
         0.03,
@@ -645,7 +634,6 @@ class GrainsSettings:
         0.001,
         1,
         live=True,
-        was='bed_break_m',
     )
     crossfade_s: float = setting(
         0.0,
@@ -685,7 +673,6 @@ class SoundSettings:
         0,
         1,
         live=True,
-        was='felt_latency_s',
     )
     gain_db: float = setting(-6.0, 'master gain', 'dB', -90, 24, live=True)
     interpolation: str = setting(
@@ -798,7 +785,6 @@ class SoundSettings:
         0.01,
         2,
         live=True,
-        was='rupture_gap_s',
     )
     filter: str = setting(
         'off',
@@ -881,14 +867,14 @@ class SoundSettings:
         'lines that map MIDI to actions: cc|note|program [CHANNEL:]NUMBER and NODE.SETTING '
         '[LEAST MOST], NODE.SETTING VALUE, recall PRESET or morph PRESET PRESET',
         live=True,
-        form='MIDI ACTION',
+        kind='MIDI ACTION',
     )
 
 
 @dataclass(frozen=True)
 class MontageSettings:
     pairs: str = setting(
-        '', 'folder with image pairs and pairs.csv; empty: the drawn pairs that ship', path=True
+        '', 'folder with image pairs and pairs.csv; empty: the drawn pairs that ship', kind='path'
     )
     period_s: float = setting(
         0.5, 'time between changes of the pair while anything moves', 's', 0.34, 60
@@ -920,7 +906,7 @@ class HoursSettings:
 @dataclass(frozen=True)
 class ProjectorsSettings:
     addresses: tuple[str, ...] = setting((), 'PJLink projectors, HOST or HOST:PORT')
-    password: str = setting('', 'PJLink password of all projectors; empty: none', secret=True)
+    password: str = setting('', 'PJLink password of all projectors; empty: none', kind='secret')
     off_after_s: float = setting(
         300.0,
         'time asleep after which the projectors are switched off; it spares the lamps during '
@@ -943,7 +929,7 @@ class PanelSettings:
     pin: str = setting(
         '',
         'PIN required for every control; must be set if the panel is open to the network',
-        secret=True,
+        kind='secret',
     )
     visitors: bool = setting(
         False, 'let everybody push the virtual table and hear it without the PIN'
@@ -955,7 +941,7 @@ class PanelSettings:
         '',
         'PEM file with certificate and key, with which the panel is served over HTTPS; empty: '
         'plain HTTP',
-        path=True,
+        kind='path',
     )
     names: tuple[str, ...] = setting(
         (), 'further host names under which browsers may reach the panel'
@@ -972,7 +958,7 @@ class RecorderSettings:
         'bags',
         'folder for bags, one folder a run; relative to the current folder if the scene does '
         'not set it',
-        path='maybe',
+        kind='optional path',
     )
     images: str = setting(
         'none',
@@ -1018,7 +1004,7 @@ class RecorderSettings:
 
 @dataclass(frozen=True)
 class ReplaySettings:
-    bag: str = setting('', 'bag folder or .mcap file', path=True)
+    bag: str = setting('', 'bag folder or .mcap file', kind='path')
     topics: tuple[str, ...] = setting(
         (),
         'topics to play; empty: those that the nodes of the scene subscribe to and none of '
@@ -1045,7 +1031,7 @@ class NotifySettings:
     webhook: str = setting(
         '',
         'URL to which messages are posted as JSON; the field `text` has the whole message',
-        secret=True,
+        kind='secret',
     )
     mail_to: tuple[str, ...] = setting((), 'mail addresses to which messages are sent')
     mail_from: str = setting('', 'sender address of the mails')
@@ -1056,7 +1042,7 @@ class NotifySettings:
         choices=('starttls', 'tls', 'none'),
     )
     smtp_user: str = setting('', 'user name at the mail server; empty: no login')
-    smtp_password: str = setting('', 'password of smtp_user', secret=True)
+    smtp_password: str = setting('', 'password of smtp_user', kind='secret')
     after_s: float = setting(60.0, 'duration of a fault after which it is reported', 's', 5, 86400)
     pause_s: float = setting(
         300.0,
@@ -1087,10 +1073,23 @@ def live_fields(settings: type) -> set[str]:
     return {f.name for f in dataclasses.fields(settings) if f.metadata.get('live')}
 
 
+# By class, the name of a setting before and that of today; both are understood for one release.
+RENAMED = {
+    'MotionSettings': {'felt_probability': 'tap_probability'},
+    'LedsSettings': {'knock_threshold_mg': 'tap_threshold_mg'},
+    'GrainsSettings': {
+        'bed_rate': 'ambience_rate',
+        'bed_gain': 'ambience_gain',
+        'bed_speed': 'ambience_playback_rate',
+        'bed_break_m': 'ambience_break_m',
+    },
+    'SoundSettings': {'felt_latency_s': 'tap_latency_s', 'rupture_gap_s': 'cascade_gap_s'},
+}
+
+
 def renamed(settings: type) -> dict[str, str]:
     """Return the names that fields of `settings` had before, each with the name of today."""
-    named = {f.metadata.get('was'): f.name for f in dataclasses.fields(settings)}
-    return {was: name for was, name in named.items() if was}
+    return RENAMED.get(settings.__name__, {})
 
 
 def by_today(settings: type, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -15,7 +15,6 @@ MORE = {
     'core/vectors.py:_spring_order',
     'core/sound/mixer.py:Mixer.__init__',
     'core/vision/render/renderer.py:Renderer.render',
-    'settings.py:setting',
 }
 
 
