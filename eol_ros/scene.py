@@ -384,7 +384,7 @@ def check_value(field_: dataclasses.Field[Any], value: Any) -> Any:
             asked = ': put it into quotes'
         # `kind` is a type by now, which mypy cannot see
         words = _WORDS.get(kind, kind)  # type: ignore[arg-type]
-        raise ConfigError(f'{shown} is not {words}{asked}')
+        raise ConfigError(said('not_a_line', value=shown, shape=f'{words}{asked}'))
     if meta.get('choices') and value not in meta['choices']:
         near = difflib.get_close_matches(str(value), meta['choices'], 1, 0.6)
         hint = f'. Did you mean {near[0]}?' if near else ''

@@ -73,17 +73,18 @@ class Word:
 
 
 @dataclass(frozen=True)
-class Lines:
-    """A list of texts that a request takes, as settings of lines have it."""
+class Value:
+    """The value of a setting, whose type and range its node checks."""
 
     name: str
 
-    def check(self, value: Any) -> tuple[str, ...]:
-        """Return the value; raise UsageError where it is another."""
-        good = isinstance(value, (list, tuple)) and len(value) <= 100
-        if not good or not all(isinstance(line, str) and len(line) <= 200 for line in value):
-            raise UsageError(said('not_texts', name=self.name, value=f'{str(value)[:40]!r}'))
-        return tuple(value)
+    def check(self, value: Any) -> Any:
+        """Return the value; raise UsageError where it is none that a message can carry."""
+        if isinstance(value, (list, tuple)) and all(isinstance(line, str) for line in value):
+            return tuple(value)
+        if not isinstance(value, (bool, int, float, str)):
+            raise UsageError(said('no_value', name=self.name, value=f'{str(value)[:40]!r}'))
+        return value
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ class Kind:
     doc: str
     nodes: tuple[str, ...]
     also: tuple[str, ...] = field(default=(), kw_only=True)
-    takes: tuple[Number | Word | Lines, ...] = ()
+    takes: tuple[Number | Word | Value, ...] = ()
     answered_by: str = ''
     within_s: float = 3.0
     internal: bool = False
@@ -119,7 +120,7 @@ class Kind:
 
 
 def checked(
-    name: str, takes: tuple[Number | Word | Lines, ...], values: Mapping[str, Any]
+    name: str, takes: tuple[Number | Word | Value, ...], values: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return `values` where they are what `takes` names; raise UsageError that says what not."""
     known = {item.name for item in takes}

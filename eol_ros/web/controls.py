@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every button of the panel: one row, one route `POST /control/NAME`, one request to the graph."""
 
-import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from eol_ros.errors import UsageError
 from eol_ros.streams.graph import NODES
-from eol_ros.streams.requests import KINDS, SET, Asked, Lines, Number, Word, checked
+from eol_ros.streams.requests import KINDS, SET, Asked, Number, Value, Word, checked
 
 
 @dataclass(frozen=True)
@@ -23,7 +22,7 @@ class Control:
     doc: str
     kind: str
     node: str = ''
-    takes: tuple[Number | Word | Lines, ...] = ()
+    takes: tuple[Number | Word | Value, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
     fixed: Mapping[str, Any] = field(default_factory=dict)
 
@@ -38,16 +37,10 @@ class Control:
 
 
 def _setting(name: str, node: str, setting: str) -> Control:
-    """A live setting: a number within its range, lines, or a word, which its node checks."""
-    row = next(f for f in dataclasses.fields(NODES[node].settings) if f.name == setting)
-    low, high, unit = (row.metadata[key] for key in ('min', 'max', 'unit'))
-    doc = f'{row.metadata["doc"]}' + (f', in {unit}' if unit else '')
-    value: Number | Word | Lines = Word('value')
-    if isinstance(row.default, tuple):
-        value = Lines('value')
-    elif row.type in (int, float):
-        value = Number('value', low, high)
-    return Control(name, doc, SET, node, (value,), {setting: 'value'})
+    """A live setting."""
+    meta = next(f for f in fields(NODES[node].settings) if f.name == setting).metadata
+    doc = f'{meta["doc"]}' + (f', in {meta["unit"]}' if meta['unit'] else '')
+    return Control(name, doc, SET, node, (Value('value'),), {setting: 'value'})
 
 
 def _plain(name: str, kind: str = '') -> Control:

@@ -11,10 +11,10 @@ import numpy as np
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import powerlaw
 from eol_ros.said import from_message
+from eol_ros.settings import GrainsSettings
 from eol_ros.streams import cascades
 from eol_ros.streams.record import seconds
-from eol_ros.streams.requests import Number, values_of
-from eol_ros.web.controls import CONTROLS
+from eol_ros.streams.requests import values_of
 
 RECENT = 40
 LEVELS = ('ok', 'warn', 'error', 'silent')
@@ -39,9 +39,8 @@ def wall(
 
 def limits(network: str) -> dict[str, Any]:
     """Return the range of each control that is a slider, and how far the graph can be reached."""
-    (radius,) = CONTROLS['radius'].takes
-    assert isinstance(radius, Number)
-    return {'t': 'limits', 'radius': [radius.low, radius.high], 'network': network}
+    radius = GrainsSettings.__dataclass_fields__['radius'].metadata
+    return {'t': 'limits', 'radius': [radius['min'], radius['max']], 'network': network}
 
 
 def meter(message: Any) -> dict[str, Any]:

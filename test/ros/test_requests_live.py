@@ -16,7 +16,7 @@ from eol_ros.nodes.replay import ReplayNode
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import expected_of, request_from_msg, request_to_msg
 from eol_ros.settings import MontageSettings, MotionSettings, ReplaySettings
-from eol_ros.streams.requests import Asked
+from eol_ros.streams.requests import Asked, values_of
 
 SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
 NOW_NS = 1_790_000_000_000_000_000
@@ -64,6 +64,8 @@ def test_a_setting_is_changed_or_refused_with_the_reason(rig):
     assert (done.accepted, done.node, done.kind) == (True, 'motion', 'set')
     assert done.reason == 'stop_mps is 0.002' and rig.node.settings.stop_mps == 0.002
     assert rig.node.get_parameter('stop_mps').value == 0.002
+    assert done.code == 'is_now'
+    codes = []
     for values, words in (
         ({'stop_mps': 7.0}, 'stop_mps: 7 is out of range'),
         ({'stop_mps': 'slow'}, "stop_mps: 'slow' is not a number"),
@@ -72,6 +74,10 @@ def test_a_setting_is_changed_or_refused_with_the_reason(rig):
     ):
         refused = rig.answer('set', 'motion', values)
         assert not refused.accepted and words in refused.reason
+        codes.append((refused.code, values_of(refused.args).get('why:')))
+    assert codes == [
+        ('of_node', 'out_of_range'), ('of_node', 'not_a_line'), ('no_setting', None), ('', None),
+    ]  # fmt: skip
     refused = rig.answer('dance', 'motion')
     assert not refused.accepted and refused.reason == 'motion is asked for set'
     assert rig.node.settings.stop_mps == 0.002

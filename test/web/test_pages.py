@@ -149,8 +149,9 @@ def test_what_goes_wrong_has_a_code(monkeypatch):
     ('control', 'body'),
     [
         ('radius', {}),
-        ('radius', {'value': 'wide'}),
-        ('radius', {'value': 99}),
+        ('radius', {'value': None}),
+        ('move', {'grain': 1, 'x': 9, 'y': 0}),
+        ('move', {'grain': 'many', 'x': 0, 'y': 0}),
         ('radius', {'value': 0.1, 'more': 1}),
         ('play', {'grain': 0.5}),
         ('axes', {'x': 'a b', 'y': 'loudness'}),
