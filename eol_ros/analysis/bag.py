@@ -216,7 +216,7 @@ class Bag(BagReader):
         --------
         >>> slips = open_bag('bags/sample').table('slips', 10, 20)
         >>> slips.shape, slips['stamp'].dtype
-        ((451,), dtype('<M8[ns]'))
+        ((456,), dtype('<M8[ns]'))
         """
         name = self.find(topic)
         start_ns = self.start_ns + round(start_s * 1e9)

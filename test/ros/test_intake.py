@@ -295,6 +295,8 @@ def good(topic, raw, now):
     kind = type(m).__name__
     if kind in ('Request', 'RequestResult', 'DiagnosticArray', 'MarkerArray'):
         found = []
+    elif kind == 'NodeState':  # its arguments and values may be any
+        found = [m.rate]
     else:
         found = [v for n, v in numbers(m) if not (kind == 'Corpus' and n in MAY_LACK and v != v)]
     if kind == 'Blocks':
@@ -324,6 +326,8 @@ def good(topic, raw, now):
             return m.block < 25 and m.kind in (1, 2, 3)
         case 'BlockTap':
             return m.block < 25
+        case 'NodeState':
+            return m.level < 4
         case 'GrainTrigger':
             return m.block < 25 or m.block == 255
         case 'Cascade':
