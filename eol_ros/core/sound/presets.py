@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 STEP_S = 0.1  # between two steps of a glide
-STEPPED = ('choices', 'path', 'form')  # settings of these kinds have nothing between
 
 
 def between(
@@ -36,7 +35,7 @@ def between(
         if begin == goal:
             continue
         number = all(type(v) in (int, float) for v in (begin, goal)) and name not in whole
-        if not number or any(field.metadata.get(key) for key in STEPPED):
+        if not number or field.metadata.get('choices'):
             found[name] = goal if share >= 0.5 else begin
         elif share <= 0 or share >= 1:
             found[name] = goal if share >= 1 else begin
