@@ -19,8 +19,8 @@ from eol_ros.core.vision.calibration.self_calibration import nominal as of_side
 from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.core.vision.requests import CALIBRATE
 from eol_ros.core.vision.tracker import Tracker
-from eol_ros.devices.files.vision_texts import recognised
 from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.said import parts_of
 from eol_ros.settings import MotionSettings, TrackerSettings
 
 
@@ -311,7 +311,7 @@ def test_blocks_calibrate_a_camera_above_printed_covers():
     shown = {film.name: film for film in films.load()}
     one = vision_relief.solved([shown['straight']], True)
     assert one['refused'] == '' and 'held at k1 = 0' in one['note']
-    assert [part[0] for part in recognised(one['note']).parts] == ['lens_held']
+    assert [part[0] for part in parts_of(one['note'])] == ['lens_held']
     assert one['error_mm_rms'] < 1.0
 
     three = [shown[name] for name in ('tilted', 'tilted-stirred-2', 'tilted-stirred-3')]

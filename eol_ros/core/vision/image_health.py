@@ -7,6 +7,7 @@ from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
+from eol_ros.said import said
 
 STEP = 16  # every 16th pixel of every 16th row says enough, for 5 us
 BLACK = 3  # grey levels: an image without spread and this dark is black
@@ -33,17 +34,16 @@ class Watch:
         """Return what is wrong with `image`, or an empty string."""
         if image.ndim != 2 or image.dtype != np.uint8:
             axes = 'colour or stacked' if image.ndim != 2 else f'{image.dtype}'
-            return f'image is {axes}, not 8-bit grey: set the camera to mono8'
+            return said('not_grey', kind=axes)
         if self.calibration is not None:
             try:
                 self.calibration.check_image(image)
             except ConfigError as error:
                 return str(error)
         elif self.shape is not None and image.shape != self.shape:
-            return (
-                f'image is {image.shape[1]}x{image.shape[0]}, the first one was '
-                f'{self.shape[1]}x{self.shape[0]}: one camera, one size'
-            )
+            (h, w), (first_h, first_w) = image.shape, self.shape
+            first = {'first_width': first_w, 'first_height': first_h}
+            return said('other_size', width=w, height=h, **first)
         self.shape = image.shape
         size = image.shape[0] // STEP, image.shape[1] // STEP
         new = self.last.shape != size
@@ -54,11 +54,11 @@ class Watch:
         if not self.same:
             self.since_s = stamp_s
         if high <= BLACK:
-            return 'image is black: check lens cap, exposure and the infrared LEDs'
+            return said('black')
         if low >= 250:
-            return 'image is white: check exposure and lamps'
+            return said('white')
         if self.same and self.differed >= LIVELY and stamp_s - self.since_s > FROZEN_S:
-            return f'image is frozen for more than {FROZEN_S:g} s: check camera and cable'
+            return said('frozen', seconds=f'{FROZEN_S:g}')
         return ''
 
     def rests(self, resting: bool) -> None:

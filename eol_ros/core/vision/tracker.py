@@ -35,6 +35,7 @@ from eol_ros.core.vision.requests import (
 )
 from eol_ros.core.vision.states import CALIBRATING, FAULT, LOST, SEARCHING, TRACKING
 from eol_ros.errors import ConfigError
+from eol_ros.said import clauses, said
 from eol_ros.settings import TrackerSettings
 
 if TYPE_CHECKING:
@@ -215,7 +216,7 @@ class Tracker:
         if self.requests.dark(stamp_s, image):
             self.lattice.break_off(stamp_s)
             self.blobs = self.blobs[:0]
-            return self._answer(stamp_s, LOST, 'infrared light is off: learning the lamps')
+            return self._answer(stamp_s, LOST, said('lamps_learnt'))
         self._enlighten()
         fault = self.watch.fault(stamp_s, image)
         if fault:
@@ -260,7 +261,7 @@ class Tracker:
         self.misfit.learn(stamp_s - self.last_s, lattice.index, blobs)
         self.homes.learn(stamp_s - self.last_s, lattice.xy, seen, self.visibility)
         self.last_s = stamp_s
-        why = {SEARCHING: f'{len(blobs)} lights, not yet a lattice', LOST: 'blocks out of sight'}
+        why = {SEARCHING: said('no_lattice', count=len(blobs)), LOST: said('out_of_sight')}
         if self.learning is not None and lattice.state == TRACKING:
             learning = self.learning
             self._learn(stamp_s, image)
@@ -297,10 +298,10 @@ class Tracker:
             if self.identity.covers is not None:
                 self.identity.covers = value
         elif kind == CALIBRATE and self.calibration is None:
-            self._tell(CALIBRATE, 'not calibrated: no squares seen yet', True)
+            self._tell(CALIBRATE, said('not_calibrated', why=said('no_squares')), True)
         elif kind == CALIBRATE and self.learning is not None:
             if np.isinf(self.asked_s):
-                self._tell(CALIBRATE, 'not calibrated: it learns the scale first', True)
+                self._tell(CALIBRATE, said('not_calibrated', why=said('learns_scale')), True)
         elif kind == CALIBRATE:
             assert self.calibration is not None
             from eol_ros.core.vision.calibration import self_calibration
@@ -327,7 +328,7 @@ class Tracker:
             if background is not None:
                 self.finder.background = background
                 share = 100 * float((background.light > LAMP_LEVEL).mean())
-                self._tell(DARKNESS, f'background learnt: lamps light {share:.1f} % of it', False)
+                self._tell(DARKNESS, said('background_learnt', percent=f'{share:.1f}'), False)
 
     def _tell(self, kind: str, text: str, refused: bool) -> None:
         self.outcome = Outcome(kind, refused, text)
@@ -347,18 +348,13 @@ class Tracker:
             lattice.move(found.to_table(self.calibration.to_pixels(lattice.xy)))
             self._take(found)
             self.finder.calibration = found
-            self._tell(
-                CALIBRATE,
-                f'calibrated by the blocks: {found.residual_px:.3f} px, '
-                f'{found.residual_mm:.2f} mm left'
-                + (f'; {learning.note}' if learning.note else ''),
-                False,
-            )
+            left = {'px': f'{found.residual_px:.3f}', 'mm': f'{found.residual_mm:.2f}'}
+            self._tell(CALIBRATE, clauses([said('calibrated', **left), learning.note]), False)
             self.learning = None
             if np.isfinite(self.asked_s):
                 self.settled_s = stamp_s + SETTLE_S
         elif np.isfinite(self.asked_s) and (learning.refused or stamp_s - self.asked_s > REST_S):
-            self._tell(CALIBRATE, f'not calibrated: {learning.why}', True)
+            self._tell(CALIBRATE, said('not_calibrated', why=learning.why), True)
             self.learning = None
         if self.learning is None:
             self.asked_s = np.inf

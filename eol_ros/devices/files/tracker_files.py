@@ -10,7 +10,6 @@ from eol_ros.core.vision.image_health import Sizes
 from eol_ros.core.vision.requests import DARKNESS, Outcome, packed
 from eol_ros.core.vision.states import CALIBRATING, LOST, SEARCHING, TRACKING
 from eol_ros.core.vision.tracker import Tracked, Tracker
-from eol_ros.devices.files.vision_texts import recognised
 from eol_ros.errors import EolError
 from eol_ros.said import clauses, said
 from eol_ros.settings import TrackerSettings
@@ -82,7 +81,7 @@ class TrackerFiles:
             return None
         self._seen, self._until_s = outcome, stamp_s + TOLD_S
         kept = '' if outcome.refused else self._keep(tracker, outcome.kind)
-        self.told = replace(outcome, text=clauses([recognised(outcome.text), kept]))
+        self.told = replace(outcome, text=clauses([outcome.text, kept]))
         return self.told
 
     def words(self, tracked: Tracked) -> tuple[bool, str]:
@@ -130,9 +129,9 @@ class TrackerFiles:
 def _troubled(tracked: Tracked) -> str:
     """Return in words why nothing is tracked."""
     if tracked.state == SEARCHING:
-        return said('searching', why=recognised(tracked.why))
+        return said('searching', why=tracked.why)
     if tracked.state == LOST:
-        return said('lost', why=recognised(tracked.why))
+        return said('lost', why=tracked.why)
     if tracked.state == CALIBRATING:
-        return said('calibrating', why=recognised(tracked.why))
-    return said('fault', why=recognised(tracked.why))
+        return said('calibrating', why=tracked.why)
+    return said('fault', why=tracked.why)

@@ -14,6 +14,7 @@ from eol_ros.core.vision.image_health import Watch
 from eol_ros.core.vision.states import FAULT, LOST, SEARCHING, TRACKING
 from eol_ros.core.vision.tracker import M_STEP, PX_STEP, RAD_STEP, SIGMA_STEPS, Tracked
 from eol_ros.errors import ConfigError
+from eol_ros.said import said
 from eol_ros.settings import TrackerSettings
 
 
@@ -101,7 +102,7 @@ class AppearanceTracker:
             self.turn.lost(stamp_s)
             if not follower.lattice:
                 return self._answer(stamp_s, SEARCHING, 'no lattice of squares in sight')
-            return self._answer(stamp_s, LOST, 'blocks out of sight')
+            return self._answer(stamp_s, LOST, said('out_of_sight'))
         xy, known = np.column_stack([blocks['x'], blocks['y']]), not follower.ambiguous
         sigma = follower.found['sigma_m']
         quarters = self.turn.update(stamp_s, xy, blocks['seen'], sigma, known)

@@ -11,6 +11,7 @@ import numpy as np
 
 from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.errors import ConfigError
+from eol_ros.said import said
 
 _EMPTY = 0.3  # share of the image that is certainly free of lamps: its level is the ambient light
 _PART = 8  # images of one average: noise below a grey level
@@ -83,15 +84,10 @@ class BackgroundLearner:
             ConfigError: too few images were taken, or blocks were lit in them.
         """
         if self._least is None:
-            raise ConfigError(
-                f'{self.images} dark images were taken, {_PART} are needed: is the camera running?'
-            )
+            raise ConfigError(said('few_dark', images=self.images, needed=_PART))
         light = self._least
         lit = len(BlobFinder().find(np.rint(light).astype(np.uint8)))
         if lit >= _BLOCKS_LIT:
-            raise ConfigError(
-                f'{lit} blocks are lit in the dark images: the infrared LEDs did not '
-                'go off; check the serial line to the blocks'
-            )
+            raise ConfigError(said('still_lit', lit=lit))
         light = np.maximum(light - np.quantile(light[::4, ::4], _EMPTY), 0)
         return BackgroundModel(np.clip(np.rint(light), 0, 255).astype(np.uint8))

@@ -29,6 +29,7 @@ from eol_ros.core.vision.detect.corners import corners
 from eol_ros.core.vision.detect.falling_light import NEAR_SHINE_PX, side_sigma
 from eol_ros.core.vision.image_health import Watch
 from eol_ros.errors import ConfigError
+from eol_ros.said import said
 
 REST_SIGMA_M = 0.004  # friction leaves blocks this far from the lattice when all is still
 MOST_PX = 0.5  # RMS residual, per axis, above which a calibration is refused
@@ -124,10 +125,7 @@ def name_blocks(blobs: np.ndarray, mirror: bool = False, fewest: int = N_BLOCKS)
         ConfigError: not so many squares in 5 rows of 5, none of these empty.
     """
     if not fewest <= len(blobs) <= N_BLOCKS:
-        raise ConfigError(
-            f'{len(blobs)} squares seen, not {N_BLOCKS}: take the arms away, switch '
-            'all blocks on, and let the camera see the whole table'
-        )
+        raise ConfigError(said('squares_seen', count=len(blobs), all=N_BLOCKS))
     px = np.column_stack([blobs['u'], blobs['v']])
     pitch = float(np.median(blobs['side_px'])) * PITCH_M / BLOCK_SIDE_M
     place: dict[int, tuple[int, int]] = {int(np.hypot(*(px - px.mean(axis=0)).T).argmin()): (0, 0)}
@@ -156,10 +154,7 @@ def name_blocks(blobs: np.ndarray, mirror: bool = False, fewest: int = N_BLOCKS)
             'take the arms away, switch all blocks on, and let the camera see the whole table'
         )
     if not spanned or len(set(ids.tolist())) != len(blobs):
-        raise ConfigError(
-            'the squares do not lie in 5 rows of 5: centre the rim and bring the '
-            'blocks near their places'
-        )
+        raise ConfigError(said('not_in_rows'))
     return ids
 
 
@@ -255,10 +250,7 @@ def _whole_covers(views: list[tuple[np.ndarray, np.ndarray]], start: Calibration
     view = np.repeat(np.arange(len(views)), [len(i) for i, _ in views])
     whole = np.isfinite(corners).all(axis=(1, 2))
     if whole.sum() < 20:
-        raise ConfigError(
-            f'only {int(whole.sum())} covers show all four sides; 20 are needed: '
-            'take the arms away and give more light'
-        )
+        raise ConfigError(said('few_covers', count=int(whole.sum())))
     ids, corners = ids[whole], corners[whole]
     rest = rest_lattice()[ids]
     view = np.unique(view[whole], return_inverse=True)[1]
@@ -504,10 +496,7 @@ def from_squares(
         return best
     k = start.distortion_coefficients[best.lens : 2]
     held = ', '.join(f'k{best.lens + 1 + i} = {value:g}' for i, value in enumerate(k))
-    note = (
-        f'these images do not tell all of the distortion of the lens, held at {held}; '
-        'take several with the table stirred in between, or give --lens'
-    )
+    note = said('lens_held', held=held)
     return replace(best, note=note)
 
 

@@ -13,6 +13,7 @@ from eol_ros.core.vision.calibration.calibrate import from_squares
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect.blobs import BLOB
 from eol_ros.errors import ConfigError
+from eol_ros.said import clauses, said
 
 IMAGES = 20  # still ones, all 25 blocks seen
 MOST_MM = 6.0  # RMS departure of resting blocks from the lattice that is still believed
@@ -31,10 +32,10 @@ class SelfCalibration:
         self.start = start
         self.images = 0
         self.total = np.zeros((0, 0), np.float32)
-        self.note = ''  # what a person should know of a calibration that is good
+        self.note: str = ''  # what a person should know of a calibration that is good
         self.wait = 0
         self.refused = False
-        self.why = 'metres follow when 25 blocks have rested'
+        self.why: str = said('must_rest')
 
     def add(
         self, image: np.ndarray, blobs: np.ndarray | None, quarters: np.ndarray | None = None
@@ -66,11 +67,11 @@ class SelfCalibration:
         place = found.to_table(np.column_stack([blobs['u'], blobs['v']]))
         off_mm = float(np.sqrt(((place - rest_lattice()) ** 2).mean()) * 1e3)
         if off_mm > MOST_MM:
-            self.why = f'blocks rest {off_mm:.1f} mm off their lattice: straighten them'
+            self.why = said('off_lattice', mm=f'{off_mm:.1f}')
         elif solution.refusal():
             self.why = solution.refusal()
         else:
-            known = f'the platform is known to {solution.platform_mm:.1f} mm RMS'
-            self.refused, self.note = False, '; '.join(filter(None, [known, solution.note]))
+            known = said('known_to', mm=f'{solution.platform_mm:.1f}')
+            self.refused, self.note = False, clauses([known, solution.note])
             return found
         return None
