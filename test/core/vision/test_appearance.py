@@ -392,11 +392,11 @@ def test_a_quarter_turn_in_the_dark_is_told_by_the_covers(quarters):
         images.append(textured(image, renderer.calibration, at, angle, patterns))
     images[50:71] = [dark] * 21
     found = followed(images, renderer.calibration)
-    assert found['seen'][72:].all()
+    assert found['seen'][76:].all()
     true = turned(quarters * math.pi / 2)
-    assert np.hypot(found['x'] - true[:, 0], found['y'] - true[:, 1])[72:].max() < 1e-3
+    assert np.hypot(found['x'] - true[:, 0], found['y'] - true[:, 1])[76:].max() < 1e-3
     np.testing.assert_allclose(
-        np.angle(np.exp(1j * (found['yaw'][72:] - quarters * math.pi / 2))), 0, atol=0.02
+        np.angle(np.exp(1j * (found['yaw'][76:] - quarters * math.pi / 2))), 0, atol=0.02
     )
 
 
@@ -491,6 +491,17 @@ def test_states_of_the_tracker():
     assert bad.state == FAULT and '128x80' in bad.why
     assert tracker.update(0.4, renderer.render(*REST.T, np.zeros(25), 1)).state == TRACKING
     assert 45.0 < tracker.side_px() < 46.5
+
+
+def test_in_the_dark_the_lattice_is_not_sought_in_every_image(monkeypatch):
+    renderer, sought = Renderer(RenderOptions(noise='L2'), None, 2), []
+    seek = find.find_lattice
+    monkeypatch.setattr(find, 'find_lattice', lambda *a: sought.append(1) or seek(*a))
+    dark = np.random.default_rng(1).integers(8, 14, (800, 1280)).astype(np.uint8)
+    light = [renderer.render(*REST.T, np.zeros(25), k) for k in range(6)]
+    found = followed([dark] * 60 + light, renderer.calibration)
+    assert 10 <= len(sought) <= 13
+    assert found['seen'][-1].all()
 
 
 def test_what_it_does_not_know_it_refuses():

@@ -70,7 +70,7 @@ class Follower:
         self.exposure = 1.0
         self.last_s = -math.inf
         self.lattice, self.ambiguous = False, not trust_start  # lattice: whether it was ever found
-        self._seen_s = -math.inf  # when it was last in sight
+        self._seen_s = self._sought_s = -math.inf  # when it was last in sight, and sought in vain
         self._near = np.zeros((n, 4))
         self._all, self._turn, self._lost, self._images = np.arange(n), 0, 0, 0
         self._places, self._angles = np.zeros((2, 13, 13), np.float32)
@@ -170,10 +170,17 @@ class Follower:
             self.blocks[name][block] = 0
 
     def _acquire(self, stamp_s: float, image: np.ndarray) -> np.ndarray:
-        """Seek the whole lattice; return (25,) which blocks were found."""
+        """Seek the whole lattice; return (25,) which blocks were found.
+
+        Not again at once after it was sought in vain: a search takes as long as ten images.
+        """
         blocks, found = self.blocks, self.found
+        if 0.0 <= stamp_s - self._sought_s < model.SEEK_S:
+            self.lose()
+            return np.zeros(len(blocks), bool)
         lattice = find.find_lattice(image, self.packed, self.rest, BLOCK_SIDE_M, self.quiet)
         if lattice.response < model.MIN_SUM:
+            self._sought_s = stamp_s
             self.lose()
             return np.zeros(len(blocks), bool)
         nodes, turn = self._named(lattice.nodes)
@@ -197,7 +204,10 @@ class Follower:
             self._turn_by_faces(stamp_s)
             found['start_px'] = 1.0
             self._register(image, self._all)
-        return self._judge(self._all)
+        good = self._judge(self._all)
+        if good.sum() < model.SEEN_BLOCKS:
+            self._sought_s = stamp_s
+        return good
 
     def _turn_by_faces(self, stamp_s: float) -> None:
         """Turn the ids as the covers say; else the turn is open, if it was long enough dark."""

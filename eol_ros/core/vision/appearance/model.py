@@ -96,6 +96,7 @@ LEARN_PX = 4.0  # in one image: a cell of a face; faster blocks are not learned 
 STILL_PX = 1.0  # slower ones show the width of edges
 
 # Search
+SEEK_S = 0.08  # between two searches for the lattice
 CELL_M = 0.008  # of the grid of places: a tenth of a block
 TURNS = 5  # angles of a square within its quarter turn
 NODE_STRAY_M = 0.035  # how far a block may lie from its node when nothing is known
