@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Flashes of single blocks, limited within each 10 degree field of view and not over the table.
+
+WCAG 2.2 (general flash threshold, 2.3.1) allows more than three flashes a second where those that
+occur concurrently cover at most 0.006 sr of any 10 degree field. Two rules keep every such field
+of every viewer to three (`lab/field_of_view.py` derives this from the geometry of the table):
+
+    a block               at most BLOCK_FALLS falls of its light in any second
+    a square of 2 x 2     at most SQUARE_FALLS falls of its blocks in any second
+
+A slip always lights its block at once. It reserves the next fall of that light, and the light is
+held until both rules allow the fall. Held light loses 6 % in PERIOD_S, no opposing change of 10 %
+even with the 3.3 % that a block loses before it obeys the bridge. So each such change of a block
+shares some moment with a fall, and a closed second contains moments of at most three falls of a
+block: the fourth begins PERIOD_S after the end of the first.
+"""
+
+import math
+
+import numpy as np
+
+from eol_ros.core import elementary
+from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS
+from eol_ros.core.light.flash import DARK, FlashField
+
+BLOCK_FALLS, SQUARE_FALLS = 3, 11
+PERIOD_S = 1.001  # the thousandth keeps one fall more out of a closed second
+HOLD_RATE = -elementary.log(0.94) / PERIOD_S  # 1/s
+FIRST = 0.75  # of `peak`, the level of a slip after rest; one that meets light adds the rest
+
+
+def squares() -> np.ndarray:
+    """Return the ids of the blocks of each 2 x 2 square of the lattice, (16, 4)."""
+    corner = (np.arange(ROWS - 1)[:, None] * COLS + np.arange(COLS - 1)).reshape(-1, 1)
+    return corner + np.array([0, 1, COLS, COLS + 1])
+
+
+SQUARES = squares()
+SQUARES_OF = tuple(SQUARES[np.isin(SQUARES, block).any(axis=1)] for block in range(N_BLOCKS))
+
+
+class LocalField(FlashField):
+    """The light of all blocks, limited within each field of view; see FlashField.
+
+    Examples
+    --------
+    >>> light = LocalField(decay_s=0.1)
+    >>> light.slip(0.0, block=7)
+    >>> light.slip(0.1, block=8)
+    >>> light.levels(0.1)[7:9].round(3).tolist()
+    [0.276, 0.75]
+    """
+
+    PERIOD_S = PERIOD_S
+
+    def __init__(self, decay_s: float, peak: float = 1.0, limited: bool = True):
+        super().__init__(decay_s, peak, limited)
+        self._fall_s = np.full(N_BLOCKS, -math.inf)  # when its fall began, or the next one may
+        self._ends_s = np.full((N_BLOCKS, BLOCK_FALLS), -math.inf)  # of its last falls, rising
+
+    def slip(self, now_s: float, block: int) -> None:
+        """Light `block` at `now_s`; its light falls when the limit allows."""
+        self._advance(now_s)
+        before = self._level[block]
+        full = max(before, self.peak)
+        self._level[block] = min(full, max(FIRST * self.peak, before + (1 - FIRST) * self.peak))
+        if self._fall_s[block] >= self._now_s:  # held, or lit at this very moment
+            return
+        if before > 0:
+            self._ended(block, self._now_s)
+        self._fall_s[block] = self._now_s
+        if self.limited:
+            self._fall_s[block] = self._allowed_s(block)
+            self.lengthened += self._fall_s[block] > self._now_s
+
+    def hold(self, now_s: float, until_s: float) -> None:
+        """Let nothing fall before `until_s`, nor within PERIOD_S, whatever the limit says."""
+        self._advance(now_s)
+        for block in np.flatnonzero((self._level > 0) & (self._fall_s < self._now_s)).tolist():
+            self._ended(block, self._now_s)
+        self._fall_s[:] = max(until_s, self._now_s + PERIOD_S)
+
+    def shift(self, by_s: float) -> None:
+        """Count from now on in times that are `by_s` greater: the clock was set."""
+        self._now_s += by_s
+        self._fall_s += by_s
+        self._ends_s += by_s
+
+    def falls(self, now_s: float) -> np.ndarray:
+        """Return whether the light of each block may fall at `now_s`, (25,)."""
+        return self._fall_s <= now_s
+
+    def _ended(self, block: int, at_s: float) -> None:
+        self._ends_s[block, :-1] = self._ends_s[block, 1:]
+        self._ends_s[block, -1] = at_s
+
+    def _allowed_s(self, block: int) -> float:
+        """Return the first time from now on when both rules allow one fall more of `block`."""
+        at_s = max(self._now_s, float(self._ends_s[block, 0]) + PERIOD_S)
+        before_s = -math.inf
+        while before_s < at_s:  # until all squares agree
+            before_s = at_s
+            for square in SQUARES_OF[block]:
+                at_s = self._square_allows_s(square, block, at_s)
+        return at_s
+
+    def _square_allows_s(self, square: np.ndarray, block: int, at_s: float) -> float:
+        """Return the first time from `at_s` on when `square` allows one fall more of `block`.
+
+        A fall that lasts or is reserved may last for ever: a second that contains its begin and
+        that of the new fall must not contain moments of SQUARE_FALLS others.
+        """
+        begins_s = [float(self._fall_s[k]) for k in square if k != block and self._level[k] > 0]
+        ends_s = sorted(self._ends_s[square].ravel().tolist())
+        for moment_s in sorted({at_s, *(t for t in begins_s if t > at_s)}, reverse=True):
+            recent_s = [t for t in ends_s if t + PERIOD_S > moment_s]
+            if len(recent_s) + sum(t <= moment_s for t in begins_s) >= SQUARE_FALLS:
+                return self._square_allows_s(square, block, recent_s[0] + PERIOD_S)
+        return at_s
+
+    def _advance(self, now_s: float) -> None:
+        """Carry the levels on to `now_s`; times that run backwards are taken as no time at all."""
+        now_s = max(now_s, self._now_s)
+        for block in np.flatnonzero(self._level).tolist():
+            fall_from_s = max(self._now_s, min(float(self._fall_s[block]), now_s))
+            held_s, fell_s = fall_from_s - self._now_s, now_s - fall_from_s
+            if held_s > 0:
+                self._level[block] *= elementary.exp(-HOLD_RATE * held_s)
+            if fell_s > 0:
+                visible_s = self.decay_s * elementary.log(float(self._level[block]) / DARK)
+                self._level[block] *= elementary.exp(-fell_s / self.decay_s)
+                if self._level[block] < DARK:
+                    self._ended(block, fall_from_s + min(fell_s, max(visible_s, 0.0)))
+            if self._level[block] < DARK:
+                self._level[block] = 0.0
+        self._now_s = now_s
