@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol bench light: does a flash stay a flash? The light of a recording under each limit of flashes.
+
+The taps and slips of a bag light their blocks again, as `leds` does, under the limit of the whole
+field (in force), under that of each 10 degree field, and under none. Columns:
+
+    flash     time of a block above 10 % of full light, median and 90th percentile
+    20 lit    share of the time in which at least 20 of 25 blocks are above 10 %, of the bag and of
+              the time with any light
+    raised    share of the slips over 1 mm whose tap or image raises their block by 20 % or more
+    flashes   most flashes of any 10 degree field in any second (WCAG 2.2: at most 3), at rest
+              positions, for eyes at 0.8 to 1.5 m. A change counts when it reaches 10 %, even if
+              it began before that second: stricter than the standard
+    cost      run time for each slip and each frame
+"""
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from support.fields_of_view import RATE_HZ, fields, most_in_a_second
+
+from eol_ros.analysis import open_bag
+from eol_ros.analysis.bag import Bag
+from eol_ros.core.geometry import N_BLOCKS, rest_lattice
+from eol_ros.core.light.flash import FlashField
+from eol_ros.core.light.frames import FELT_NS
+from eol_ros.core.light.local import LocalField
+from eol_ros.core.motion.slips import START, STOP
+from eol_ros.errors import EolError
+
+HELP = 'Light of a recording under each limit of flashes: duration, share lit, WCAG 2.2.'
+EXAMPLES = ['eol bench light', 'eol bench light bags/run --json']
+SAMPLE = Path(__file__).parents[1] / 'bags' / 'sample'
+EYES = [(0.0, 0.0, 0.8), (0.0, -0.9, 0.6), (0.0, -1.0, 1.1), (1.0, -1.0, 0.9)]
+LIT, RAISED, MANY, LONG_M = 0.1, 0.2, 20, 1e-3
+LIMITS = {  # name: field, decay in s, limited
+    'whole field': (FlashField, 0.35, True),
+    'whole field, short': (FlashField, 0.182, True),
+    'field of view': (LocalField, 0.1, True),
+    'none': (LocalField, 0.1, False),
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument('bag', nargs='?', default=str(SAMPLE), help='default: bags/sample')
+    parser.add_argument('--json', action='store_true')
+
+
+def lightings(bag: Bag) -> list[tuple[float, int, bool]]:
+    """Return time in s from the start, block, and whether its slip was over LONG_M, by time.
+
+    A slip whose block felt a tap from 0.1 s before its onset to its image is lit by that tap.
+    """
+    if not (bag.count('slips') and bag.count('block_taps')):
+        raise EolError('this bag has no slips or no taps; `eol bench light` lights blocks by both')
+    slips, taps = bag.table('slips'), bag.table('block_taps')
+    stops = slips[slips['kind'] == STOP]
+    far = dict(zip(stops['slip'].tolist(), stops['distance'].tolist(), strict=True))
+    felt_ns = taps['stamp'].astype('i8')
+    found = {(int(t), int(b)): False for t, b in zip(felt_ns, taps['block'], strict=True)}
+    for one in slips[slips['kind'] == START]:
+        stamp_ns, onset_ns = int(one['stamp'].astype('i8')), int(one['onset'].astype('i8'))
+        block, long = int(one['block']), far.get(int(one['slip']), 0.0) > LONG_M
+        own = (taps['block'] == block) & (felt_ns > onset_ns - FELT_NS) & (felt_ns <= stamp_ns)
+        nearest = felt_ns[own][np.argsort(np.abs(felt_ns[own] - onset_ns))[:1]]
+        key = (int(nearest[0]) if len(nearest) else stamp_ns, block)
+        found[key] = found.get(key, False) or long
+    return sorted(((t - bag.start_ns) * 1e-9, block, long) for (t, block), long in found.items())
+
+
+def measure(lit: list[tuple[float, int, bool]], seconds: float, limit: str) -> dict[str, Any]:
+    """Return the columns of one limit."""
+    make, decay_s, limited = LIMITS[limit]
+    field, waiting, rises = make(decay_s, limited=limited), lit[::-1], []
+    levels = np.zeros((int(seconds * RATE_HZ), N_BLOCKS))
+    began = time.perf_counter()
+    for k in range(len(levels)):
+        while waiting and waiting[-1][0] <= k / RATE_HZ:
+            at_s, block, long = waiting.pop()
+            before = field.levels(at_s)[block]
+            field.slip(at_s, block)
+            if long:
+                rises.append(field.levels(at_s)[block] - before)
+        levels[k] = field.levels(k / RATE_HZ)
+    cost_us = 1e6 * (time.perf_counter() - began) / (len(levels) + 3 * len(lit))
+    on = levels > LIT
+    edges = np.diff(np.pad(on, ((1, 1), (0, 0))).astype(int), axis=0).T
+    spans_s = np.concatenate(
+        [(np.flatnonzero(e < 0) - np.flatnonzero(e > 0)) / RATE_HZ for e in edges]
+    )
+    many = on.sum(axis=1) >= MANY
+    areas_sr = np.concatenate([fields(rest_lattice(), eye) for eye in EYES])
+    return {
+        'limit': limit, 'decay_s': decay_s, 'flashes_seen': len(spans_s),
+        'flash_median_s': float(np.median(spans_s)),
+        'flash_p90_s': float(np.quantile(spans_s, 0.9)),
+        'many_lit': float(many.mean()), 'many_lit_of_light': float(many[on.any(axis=1)].mean()),
+        'raised': float(np.mean(np.array(rises) >= RAISED)) if rises else None,
+        'long_slips': len(rises), 'held': int(field.lengthened),
+        'most_flashes_per_s': most_in_a_second(levels, areas_sr), 'cost_us': cost_us,
+    }  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, print."""
+    bag = open_bag(args.bag)
+    lit = lightings(bag)
+    rows = [measure(lit, bag.duration_s, limit) for limit in LIMITS]
+    if args.json:
+        json.dump(rows, sys.stdout, indent=2)
+        print()
+        return 0
+    print(f'{len(lit)} lightings in {bag.duration_s:.0f} s')
+    print(
+        f'{"limit":20}{"decay":>7}{"flash":>14}{"20 lit":>15}{"raised":>9}{"flashes":>9}{"cost":>8}'
+    )
+    for r in rows:
+        raised = '-' if r['raised'] is None else f'{r["raised"]:.1%}'
+        print(
+            f'{r["limit"]:20}{r["decay_s"]:5.2f} s{r["flash_median_s"]:7.2f}'
+            f'{r["flash_p90_s"]:5.2f} s{r["many_lit"]:8.1%}{r["many_lit_of_light"]:7.1%}'
+            f'{raised:>9}{r["most_flashes_per_s"]:9d}{r["cost_us"]:5.0f} us'
+        )
+    return 0

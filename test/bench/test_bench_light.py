@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: Apache-2.0
+import json
+
+from eol_ros import cli
+
+
+def test_flashes_of_the_sample_last_as_long_as_they_are_meant_to_under_the_limit_by_view(capsys):
+    assert cli.main(['bench', 'light', '--json']) == 0
+    whole, _, view, none = json.loads(capsys.readouterr().out)
+
+    assert whole['long_slips'] == view['long_slips'] > 700
+    assert whole['flash_median_s'] > 3 and view['flash_median_s'] <= 0.6
+    assert view['flash_p90_s'] <= 1.2
+    assert view['many_lit_of_light'] <= 0.05
+    assert view['raised'] >= 0.95
+    assert view['most_flashes_per_s'] <= 3 < none['most_flashes_per_s']
