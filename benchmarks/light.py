@@ -26,7 +26,7 @@ from support.fields_of_view import RATE_HZ, fields, most_in_a_second
 
 from eol_ros.analysis import open_bag
 from eol_ros.analysis.bag import Bag
-from eol_ros.core.geometry import N_BLOCKS, rest_lattice
+from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS, rest_lattice
 from eol_ros.core.light.flash import FlashField
 from eol_ros.core.light.frames import FELT_NS
 from eol_ros.core.light.local import LocalField
@@ -34,9 +34,14 @@ from eol_ros.core.motion.slips import START, STOP
 from eol_ros.errors import EolError
 
 HELP = 'Light of a recording under each limit of flashes: duration, share lit, WCAG 2.2.'
-EXAMPLES = ['eol bench light', 'eol bench light bags/run --json']
+EXAMPLES = [
+    'eol bench light',
+    'eol bench light bags/run --json',
+    'eol bench light --sheet light.svg',
+]
 SAMPLE = Path(__file__).parents[1] / 'bags' / 'sample'
 EYES = [(0.0, 0.0, 0.8), (0.0, -0.9, 0.6), (0.0, -1.0, 1.1), (1.0, -1.0, 0.9)]
+FRAMES, FRAME_S = 12, 0.1  # of the sheet
 LIT, RAISED, MANY, LONG_M = 0.1, 0.2, 20, 1e-3
 LIMITS = {  # name: field, decay in s, limited
     'whole field': (FlashField, 0.35, True),
@@ -50,6 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument('bag', nargs='?', default=str(SAMPLE), help='default: bags/sample')
     parser.add_argument('--json', action='store_true')
+    parser.add_argument(
+        '--sheet', help='write an SVG with twelve frames of the greatest cascade under each limit'
+    )
 
 
 def lightings(bag: Bag) -> list[tuple[float, int, bool]]:
@@ -72,6 +80,33 @@ def lightings(bag: Bag) -> list[tuple[float, int, bool]]:
         key = (int(nearest[0]) if len(nearest) else stamp_ns, block)
         found[key] = found.get(key, False) or long
     return sorted(((t - bag.start_ns) * 1e-9, block, long) for (t, block), long in found.items())
+
+
+def sheet(bag: Bag, lit: list[tuple[float, int, bool]]) -> str:
+    """Return an SVG: FRAMES of the greatest cascade, FRAME_S apart, a row for each limit."""
+    cascades = bag.table('cascades')
+    if not len(cascades):
+        raise EolError('this bag has no cascades to draw')
+    onset = cascades['onset'][np.argmax(cascades['area'])].astype('i8')
+    begin_s = (int(onset) - bag.start_ns) * 1e-9
+    width, height = 60 * FRAMES + 10, 80 * len(LIMITS) + 10
+    drawn = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}">',
+        f'<rect width="{width}" height="{height}" fill="#111"/>',
+        '<g fill="#bbb" font-family="sans-serif" font-size="9">',
+    ]
+    for row, (limit, (make, decay_s, limited)) in enumerate(LIMITS.items()):
+        field, waiting, top = make(decay_s, limited=limited), lit[::-1], 80 * row + 20
+        drawn.append(f'<text x="10" y="{top - 6}">{limit}, decay {decay_s} s</text>')
+        for k in range(FRAMES):
+            at_s = begin_s + k * FRAME_S
+            while waiting and waiting[-1][0] <= at_s:
+                field.slip(*waiting.pop()[:2])
+            for block, level in enumerate(field.levels(at_s)):
+                x, y = 10 + 60 * k + 10 * (block % COLS), top + 10 * (ROWS - 1 - block // COLS)
+                grey = round(40 + 215 * level)
+                drawn.append(f'<path d="M{x} {y}h8v8h-8z" fill="#{grey:02x}{grey:02x}{grey:02x}"/>')
+    return '\n'.join([*drawn, '</g></svg>', ''])
 
 
 def measure(lit: list[tuple[float, int, bool]], seconds: float, limit: str) -> dict[str, Any]:
@@ -111,6 +146,8 @@ def run(args: argparse.Namespace) -> int:
     """Measure, print."""
     bag = open_bag(args.bag)
     lit = lightings(bag)
+    if args.sheet:
+        Path(args.sheet).write_text(sheet(bag, lit))
     rows = [measure(lit, bag.duration_s, limit) for limit in LIMITS]
     if args.json:
         json.dump(rows, sys.stdout, indent=2)

@@ -4,8 +4,9 @@ import json
 from eol_ros import cli
 
 
-def test_flashes_of_the_sample_last_as_long_as_they_are_meant_to_under_the_limit_by_view(capsys):
-    assert cli.main(['bench', 'light', '--json']) == 0
+def test_flashes_of_the_sample_stay_short_under_the_limit_by_view(capsys, tmp_path):
+    drawn = tmp_path / 'sheet.svg'
+    assert cli.main(['bench', 'light', '--json', '--sheet', str(drawn)]) == 0
     whole, _, view, none = json.loads(capsys.readouterr().out)
 
     assert whole['long_slips'] == view['long_slips'] > 700
@@ -14,3 +15,4 @@ def test_flashes_of_the_sample_last_as_long_as_they_are_meant_to_under_the_limit
     assert view['many_lit_of_light'] <= 0.05
     assert view['raised'] >= 0.95
     assert view['most_flashes_per_s'] <= 3 < none['most_flashes_per_s']
+    assert drawn.read_text().count('<path') == 4 * 12 * 25
