@@ -88,7 +88,7 @@ def incomplete(bag: BagReader) -> str:
 def main() -> int:
     """Rehearse, pack, say what came of it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--seconds', type=float, default=38.0, help='length of the rehearsal')
+    parser.add_argument('--seconds', type=float, default=37.5, help='length of the rehearsal')
     parser.add_argument('--bag', metavar='DIR', help='pack this bag, run nothing')
     parser.add_argument(
         '-o',

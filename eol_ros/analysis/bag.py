@@ -216,7 +216,7 @@ class Bag(BagReader):
         --------
         >>> slips = open_bag('bags/sample').table('slips', 10, 20)
         >>> slips.shape, slips['stamp'].dtype
-        ((456,), dtype('<M8[ns]'))
+        ((447,), dtype('<M8[ns]'))
         """
         name = self.find(topic)
         start_ns = self.start_ns + round(start_s * 1e9)
@@ -382,7 +382,7 @@ def open_bag(path: str | Path) -> Bag:
     --------
     >>> bag = open_bag('bags/sample')
     >>> bag.count('blocks'), round(bag.duration_s)
-    (2291, 41)
+    (2255, 40)
     """
     return Bag(path)
 

@@ -29,7 +29,7 @@ from eol_ros.core.vision.detect.corners import corners
 from eol_ros.core.vision.detect.falling_light import NEAR_SHINE_PX, side_sigma
 from eol_ros.core.vision.image_health import Watch
 from eol_ros.errors import ConfigError
-from eol_ros.said import said
+from eol_ros.said import clauses, said
 
 REST_SIGMA_M = 0.004  # friction leaves blocks this far from the lattice when all is still
 MOST_PX = 0.5  # RMS residual, per axis, above which a calibration is refused
@@ -434,13 +434,13 @@ def from_images(
         except ConfigError as error:
             reasons.append(str(error))
     if not seen:
-        said = reasons[-1] if reasons else 'there is none'
-        raise ConfigError(f'no image shows all blocks at rest: {said}')
+        why = reasons[-1] if reasons else 'there is none'
+        raise ConfigError(f'no image shows all blocks at rest: {why}')
     left_out = ''
     if reasons:
         left_out = f'{len(reasons)} of {len(seen) + len(reasons)} images left out: {reasons[-1]}'
     solution = from_squares(seen, start, lens)
-    return replace(solution, note='; '.join(filter(None, [solution.note, left_out])))
+    return replace(solution, note=clauses([solution.note, left_out]))
 
 
 def from_squares(
