@@ -15,8 +15,6 @@ field (in force), under that of each 10 degree field, and under none. Columns:
 """
 
 import argparse
-import json
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -24,6 +22,7 @@ from typing import Any
 import numpy as np
 from support.fields_of_view import RATE_HZ, fields, most_in_a_second
 
+from benchmarks.machine import tell
 from eol_ros.analysis import open_bag
 from eol_ros.analysis.bag import Bag
 from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS, rest_lattice
@@ -149,19 +148,22 @@ def run(args: argparse.Namespace) -> int:
     if args.sheet:
         Path(args.sheet).write_text(sheet(bag, lit))
     rows = [measure(lit, bag.duration_s, limit) for limit in LIMITS]
-    if args.json:
-        json.dump(rows, sys.stdout, indent=2)
-        print()
-        return 0
-    print(f'{len(lit)} lightings in {bag.duration_s:.0f} s')
-    print(
+    found = {'lightings': len(lit), 'seconds': bag.duration_s, 'limits': rows}
+    tell(found, args.json, table)
+    return 0
+
+
+def table(result: dict[str, Any]) -> str:
+    """Return the figures as lines of text."""
+    head = (
         f'{"limit":20}{"decay":>7}{"flash":>14}{"20 lit":>15}{"raised":>9}{"flashes":>9}{"cost":>8}'
     )
-    for r in rows:
+    lines = [f'{result["lightings"]} lightings in {result["seconds"]:.0f} s', head]
+    for r in result['limits']:
         raised = '-' if r['raised'] is None else f'{r["raised"]:.1%}'
-        print(
+        lines.append(
             f'{r["limit"]:20}{r["decay_s"]:5.2f} s{r["flash_median_s"]:7.2f}'
             f'{r["flash_p90_s"]:5.2f} s{r["many_lit"]:8.1%}{r["many_lit_of_light"]:7.1%}'
             f'{raised:>9}{r["most_flashes_per_s"]:9d}{r["cost_us"]:5.0f} us'
         )
-    return 0
+    return '\n'.join(lines)

@@ -141,7 +141,7 @@ def test_health_goes_both_ways(ros, monkeypatch):
     node.health.values |= {'pairs': 24, 'mean': np.float64(0.5), 'last': np.int64(7), 'names': ()}
     spin(node, lambda: seen)  # it says how it is once a second, also while it starts
     node.health.warn('no image on the right')
-    spin(node, lambda: any(m.status[0].message.startswith('no image') for m in seen))
+    spin(node, lambda: seen[-1].status[0].message.startswith('no image') and states[-1].level == 1)
     assert {m.status[0].level for m in seen} == {b'\x01'}  # also while starting: not stale
     lines = [json.loads(line) for line in os.read(out, 65536).splitlines()]
 
