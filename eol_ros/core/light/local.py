@@ -3,7 +3,7 @@
 
 WCAG 2.2 (general flash threshold, 2.3.1) allows more than three flashes a second where those that
 occur concurrently cover at most 0.006 sr of any 10 degree field. Two rules keep every such field
-of every viewer to three (`lab/field_of_view.py` derives this from the geometry of the table):
+of every viewer to three (derived from the geometry of the table in `test/support/flash_bound.py`):
 
     a block               at most BLOCK_FALLS falls of its light in any second
     a square of 2 x 2     at most SQUARE_FALLS falls of its blocks in any second

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every camera gives, and what is asked of one."""
+"""An image of a camera, and the interface of a live one."""
 
 from typing import Any, Literal, NamedTuple, Protocol
 

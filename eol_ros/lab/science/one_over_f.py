@@ -77,7 +77,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Series:
-    """Values (n,) at `rate_hz` that are asked up to `high_hz` and three decades down.
+    """Values (n,) at `rate_hz` that are examined up to `high_hz` and three decades down.
 
     window_s: each value is a mean over so long. drive_s: the longest period of what drives the
     series; shorter than ten of these, it has no verdict, for the band ends where the drive bends

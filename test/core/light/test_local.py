@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from support import flash_bound as sight
 from support.fields_of_view import RATE_HZ, fields, most_in_a_second
 
 from eol_ros.core.geometry import N_BLOCKS, PITCH_M, rest_lattice
@@ -17,7 +18,6 @@ from eol_ros.core.light.local import (
     SQUARE_FALLS,
     LocalField,
 )
-from eol_ros.lab import field_of_view as sight
 
 EYES = [(0.0, 0.0, 0.8), (0.0, -0.9, 0.6), (0.0, -1.0, 1.1), (1.0, -1.0, 0.9)]
 SECONDS = 3.0

@@ -104,9 +104,8 @@ def register(
                     pixels.shade(px, starts[5], half, face, spread[n], flat)
                 elif not keep:
                     pixels.copy(px, starts[5], kept[n])
-            for i in range(
-                fit.OWN
-            ):  # far from its place they would explain a side that is not there
+            for i in range(fit.OWN):
+                # far from its place they would explain a side that is not there
                 variance = f.own[i] if sigma_px < m.COARSE_PX else m.LEAST_OWN[i]
                 own_prior[i] = 1.0 / (variance * z[3] ** 2)
             if it == 0:
