@@ -9,6 +9,7 @@ RUNTIME = [
     'numpy>=2.0',
     'scipy>=1.13',
     'numba>=0.60',
+    'pillow>=10',
     'opencv-python-headless>=5',  # before it, undistortPoints takes no criteria
     'pyserial>=3.5',
     'sounddevice>=0.4.6',

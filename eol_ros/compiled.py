@@ -25,6 +25,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
+from eol_ros.disk import DISK
 from eol_ros.errors import ConfigError
 
 ROOT = Path(__file__).parent
@@ -45,7 +46,6 @@ _DO = 'set NUMBA_CACHE_DIR to a folder that can be written, where compiled loops
 # Processor features of the target of `core/compiled.py`, as /proc/cpuinfo spells them.
 _FLAGS = 'avx2', 'bmi1', 'bmi2', 'f16c', 'fma', 'fsgsbase', 'invpcid', 'abm', 'movbe', 'rdrand'
 _MACHINE = ('model name', 'flags', 'Features', 'CPU implementer', 'CPU part')
-_TOKEN = os.urandom(6).hex()  # process numbers are not unique across containers
 
 _used: set[str] = set()  # objects that this process has loaded or stored
 _locks: dict[Path, int] = {}
@@ -203,7 +203,7 @@ def forget(everything: bool = False) -> None:
 
 def _is_current(path: Path) -> bool:
     try:
-        if path.suffix == '.new':  # being written, or left by a process that was killed
+        if path.name.startswith('.'):  # being written, or left by a process that was killed
             return time.time() - path.stat().st_mtime < 3600
         if path.suffix != '.object':
             return True
@@ -294,15 +294,9 @@ def _digest(data: bytes) -> str:
 
 def _write(path: Path, data: bytes) -> None:
     """Write a file atomically: it is complete or absent, whenever the process ends."""
-    new = path.with_name(f'{path.name}.{os.getpid()}-{_TOKEN}.new')
     try:
-        with new.open('wb') as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        new.replace(path)
+        DISK.write(path, data)
     except OSError as error:
-        new.unlink(missing_ok=True)
         raise OSError(error.errno, error.strerror, str(path)) from None
 
 

@@ -3,7 +3,6 @@
 
 import dataclasses
 import json
-import os
 from collections.abc import Mapping
 from decimal import Decimal
 from pathlib import Path
@@ -12,7 +11,8 @@ from typing import Any
 import yaml
 
 from eol_ros import scene
-from eol_ros.errors import ConfigError
+from eol_ros.disk import DISK
+from eol_ros.errors import ConfigError, writing
 
 
 def to_write(path: Path, node: str) -> scene.Scene:
@@ -47,23 +47,16 @@ def write(path: Path, node: str, values: Mapping[str, Any]) -> None:
                 raise ConfigError(f'{path}: {node}.{field.name}: {error}') from None
     wanted = scene.plain(before)
     wanted['nodes'][node] |= values
-    part = path.with_name(f'.{path.name}.part')
-    try:
+    with writing(path), DISK.replacing(path) as part:
         with path.open(encoding='utf-8', newline='') as file:
             text = changed(file.read(), node, values)
-        with part.open('w', encoding='utf-8', newline='') as file:
-            file.write(text)
+        part.write_bytes(text.encode())
         part.chmod(path.stat().st_mode)
         if not _says(part, wanted):
             raise ConfigError(
                 f'{path}: {node} is written there in a way that cannot be changed: write '
                 + ', '.join(f'{name}: {plain(value)}' for name, value in values.items())
             )
-        os.replace(part, path)
-    except OSError as error:
-        raise ConfigError(f'{path}: cannot be written ({error.strerror})') from None
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _says(path: Path, wanted: Mapping[str, Any]) -> bool:

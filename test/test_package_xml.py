@@ -12,6 +12,7 @@ from eol_ros.ros import installed
 ROOT = Path(__file__).parents[1]
 # Import to rosdep key, where they differ; rosdep/python.yaml of ros/rosdistro has them.
 KEYS = {
+    'PIL': 'python3-pil',
     'aiohttp': 'python3-aiohttp',
     'cryptography': 'python3-cryptography',
     'cv2': 'python3-opencv',
@@ -28,6 +29,7 @@ KEYS = {
 }
 PART_OF = {'_sounddevice': 'sounddevice', 'llvmlite': 'numba', 'mpl_toolkits': 'matplotlib'}
 WHEELS = {
+    'PIL': 'pillow',
     'cv2': 'opencv-python-headless',
     'prometheus_client': 'prometheus-client',
     'pythonosc': 'python-osc',

@@ -14,7 +14,7 @@ import threading
 from typing import Any
 
 from eol_ros import folders
-from eol_ros.devices.bag.disk import DISK, Disk
+from eol_ros.disk import DISK, Disk, read
 from eol_ros.errors import ConfigError
 from eol_ros.scene import Scene, check_value, plain, public
 from eol_ros.settings import by_today, live_fields
@@ -49,16 +49,15 @@ class Memory:
 
         What is no setting any more, or out of its range, is left out.
         """
-        try:
-            rows = json.loads(self.path.read_text('utf-8'))
-            found = {
-                node: self._sane(node, row['kept'])
-                for node, row in rows.items()
-                if node in self._settings and row['scene'] == self._settings[node]
-            }
-        except (OSError, ValueError, TypeError, KeyError, AttributeError):
-            return {}  # none, or damaged
+        found = read(self.path, self._found) or {}
         return {node: kept for node, kept in found.items() if kept}
+
+    def _found(self, content: bytes) -> Kept:
+        return {
+            node: self._sane(node, row['kept'])
+            for node, row in json.loads(content).items()
+            if node in self._settings and row['scene'] == self._settings[node]
+        }
 
     def note(self, kept: Kept) -> None:
         """Take note of what the nodes keep now."""
@@ -119,7 +118,7 @@ class Memory:
         try:
             if rows:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
-                self._disk.write_text(self.path, json.dumps(rows))
+                self._disk.write(self.path, json.dumps(rows))
             else:
                 self.path.unlink(missing_ok=True)
         except OSError as error:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from eol_ros import folders
+from eol_ros.disk import DISK
 from eol_ros.errors import ConfigError, UsageError
 from eol_ros.ros import wireguard
 from eol_ros.streams.graph import MAX_DOMAIN
@@ -176,12 +177,10 @@ def environment(network: str = 'local', images: bool = False, asks: bool = False
 def _keep(file: Path, text: str) -> None:
     """Let `file` hold `text`, whole at every moment: other processes read it."""
     with contextlib.suppress(OSError):
-        if file.read_text() == text:
+        if file.read_bytes() == text.encode():
             return
-    part = file.with_suffix(f'.{os.getpid()}')
     try:
-        part.write_text(text)
-        part.replace(file)
+        DISK.write(file, text)
     except OSError as error:
         raise ConfigError(
             f'{file}: {error.strerror}; set EOL_CACHE to a folder that can be written'

@@ -14,6 +14,7 @@ import yaml
 
 from eol_ros import folders
 from eol_ros.core.sound.midi import Mapping
+from eol_ros.disk import DISK
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
 from eol_ros.said import said
 from eol_ros.scene import check_value
@@ -74,11 +75,9 @@ def save(path: Path, values: Preset) -> None:
         node: {k: list(v) if isinstance(v, tuple) else v for k, v in of_node.items()}
         for node, of_node in values.items()
     }
-    part = path.with_name(f'.{path.name}')
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(yaml.safe_dump({'nodes': nodes}, sort_keys=False, allow_unicode=True))
-        part.replace(path)
+        DISK.write(path, yaml.safe_dump({'nodes': nodes}, sort_keys=False, allow_unicode=True))
 
 
 def midi_mapping(lines: Iterable[str]) -> Mapping:

@@ -7,7 +7,6 @@ J. Donenfeld, WireGuard: Next Generation Kernel Network Tunnel, NDSS 2017; `man 
 """
 
 import ipaddress
-import os
 import re
 import socket
 import subprocess
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from eol_ros import folders
+from eol_ros.disk import DISK
 from eol_ros.errors import ConfigError, DeviceMissing
 
 INTERFACE = 'eol0'
@@ -237,15 +237,11 @@ def _write(path: Path, text: str, new: bool = False) -> None:
     """Write a file that its owner alone can read, whole at every moment."""
     if new and path.exists():
         raise ConfigError(f'{path}: is there already; remove it first, and with it who is let in')
-    part = path.with_suffix('.part')
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        part.unlink(missing_ok=True)
-        with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), 'w') as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
+        with DISK.replacing(path) as part:
+            part.touch(0o600)
+            part.write_text(text)
     except OSError as error:
         raise ConfigError(
             f'{path}: {error.strerror}; set EOL_CONFIG to a folder that can be written'

@@ -268,19 +268,13 @@ def _start(args, shape):
 
 def _images(sources) -> list[np.ndarray]:
     """Return up to _VIEWS grey images out of all sources, evenly spread."""
-    import cv2
-
     from eol_ros.devices.camera.image_sequence import PICTURES, open_source
+    from eol_ros.devices.files import picture_file
 
     images: list[np.ndarray] = []
     for path in sources:
         if Path(path).suffix.lower() in PICTURES:
-            if not Path(path).exists():
-                raise DeviceMissing(f'{path}: there is no such file')
-            image = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
-            if image is None:
-                raise ConfigError(f'{path}: not an image that can be read')
-            images.append(image)
+            images.append(picture_file.load_grey(path, picture_file.GREY))
             continue
         source = open_source(path)
         every = max(source.count // _VIEWS, 1)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol listen: record a microphone or contact pickup, sound by sound, into a folder of grains."""
 
-import os
 import signal
 import sys
 import time
@@ -93,13 +92,11 @@ def _record(blocks, rate, folder, args):
 def _keep(take, rate, folder, most):
     """Write a take whole or not at all, for the corpus is read meanwhile; forget the oldest."""
     from eol_ros.devices.audio import audio_file
+    from eol_ros.disk import DISK
 
     path = folder / time.strftime(f'take-%Y%m%d-%H%M%S-{time.time_ns() % 10**9:09d}.wav')
-    part = folder / '.parts' / path.name  # of a folder only its own files are the corpus's
-    with writing(path):
-        part.parent.mkdir(exist_ok=True)
+    with writing(path), DISK.replacing(path) as part:
         audio_file.write(part, take, rate, 'PCM_16')
-        os.replace(part, path)
     print(f'{path} {len(take) / rate:.2f} s', flush=True)
     for old in sorted(folder.glob(TAKE))[:-most]:
         old.unlink(missing_ok=True)

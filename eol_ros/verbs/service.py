@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from eol_ros import scene as scenes
+from eol_ros.disk import DISK
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, UsageError
 
 HELP = (
@@ -238,7 +239,7 @@ def _install(args) -> int:
         for place, text in files.items():
             path = Path(args.output, place)
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text)
+            DISK.write(path, text)
             print(path)
         return 0
     _need_root('install')
@@ -253,7 +254,7 @@ def _install(args) -> int:
     for place, text in files.items():
         path = Path('/', place)
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
+        DISK.write(path, text)
         print(path)
     _systemctl('daemon-reload')
     if WALLS_PATH in files:

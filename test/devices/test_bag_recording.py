@@ -16,10 +16,10 @@ from support.bag_samples import POINT, T0, TEXT, point, text, write_bag
 from support.waiting import GENEROUS_S, wait_until
 
 from eol_ros.devices.bag import recording as bag_recording
-from eol_ros.devices.bag.disk import Disk
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.recording import Machine, Recording, Roles
 from eol_ros.devices.bag.selection import Item, Slipping
+from eol_ros.disk import Disk
 from eol_ros.errors import ConfigError
 from eol_ros.settings import RecorderSettings
 

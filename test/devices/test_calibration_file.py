@@ -150,7 +150,7 @@ def test_clutter_maps_are_pictures(tmp_path):
     assert np.array_equal(background_file.load(tmp_path / 'm.png').light, light)
     with pytest.raises(DeviceMissing):
         background_file.load(tmp_path / 'none.png')
-    with pytest.raises(ConfigError, match='cannot write'):
+    with pytest.raises(ConfigError, match='cannot be written'):
         background_file.save(tmp_path / 'no' / 'm.png', BackgroundModel(light))
     (tmp_path / 'bad.png').write_text('no image')
     with pytest.raises(ConfigError):

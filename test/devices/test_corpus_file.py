@@ -107,8 +107,8 @@ def test_labels_out_and_in_give_the_same_grains(sound, tmp_path):
 @pytest.mark.parametrize(
     ('text', 'said'),
     [
-        ('0.5 0.7 no tabs\n', r'hand\.txt:1: .* is not START<tab>END'),
-        ('0\t1\tok\n2\t1\tback\n', r'hand\.txt:2: a label must end after'),
+        ('0.5 hum\n', r'hand\.txt:1:2: end .hum. is not a number'),
+        ('0\t1\tok\n2\t1\tback\n', r'hand\.txt:2:2: a label must end after'),
         ('0\tnan\tx\n', r'hand\.txt:1'),
         ('\n', 'no labels'),
     ],
@@ -189,12 +189,14 @@ def test_moved_by_hand_survives_another_analysis(sound, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'), [('1,2\n', r':1: .* is not time_s,x,y'), ('t\n', ':1'), ('1,2,0.5\n', '0..1')]
+    ('text', 'said'),
+    [('1,1\n', ':1:3: y is missing'), ('t\n', ':1:1'), ('1,2,0.5\n', '1:2: .* 0..1')],
 )
 def test_bad_moves(sound, text, said):
     corpus_file.beside(sound, 'moved.csv').write_text(text)
     with pytest.raises(ConfigError, match=said):
-        build([sound], Options())
+        corpus_file.load_moved(sound)
+    assert 'moved.csv:1' in build([sound], Options()).notes[0]
 
 
 def test_moves_that_cannot_be(sound):

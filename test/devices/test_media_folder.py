@@ -133,7 +133,7 @@ def test_many_who_ask_at_once_cost_one_look_at_the_list(folder, monkeypatch):
         (lambda f: (f / LIST).unlink() or f, 'write one pair a line'),
         (lambda f: touch_list(f, '') or f, 'no pair of images'),
         (lambda f: touch_list(f, 'x.jpg,y.jpg') or f, 'x.jpg: missing; y.jpg: missing'),
-        (lambda f: (f / LIST).write_bytes(b'\xff\xfe\x00a') and f, 'UTF-8'),
+        (lambda f: (f / LIST).write_bytes(b'a.jpg,\xe4.jpg') and f, '1:7: byte 0xE4 is not UTF-8'),
     ],
 )
 def test_nothing_to_show_is_one_clear_line(folder, make, words):
@@ -149,7 +149,7 @@ def test_an_image_may_come_in_degrees_of_damage(tmp_path):
     folder = MediaFolder(tmp_path)
     (pair,) = folder.pairs  # dam.png itself need not be there; without a third there is no fourth
     assert (pair.left, pair.lefts, pair.rights) == (
-        'dam.png', ('dam.1.png', 'dam.2.png'), ('wall.png',),
+        'dam.png', ('dam.1.png', 'dam.2.png'), ('wall.1.png',),
     )  # fmt: skip
     assert Pictures(str(tmp_path)).file('dam.2.png') == tmp_path / 'dam.2.png'
     assert Pictures(str(tmp_path)).file('dam.4.png') is None
@@ -161,8 +161,8 @@ def test_an_image_may_come_in_degrees_of_damage(tmp_path):
 
 
 def test_a_list_with_a_header_may_say_more(folder):
-    touch_list(folder, 'right,left\na.jpg,b.png\n')  # not these two first: no header
-    assert MediaFolder(folder).skipped
+    touch_list(folder, 'caption,right,left\nDam,a.jpg,b.png\n')  # in any order
+    assert MediaFolder(folder).pairs == [Pair('b.png', 'a.jpg', 'Dam')]
     touch_list(
         folder,
         'left,right,credit,fit,focus_left,focus_right,caption_zh,caption\n'

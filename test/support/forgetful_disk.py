@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eol_ros.devices.bag.disk import Disk
+from eol_ros.disk import Disk
 
 PAGE = 4096
 

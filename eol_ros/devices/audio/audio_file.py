@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read and write sound files through libsndfile: any format, rate and number of channels."""
 
+import io
 import math
+import os
+import struct
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +19,7 @@ BLOCK = 1 << 20  # samples read at a time: a long file never needs all its chann
 LAST = 1 << 12  # where a file breaks off, this many samples at most are lost before the break
 KAISER, BESSEL_TERMS = 5.0, 26  # SciPy's default shape; terms of the series up to 1e-20
 SET_ADD_PEAK_CHUNK = 0x1050  # command of libsndfile
+LOUDEST = 16.0  # +24 dB over full scale (chosen): floats may exceed 1, but nobody means more
 SHORTEST_S = 0.01  # shorter than this is no sound to make grains of
 
 
@@ -43,11 +47,18 @@ def read_mono(path, rate: int | None = None) -> Sound:
     """
     path = Path(path)
     samples, own_rate, channels, notes = _read(path)
-    bad = ~np.isfinite(samples)
-    if bad.any():
+    bad = ~(np.abs(samples) <= LOUDEST)  # not a number, too
+    count = int(bad.sum())
+    if count > 0.01 * len(samples):
+        raise ConfigError(
+            f'{path}: {count} of {len(samples)} samples are beyond {LOUDEST:g} times full scale: '
+            'whole numbers in a file of floats, or damaged; export it again with full scale 1.0'
+        )
+    if count:
         samples[bad] = 0
         notes.append(
-            f'{path}: {int(bad.sum())} samples are not numbers; silence stands in for them'
+            f'{path}: {count} samples are not numbers or beyond {LOUDEST:g} times full scale; '
+            'silence stands in for them'
         )
     if len(samples) < SHORTEST_S * own_rate:
         raise ConfigError(
@@ -106,7 +117,7 @@ def _read(path: Path) -> tuple[np.ndarray, int, int, list[str]]:
         raise DeviceMissing(said('no_sound_file', path=path))
     notes: list[str] = []
     try:
-        with soundfile.SoundFile(path) as sound:
+        with soundfile.SoundFile(_streamed(path) or path) as sound:
             samples = np.empty(sound.frames, np.float32)
             # Between two reads soundfile seeks, and a seek within MP3 is not exact: take it in one.
             count = _fill(samples, sound, sound.frames if sound.format == 'MPEG' else BLOCK)
@@ -126,6 +137,31 @@ def _read(path: Path) -> tuple[np.ndarray, int, int, list[str]]:
     except (MemoryError, ValueError):
         raise ConfigError(f'{path}: claims to be longer than memory holds; cut it up') from None
     return samples[:count], rate, channels, notes
+
+
+def _streamed(path: Path) -> io.BytesIO | None:
+    """Return the content of a WAV whose data has size 0, as a recorder that was cut off leaves it.
+
+    The size is then that of the rest of the file. None for any other file.
+    """
+    with path.open('rb') as file:
+        head = file.read(4096)
+        if head[:4] != b'RIFF' or head[8:12] != b'WAVE':
+            return None
+        at = 12
+        while at + 8 <= len(head):
+            kind, size = struct.unpack_from('<4sI', head, at)
+            if kind == b'data':
+                rest = file.seek(0, os.SEEK_END) - at - 8
+                if size or rest <= 0:
+                    return None
+                file.seek(0)
+                data = bytearray(file.read())
+                struct.pack_into('<I', data, at + 4, min(rest, 0xFFFFFFFF))
+                struct.pack_into('<I', data, 4, min(len(data) - 8, 0xFFFFFFFF))
+                return io.BytesIO(data)
+            at += 8 + size + size % 2
+    return None
 
 
 def _fill(out: np.ndarray, sound: soundfile.SoundFile, size: int, start: int = 0) -> int:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The audio of a corpus brought into memory, in a thread of its own: it may take seconds."""
 
+import math
 import os
 import threading
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -25,22 +26,35 @@ def load_bank(
     sample_rate: int,
     places: np.ndarray | None = None,
     descriptors: Mapping[str, np.ndarray] | None = None,
+    left_out: Callable[[EolError], None] = lambda error: None,
 ) -> Bank:
     """Read the `files` at `sample_rate` and return the bank of the grains (g,) cut from them.
 
-    `places` (g, 2): where on the table each lies, m; `descriptors`: values (g,) by name.
-    Raises DeviceMissing if a file is gone, ConfigError if it cannot be read or a grain is outside.
+    `places` (g, 2): where on the table each lies, m; `descriptors`: values (g,) by name. Grains of
+    a file that cannot be read, or ends before them, are silent; `left_out` is called with the
+    reason. Raises DeviceMissing or ConfigError if no file is left.
     """
     if len(file) and (not files or np.max(file) >= len(files)):
         raise ConfigError(f'corpus: grain {int(np.argmax(file))} is of a file that is not listed')
-    sounds = [read_mono(path, sample_rate).samples for path in files]
-    for number, sound in enumerate(sounds):
-        outside = (file == number) & (start * sample_rate >= len(sound))
-        if outside.any():
-            raise ConfigError(
-                f'{files[number]}: grain {int(np.argmax(outside))} begins after its end; '
-                'make the corpus again'
-            )
+    sounds, errors = [], []
+    for number, path in enumerate(files):
+        try:
+            sound = read_mono(path, sample_rate).samples
+            outside = (file == number) & (start * sample_rate >= len(sound))
+            if outside.any():
+                raise ConfigError(
+                    f'{path}: grain {int(np.argmax(outside))} begins after its end; '
+                    'make the corpus again'
+                )
+        except EolError as error:
+            errors.append(error)
+            end_s = (start + duration)[file == number].max(initial=0.0)
+            sound = np.zeros(math.ceil(end_s * sample_rate) + 1, np.float32)
+        sounds.append(sound)
+    if errors and len(errors) == len(files):
+        raise errors[0]
+    for each in errors:
+        left_out(each)
     return Bank(sounds, file, start, duration, sample_rate, places, descriptors)
 
 
@@ -118,7 +132,7 @@ class BankLoader:
                 outcome = EolError(f'the sound of the corpus cannot be read: {error!r}')
             with self._lock:
                 if outcome is None or str(outcome) != told:
-                    self._news.append(outcome)
+                    self._news += entry.left_out[:1] or [outcome]
             if outcome is None:
                 return
             told = str(outcome)
@@ -134,7 +148,9 @@ class BankLoader:
                 if entry.places is not None:
                     entry.bank = other.bank.placed(entry.places, entry.descriptors)
                 return
-        entry.bank = load_bank(*entry.grains, self._sample_rate, entry.places, entry.descriptors)
+        entry.bank = load_bank(
+            *entry.grains, self._sample_rate, entry.places, entry.descriptors, entry.left_out.append
+        )
 
 
 @dataclass(eq=False)
@@ -147,3 +163,4 @@ class _Entry:
     descriptors: Mapping[str, np.ndarray] | None = None
     bank: Bank | None = None
     key: list | None = None  # equal keys, equal banks
+    left_out: list[EolError] = field(default_factory=list)

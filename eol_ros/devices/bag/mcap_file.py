@@ -29,7 +29,6 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from eol_ros.devices.bag.disk import DISK, Disk
 from eol_ros.devices.bag.scan import (
     CRC_KEY,
     MAGIC,
@@ -40,6 +39,7 @@ from eol_ros.devices.bag.scan import (
     pairs_crc,
     span_of,
 )
+from eol_ros.disk import DISK, Disk
 
 LIBRARY = 'eol_ros 2'  # its metadata carry a checksum; its definitions are in the first chunk, too
 CHUNK_BYTES = 1 << 20  # the most that a killed writer or a flipped bit can lose

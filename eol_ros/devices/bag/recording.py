@@ -25,12 +25,12 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from eol_ros.devices.bag.backlog import Backlog, Waiting
-from eol_ros.devices.bag.disk import DISK, Disk
 from eol_ros.devices.bag.housekeeping import Housekeeper
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.selection import Dropped, Item, Losses, Selection, Slipping
 from eol_ros.devices.bag.writer import BagExists, BagWriter
 from eol_ros.devices.rounds import Rounds
+from eol_ros.disk import DISK, Disk, read
 from eol_ros.errors import ConfigError, EolError
 from eol_ros.said import said
 from eol_ros.settings import RecorderSettings
@@ -55,10 +55,7 @@ class ImageBudget:
         self.bytes, self.spent = 0, False
         self._file, self._most_gb, self._today = root / BUDGET, most_gb, today
         self._day = today()
-        with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
-            kept = json.loads(self._file.read_text(encoding='utf-8'))
-            if kept['day'] == self._day:
-                self.bytes = int(kept['bytes'])
+        self.bytes = read(self._file, self._of_today) or 0
         self._told = self._day, self.bytes
 
     def take(self, size: int) -> bool:
@@ -75,9 +72,11 @@ class ImageBudget:
         if self._told != (day, self.bytes):
             self._told = day, self.bytes
             with contextlib.suppress(OSError):
-                part = self._file.with_name(f'{BUDGET}.tmp')
-                part.write_text(json.dumps({'day': day, 'bytes': self.bytes}))
-                part.replace(self._file)
+                DISK.write(self._file, json.dumps({'day': day, 'bytes': self.bytes}))
+
+    def _of_today(self, content: bytes) -> int:
+        kept = json.loads(content)
+        return int(kept['bytes']) if kept['day'] == self._day else 0
 
 
 class Sync(threading.Thread):

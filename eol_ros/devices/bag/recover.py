@@ -17,10 +17,10 @@ from pathlib import Path
 from mcap.records import Chunk
 
 from eol_ros.devices.bag import scan
-from eol_ros.devices.bag.disk import DISK
 from eol_ros.devices.bag.file import BagFileReader
 from eol_ros.devices.bag.mcap_file import BagFile
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, RUN_METADATA, FileSummary, metadata_text
+from eol_ros.disk import DISK
 from eol_ros.errors import EolError
 
 BESIDE = '.recovering'  # the new file, which will replace the old one
@@ -188,7 +188,7 @@ def _bring_up_to_date(file: Path) -> None:
 
 def rewrite_metadata(folder: Path) -> None:
     """Rebuild `metadata.yaml` of a bag folder from its complete files."""
-    DISK.write_text(folder / 'metadata.yaml', metadata_of(folder))
+    DISK.write(folder / 'metadata.yaml', metadata_of(folder))
 
 
 def metadata_of(folder: Path) -> str:

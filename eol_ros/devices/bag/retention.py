@@ -19,6 +19,7 @@ from eol_ros.devices.bag.edit import write_file
 from eol_ros.devices.bag.reader import BagMessage, BagReader
 from eol_ros.devices.bag.recover import BESIDE, in_use, rewrite_metadata
 from eol_ros.devices.bag.writer import PART
+from eol_ros.disk import DISK
 from eol_ros.errors import EolError
 from eol_ros.streams.graph import namespace_of, relative_name
 
@@ -195,7 +196,8 @@ class Folder:
             if bag.damage:
                 raise OSError(f'{bag.path}: damaged, so it is left as it is')
             os.utime(thin, ns=(changed.st_atime_ns, changed.st_mtime_ns))
-            os.replace(thin, bag.path)
+            DISK.sync_path(thin)
+            DISK.rename(thin, bag.path)
         finally:
             thin.unlink(missing_ok=True)
 
@@ -230,6 +232,6 @@ def mark(bag: Path, kept: bool) -> None:
     """Mark the bag folder `bag` as one to be kept, or no more; raises OSError."""
     if kept:
         text = f'Marked on {time.strftime("%Y-%m-%d %H:%M:%S")}: never removed by the recorder.\n'
-        (bag / KEPT).write_text(text, encoding='utf-8')
+        DISK.write(bag / KEPT, text)
     else:
         (bag / KEPT).unlink(missing_ok=True)

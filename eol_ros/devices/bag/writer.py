@@ -14,8 +14,8 @@ from typing import BinaryIO
 
 import yaml
 
-from eol_ros.devices.bag.disk import DISK, Disk
 from eol_ros.devices.bag.mcap_file import BagFile, BagTopic
+from eol_ros.disk import DISK, Disk
 from eol_ros.errors import ConfigError
 
 PART = '.part'
@@ -205,4 +205,4 @@ class BagWriter:
         self._disk.rename(file.path, self.folder / name)
         self._file = None
         self.files.append(summary)
-        self._disk.write_text(self.folder / 'metadata.yaml', text)
+        self._disk.write(self.folder / 'metadata.yaml', text)

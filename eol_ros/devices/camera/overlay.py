@@ -9,6 +9,7 @@ import numpy as np
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
 from eol_ros.core.vision.states import STATES, TRACKING
 from eol_ros.core.vision.tracker import Tracked
+from eol_ros.devices.files import picture_file
 from eol_ros.errors import ConfigError
 
 SEEN, CARRIED, MOVING, TEXT = (120, 230, 120), (90, 150, 240), (255, 255, 255), (230, 230, 230)
@@ -51,8 +52,8 @@ class Overlay:
         """Finish the file."""
         if self.film is not None:
             self.film.release()
-        elif self.last is not None and not cv2.imwrite(self.path, self.last):
-            raise ConfigError(f'{self.path}: cannot write an image there')
+        elif self.last is not None:
+            picture_file.save(self.path, self.last)
 
 
 def draw(

@@ -5,6 +5,7 @@
 """
 
 import hashlib
+import io
 import json
 import os
 import re
@@ -13,7 +14,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from zipfile import BadZipFile
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from eol_ros.core.sound import sources as several
 from eol_ros.core.sound.corpus import Corpus, Source, widened
 from eol_ros.devices.corpus import corpus_file
 from eol_ros.devices.corpus.corpus_file import ANALYSIS, Options
+from eol_ros.devices.files.names import is_text
+from eol_ros.disk import DISK, read
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, writing
 from eol_ros.said import said
 from eol_ros.settings import DESCRIPTORS, MORE_DESCRIPTORS, PROJECTIONS
@@ -41,14 +44,26 @@ CUT = (
 def make_ice(seed: int) -> Path:
     """Return the procedural ice recording of this seed, made on first use."""
     path = corpus_file.ice_file(seed)
-    if not path.is_file():
+    if not _is_ice(path):
         from eol_ros.core.sound.ice import ice
         from eol_ros.devices.audio import audio_file
 
-        part = path.with_name(f'.{os.getpid()}-{path.name}')
-        audio_file.write(part, ice(ICE_S, ICE_RATE, seed), ICE_RATE, 'PCM_16')
-        os.replace(part, path)
+        with writing(path), DISK.replacing(path) as part:
+            audio_file.write(part, ice(ICE_S, ICE_RATE, seed), ICE_RATE, 'PCM_16')
     return path
+
+
+def _is_ice(path: Path) -> bool:
+    """Return whether the recording is there and was neither cut nor filled with zeros."""
+    try:
+        with path.open('rb') as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(0)
+            head = file.read(4)
+            file.seek(-min(size, 4096), os.SEEK_END)
+            return head == b'RIFF' and size > 2 * ICE_S * ICE_RATE and any(file.read())
+    except OSError:
+        return False
 
 
 def of_this_machine(sound: str) -> Path:
@@ -95,18 +110,27 @@ def build(
     """
     from eol_ros.core.sound.layout import arrange
 
-    sources, parts, silences, notes = [], [], [], []
+    sources: list[Source] = []
+    parts, silences, notes = [], [], []
+    left_out: list[EolError] = []
     for i, sound in enumerate(sounds):
 
         def share(done: float, i: int = i) -> None:
             progress((i + done) / len(sounds))
 
-        source, grains, silent, noted = _analysed(sound, options, share)
-        grains['file'] = i
+        try:
+            source, grains, silent, noted = _analysed(sound, options, share)
+        except EolError as error:
+            left_out.append(error)
+            continue
+        grains['file'] = len(sources)
         sources.append(source)
         parts.append(grains)
         silences.append(silent)
         notes += noted
+    if not sources:
+        raise left_out[0]
+    notes += [f'left out: {error}' for error in left_out]
     grains, placed = np.concatenate(parts), ~np.concatenate(silences)
     if not placed.any():
         raise ConfigError(
@@ -116,7 +140,8 @@ def build(
     names = (options.x_axis, options.y_axis)
     boxes = several.regions(
         options.regions, [source.name for source in sources],
-        [source.folder for source in sources], [Path(more).name for more in options.more_sounds],
+        [source.folder for source in sources],
+        [Path(more).name for more in options.more_sounds] + [sound.stem for sound in sounds],
     )  # fmt: skip
     grains = _projected(grains, placed, names)
     for box in dict.fromkeys(boxes):
@@ -127,7 +152,7 @@ def build(
         if box != several.WHOLE:
             places = np.array(box[:2]) + places * (np.array(box[2:]) - box[:2])
         grains['x'][here], grains['y'][here] = places.T
-    _move_by_hand(sounds, grains, placed)
+    notes += _move_by_hand(sources, grains, placed)
     key = corpus_file.digest(sounds, options)
     return Corpus(tuple(sources), grains, *names, key, tuple(notes))
 
@@ -223,6 +248,8 @@ def _analysed(sound: Path, options: Options, progress):
     labels = corpus_file.label_file(sound, options)
     if not sound.is_file():
         raise DeviceMissing(said('no_sound_file', path=sound))
+    if not is_text(sound):  # the messages of ROS take no other names
+        raise ConfigError(f'{str(sound)!a}: its name is not UTF-8; rename the file')
     sha = corpus_file.sha256(sound)
     words = [ANALYSIS, sha, *(getattr(options, name) for name in CUT)]
     times = None if labels is None else corpus_file.load_labels(labels)
@@ -232,12 +259,9 @@ def _analysed(sound: Path, options: Options, progress):
     path = folders.cache('grains') / (
         hashlib.sha256(json.dumps(words).encode()).hexdigest() + '.npz'
     )
-    try:
-        # opened here: of a file that is no archive, np.load closes nothing
-        with open(path, 'rb') as file, np.load(file) as kept:
-            rate, duration_s = int(kept['rate']), float(kept['duration_s'])
-            grains, silent, notes = kept['grains'], kept['silent'], kept['notes'].tolist()
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile):  # absent or damaged
+    if (known := read(path, _kept)) is not None:
+        rate, duration_s, grains, silent, notes = known
+    else:
         from eol_ros.core.sound.descriptors import analyse
         from eol_ros.devices.audio.audio_file import read_mono
 
@@ -250,14 +274,18 @@ def _analysed(sound: Path, options: Options, progress):
         if options.more:
             grains = _further(grains, heard, cuts, lambda s: progress(0.3 + 0.7 * s))
         rate, duration_s, notes = heard.rate, heard.duration_s, list(heard.notes)
-        kept = {'rate': rate, 'duration_s': duration_s, 'grains': grains, 'silent': silent}
-        part = path.with_name(f'.{os.getpid()}-{path.name}')
-        with writing(path):
-            with open(part, 'wb') as made:
-                np.savez(made, **kept, notes=notes)
-            os.replace(part, path)
+        kept: dict[str, Any] = {'grains': grains, 'silent': silent, 'notes': notes}
+        kept |= {'rate': rate, 'duration_s': duration_s}
+        with writing(path), DISK.replacing(path) as part:
+            np.savez(part, **kept)
     progress(1.0)
     return Source(str(sound.resolve()), rate, duration_s, sha), grains, silent, notes
+
+
+def _kept(content: bytes) -> tuple:
+    with np.load(io.BytesIO(content)) as kept:
+        grains, silent, notes = (kept[name] for name in ('grains', 'silent', 'notes'))
+        return int(kept['rate']), float(kept['duration_s']), grains, silent, notes.tolist()
 
 
 def _further(grains: np.ndarray, heard, cuts: np.ndarray, progress) -> np.ndarray:
@@ -290,14 +318,22 @@ def _cut(heard, options: Options, times: np.ndarray | None) -> np.ndarray:
     return cuts
 
 
-def _move_by_hand(sounds, grains, placed) -> None:
-    for i, sound in enumerate(sounds):
-        for time_s, x, y in corpus_file.load_moved(sound):
+def _move_by_hand(sources, grains, placed) -> list[str]:
+    """Move grains to where people have put them; return what cannot be read."""
+    notes = []
+    for i, source in enumerate(sources):
+        try:
+            moved = corpus_file.load_moved(Path(source.path))
+        except EolError as error:
+            notes.append(f'left out: {error}')
+            continue
+        for time_s, x, y in moved:
             middle = grains['start_s'] + grains['duration_s'] / 2
             off = np.where((grains['file'] == i) & placed, np.abs(middle - time_s), np.inf)
             nearest = int(np.argmin(off))
             if off[nearest] <= grains['duration_s'][nearest] / 2:
                 grains['x'][nearest], grains['y'][nearest] = x, y
+    return notes
 
 
 def _options(words: dict) -> Options:

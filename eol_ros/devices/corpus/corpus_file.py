@@ -5,7 +5,6 @@ Light on purpose: no scipy, no libsndfile. Whoever only plays a corpus made befo
 nothing else; `corpus_build` makes one.
 """
 
-import csv
 import hashlib
 import json
 import math
@@ -17,6 +16,9 @@ import numpy as np
 
 from eol_ros import folders
 from eol_ros.core.sound.corpus import AXES, COLUMNS, Corpus, Source, grain_dtype
+from eol_ros.devices.files import text_table
+from eol_ros.devices.files.names import find, visible
+from eol_ros.disk import DISK, read
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, writing
 from eol_ros.said import said
 from eol_ros.settings import MAP_AXES, MORE_DESCRIPTORS, PROJECTIONS, GrainsSettings
@@ -25,6 +27,7 @@ VERSION = 1  # of the JSON
 ICE_RECIPE = 2  # counts up whenever the same seed gives another ice recording
 ANALYSIS = 3  # increased whenever the same sound gives other grains or descriptors
 SOUNDS = {'.wav', '.flac', '.ogg', '.oga', '.opus', '.aif', '.aiff', '.mp3', '.caf', '.au', '.w64'}
+MOST_S = 86400.0  # of a sound: a day
 _MADE = 'the .json that `eol corpus SOUND --output` writes'
 DIGITS = 9  # significant, in JSON and CSV
 FURTHER = (*MORE_DESCRIPTORS, *PROJECTIONS)  # columns that a corpus may have or not
@@ -74,22 +77,36 @@ def ice_file(seed: int) -> Path:
 
 
 def all_sounds(sound: str, options: Options, seed: int) -> list[Path]:
-    """Return all sound files of the setting `sound`, empty for ice, and of `more_sounds`."""
-    found = sounds_of(Path(sound)) if sound else [ice_file(seed)]
-    for more in map(Path, options.more_sounds):
-        if not more.is_dir() or _sounds_in(more):  # else `eol listen` may fill it yet
-            found += sounds_of(more)
+    """Return all sound files of the setting `sound`, empty for ice, and of `more_sounds`.
+
+    What is not there is among them if anything else is: `build` leaves it out and names it. Raises
+    as `sounds_of` where nothing is there.
+    """
+    found: list[Path] = [] if sound else [ice_file(seed)]
+    errors: list[EolError] = []
+    for each in map(Path, (*([sound] if sound else []), *options.more_sounds)):
+        try:
+            found += sounds_of(each)
+        except DeviceMissing as error:
+            errors.append(error)
+            found.append(each)
+        except ConfigError as error:  # a folder without sounds: `eol listen` may fill it yet
+            errors.append(error)
+    if errors and sound and not any(each.is_file() for each in found):
+        raise errors[0]
     return found
 
 
 def _sounds_in(folder: Path) -> list[Path]:
-    if not folder.is_dir():
+    try:
+        return [p for p in visible(folder) if p.suffix.lower() in SOUNDS]
+    except OSError:
         return []
-    return sorted(p for p in folder.iterdir() if p.suffix.lower() in SOUNDS)
 
 
 def sounds_of(path: Path) -> list[Path]:
-    """Return the sound files that `path` means: itself, or those of a folder in order of name."""
+    """Return the sound files that `path` means: itself, or those of a folder in natural order."""
+    path = find(path.parent, path.name)
     if path.is_dir():
         found = _sounds_in(path)
         if not found:
@@ -148,7 +165,7 @@ def digest(sounds: list[Path], options: Options) -> str:
     if options.regions:
         parts.append([sound.stem for sound in sounds])
     for sound in sounds:
-        parts.append(sha256(sound))
+        parts.append(sha256(sound) if os.access(sound, os.R_OK) else '')
         for companion in (beside(sound, 'moved.csv'), label_file(sound, options)):
             if companion is not None and companion.is_file():
                 parts.append([companion.suffix, sha256(companion)])
@@ -157,13 +174,10 @@ def digest(sounds: list[Path], options: Options) -> str:
 
 def cached(sounds: list[Path], options: Options) -> Corpus | None:
     """Return the corpus of these sounds if it has been made before."""
-    if not all(s.is_file() for s in sounds):
+    if not any(s.is_file() for s in sounds):
         return None
     path = cached_path(sounds, digest(sounds, options))
-    try:
-        return load(path, trusted=True) if path.is_file() else None
-    except ConfigError:
-        return None  # spoilt: it is made again
+    return read(path, lambda content: loads(content, path, trusted=True))
 
 
 def cached_path(sounds: list[Path], key: str) -> Path:
@@ -213,15 +227,21 @@ def load(path: Path, trusted: bool = False) -> Corpus:
     whose content is not what was described is told of in `notes`.
     """
     try:
-        text = Path(path).read_text()
-        data = json.loads(text)
+        content = Path(path).read_bytes()
     except FileNotFoundError:
         raise DeviceMissing(
             f'{path}: no such corpus; make it with: eol corpus SOUND --output {path}'
         ) from None
     except OSError as error:
         raise ConfigError(f'{path}: {error.strerror}; give {_MADE}') from None
-    except ValueError as error:
+    return loads(content, path, trusted)
+
+
+def loads(content: bytes, path: Path, trusted: bool = False) -> Corpus:
+    """Return the corpus in the content of a file at `path`; raises as `load`."""
+    try:
+        data = json.loads(content)
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f'{path}: not a corpus ({error}); give {_MADE}') from None
     if not isinstance(data, dict) or 'grains' not in data or 'files' not in data:
         raise ConfigError(f'{path}: not a corpus (no "files" and "grains" in it); give {_MADE}')
@@ -258,9 +278,11 @@ def load(path: Path, trusted: bool = False) -> Corpus:
             raise ConfigError(f'{path}: {name!r} is no descriptor; there are {", ".join(MAP_AXES)}')
     key, notes = str(data.get('digest', '')), told
     if not trusted:
-        key = hashlib.sha256(text.encode()).hexdigest()
+        key = hashlib.sha256(content).hexdigest()
         for source in sources:
-            if source.sha256 and sha256(Path(source.path)) != source.sha256:
+            if not Path(source.path).is_file():
+                notes.append(f'{source.path}: is gone; its grains are left out')
+            elif source.sha256 and sha256(Path(source.path)) != source.sha256:
                 notes.append(
                     f'{source.path}: has changed since {path} was made; run eol corpus again'
                 )
@@ -270,11 +292,13 @@ def load(path: Path, trusted: bool = False) -> Corpus:
 def _check(path, sources, grains) -> None:
     if not len(sources) or not len(grains):
         raise ConfigError(f'{path}: the corpus is empty')
-    for source in sources:
-        if not Path(source.path).is_file():
-            raise DeviceMissing(
-                f'{path}: its sound {source.path} is gone; put it back or run eol corpus'
-            )
+    gone = [i for i, source in enumerate(sources) if not Path(source.path).is_file()]
+    if len(gone) == len(sources):
+        raise DeviceMissing(
+            f'{path}: its sound {sources[0].path} is gone; put it back or run eol corpus'
+        )
+    without = np.isin(grains['file'], gone)
+    grains['x'][without] = grains['y'][without] = math.nan
     lengths = np.array([s.duration_s for s in sources])[grains['file']]
     ends = grains['start_s'] + grains['duration_s']
     bad = ~((grains['start_s'] >= 0) & (grains['duration_s'] > 0) & (ends <= lengths + 1e-3))
@@ -310,24 +334,13 @@ def save_labels(corpus: Corpus, path: Path) -> None:
 
 def load_labels(path: Path) -> np.ndarray:
     """Read an Audacity label track: (n, 2) start and end in seconds, in order."""
-    try:
-        lines = Path(path).read_text().splitlines()
-    except (OSError, ValueError) as error:
-        raise DeviceMissing(f'{path}: no such label file ({_why(error)})') from None
+    if not Path(path).exists():
+        raise DeviceMissing(f'{path}: no such label file')
     found = []
-    for number, line in enumerate(lines, 1):
-        if not line.strip() or line.startswith('\\'):  # a backslash: the frequencies of a label
-            continue
-        try:
-            start, end = (float(word.replace(',', '.')) for word in line.split('\t')[:2])
-        except ValueError:
-            raise ConfigError(
-                f'{path}:{number}: {line[:40]!r} is not START<tab>END<tab>TEXT in seconds'
-            ) from None
-        if not 0 <= start < end < math.inf:
-            raise ConfigError(
-                f'{path}:{number}: a label must end after it starts ({start:g}, {end:g})'
-            )
+    for row in text_table.rows(path, ('start', 'end', 'text'), ('start', 'end')):
+        start, end = (row.number(name, low=0.0, high=MOST_S) for name in ('start', 'end'))
+        if not start < end:
+            raise row.wrong('end', f'a label must end after it starts ({start:g}, {end:g})')
         found.append((start, end))
     if not found:
         raise ConfigError(f'{path}: no labels in it')
@@ -339,19 +352,12 @@ def load_moved(sound: Path) -> np.ndarray:
     path = beside(sound, 'moved.csv')
     if not path.is_file():
         return np.zeros((0, 3))
-    found = []
-    with open(path, newline='') as file:
-        for number, row in enumerate(csv.reader(file), 1):
-            if not row or row[0].strip() in ('', 'time_s'):
-                continue
-            try:
-                time_s, x, y = (float(word) for word in row)
-            except ValueError:
-                raise ConfigError(f'{path}:{number}: {row} is not time_s,x,y') from None
-            if not (0 <= x <= 1 and 0 <= y <= 1):
-                raise ConfigError(f'{path}:{number}: x and y must lie in 0..1 (found {x:g}, {y:g})')
-            found.append((time_s, x, y))
-    return np.array(found).reshape(-1, 3)
+    columns = ('time_s', 'x', 'y')
+    high = (MOST_S, 1.0, 1.0)
+    return np.array([
+        [row.number(name, low=0.0, high=most) for name, most in zip(columns, high, strict=True)]
+        for row in text_table.rows(path, columns, columns)
+    ]).reshape(-1, 3)  # fmt: skip
 
 
 def move(corpus: Corpus, grain: int, x: float, y: float) -> Path:
@@ -414,10 +420,8 @@ def _quoted(text: str) -> str:
 
 def write_text(path: Path, text: str) -> None:
     """Write all or nothing: a reader never meets half a file."""
-    part = path.with_name(f'.{path.name}.{os.getpid()}')
     with writing(path):
-        part.write_text(text)
-        os.replace(part, path)
+        DISK.write(path, text)
 
 
 def _why(error: Exception) -> str:

@@ -15,6 +15,7 @@ import yaml
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.disk import DISK
 from eol_ros.errors import ConfigError, DeviceMissing
 
 _SIZE = ('image_width', 'image_height')
@@ -32,11 +33,8 @@ def save(path: str | Path, calibration: Calibration, camera_name: str = 'eol') -
     Raises:
         ConfigError: the folder is absent or cannot be written.
     """
-    path = Path(path)
-    part = path.with_name(path.name + '.part')
     try:
-        part.write_text(_text(calibration, camera_name))
-        part.replace(path)
+        DISK.write(Path(path), _text(calibration, camera_name))
     except OSError as error:
         raise ConfigError(
             f'{path}: cannot write the calibration ({error.strerror}); '

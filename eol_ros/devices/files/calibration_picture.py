@@ -8,7 +8,7 @@ import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.vision.calibration.calibrate import PLATFORM_CORNERS, Solution
-from eol_ros.errors import ConfigError
+from eol_ros.devices.files import picture_file
 
 ARROW = 200  # residuals are drawn this many times longer
 _POINT = (80, 220, 80)
@@ -57,12 +57,7 @@ def save(path: str | Path, solution: Solution, image: np.ndarray | None) -> None
     Raises:
         ConfigError: it cannot be written there.
     """
-    try:
-        done = cv2.imwrite(str(path), draw(solution, image))
-    except cv2.error:
-        done = False
-    if not done:
-        raise ConfigError(f'{path}: cannot write the image; name a .png in a folder that exists')
+    picture_file.save(path, draw(solution, image))
 
 
 def _line(picture, px, colour) -> None:

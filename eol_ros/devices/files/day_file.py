@@ -6,6 +6,7 @@ import re
 from typing import Any
 
 from eol_ros import folders
+from eol_ros.disk import DISK, read
 
 SAVE_EVERY_S = 5.0
 
@@ -26,20 +27,15 @@ class DayFile:
 
     def load(self) -> Any:
         """Return what was saved last, or None."""
-        try:
-            return json.loads(self.path.read_text('utf-8'))
-        except (OSError, ValueError):
-            return None
+        return read(self.path, json.loads)
 
     def save(self, value: Any, now_s: float) -> None:
         """Write `value` if it is new and the last writing is long enough ago; never half a file."""
         if value == self._saved or now_s < self._next_s:
             return
-        part = self.path.with_suffix('.part')
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            part.write_text(json.dumps(value), 'utf-8')
-            part.replace(self.path)
+            DISK.write(self.path, json.dumps(value))
         except OSError as error:
             self.trouble = f'{self.path}: {error.strerror}; a restart will forget it'
             return

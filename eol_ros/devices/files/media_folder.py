@@ -2,7 +2,7 @@
 """The artist's images and videos: a folder with `pairs.csv` and what it names, watched for changes.
 
 `pairs.csv` has one pair a line: left, right, caption, credit (the last two may be empty); a header
-line with these names is welcome, `;` works as well as `,`. With a header there may be further
+line with these names is welcome, see `text_table`. With a header there may be further
 columns: `caption_zh` (the caption in Chinese), `fit` (cover: fill the wall, or contain: show the
 image whole), `focus_left` and `focus_right` (what must be seen of an image that is cut: two numbers
 from 0 to 1, from the left and from the top, such as `0.3 0.5`), `play` (how its videos play: one of
@@ -14,7 +14,6 @@ damage: then `dam.mp4#33` is what it shows at 33 % of its length. An image of th
 """
 
 import contextlib
-import csv
 import gzip
 import io
 import math
@@ -23,14 +22,15 @@ import re
 import threading
 import time
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from eol_ros.devices.files import video_file
-from eol_ros.errors import DeviceMissing
+from eol_ros.devices.files import text_table, video_file
+from eol_ros.devices.files.names import find
+from eol_ros.errors import ConfigError, DeviceMissing
 
 LIST = 'pairs.csv'
 FITS = ('cover', 'contain')
@@ -42,7 +42,6 @@ PICTURES = ('.svg', '.svgz', '.png', '.jpg', '.jpeg', '.webp')
 VIDEOS = ('.mp4', '.webm', '.gif')  # web/static/film.js knows them too
 DEGREES = 10  # of a video, from its first image to its last
 MAX_SVG_BYTES = 100_000_000  # of an SVG file when unpacked (chosen): limits memory
-_ENDS = {'.jpg': b'\xff\xd9', '.jpeg': b'\xff\xd9', '.png': b'IEND'}  # absent: the file is cut off
 _PLACED = re.compile(r'(?<=\.mp4|webm|\.gif)#\d+$', re.I)
 DRAWN = Path(__file__).parent / 'walls'  # the pairs that ship
 
@@ -126,8 +125,8 @@ class MediaFolder:
 
     def _state(self, listed: list[Pair]) -> tuple:
         """Return time and size of the list and of everything it names, to notice a change by."""
-        names = {LIST, *(n for p in listed for n in p.files)}
-        return tuple(sorted((name, *_stamp(os.path.join(self.path, name))) for name in names))
+        all_ = {LIST, *(n for p in listed for n in p.files)}
+        return tuple(sorted((name, *_stamp(find(self.path, name))) for name in all_))
 
     def _read(self, listed: list[Pair]) -> tuple[list[Pair], list[str]]:
         pairs, skipped = [], []
@@ -143,7 +142,7 @@ class MediaFolder:
         """Return what is wrong with an image or a video, or an empty string."""
         if not name:
             return 'a pair lacks its left or right image'
-        path = self.path / name
+        path = find(self.path, name)
         if why := _forbidden(self.path, name):
             return f'{name}: {why}'
         if not path.is_file():
@@ -202,8 +201,8 @@ class Pictures:
         for pair in listed:
             for name in pair.images:
                 pairs.setdefault(name, []).append(pair)
-        names = {name for pair in listed for name in pair.files}
-        files = {name: folder / name for name in names if not _forbidden(folder, name)}
+        all_ = {name for pair in listed for name in pair.files}
+        files = {name: find(folder, name) for name in all_ if not _forbidden(folder, name)}
         for name in [name for name in files if name.endswith('.svgz')]:
             plain = name[:-1]  # as bags of version 0.2 name the drawings that ship
             pairs.setdefault(plain, pairs.get(name, []))
@@ -254,29 +253,20 @@ def _misfits(pair: Pair) -> list[str]:
 
 
 def _listed(folder: Path) -> list[Pair]:
-    list_file = folder / LIST
     if not folder.is_dir():
         raise DeviceMissing(f'{folder}: no such folder of images')
-    try:
-        text = list_file.read_text(encoding='utf-8-sig')
-    except FileNotFoundError:
+    list_file = find(folder, LIST)
+    if not list_file.exists():
         raise DeviceMissing(
             f'{folder}: no {LIST} in it; write one pair a line: left,right,caption,credit'
-        ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise DeviceMissing(f'{list_file}: not a text file in UTF-8 ({error})') from None
-    first = text.partition('\n')[0]
-    mark = ';' if first.count(';') > first.count(',') else ','
-    table = csv.reader(io.StringIO(text), delimiter=mark)
-    rows = [[cell.strip() for cell in row] for row in table]
-    rows = [row for row in rows if any(row) and not row[0].startswith('#')]
-    columns = ['left', 'right', 'caption', 'credit']
-    if rows and [cell.lower() for cell in rows[0][:2]] == columns[:2]:
-        columns = [cell.lower() for cell in rows[0]]
-        rows = rows[1:]
+        )
+    try:
+        rows = list(text_table.rows(list_file, WORDS[:4], WORDS[:2], _are_files))
+    except ConfigError as error:  # a list that cannot be read is a folder without pairs
+        raise DeviceMissing(str(error)) from None
     pairs = []
     for row in rows:
-        words = dict.fromkeys(WORDS, '') | dict(zip(columns, row, strict=False))
+        words = dict.fromkeys(WORDS, '') | row.cells
         left, right = (words[side].replace('\\', '/') for side in ('left', 'right'))
         lefts, rights = (_degrees(folder, name, words['play']) for name in (left, right))
         more = {name: words[name] for name in WORDS[2:]}
@@ -285,11 +275,16 @@ def _listed(folder: Path) -> list[Pair]:
     return pairs
 
 
+def _are_files(cells: Sequence[str]) -> bool:
+    kinds = *PICTURES, *VIDEOS
+    return any(source(cell).strip().lower().endswith(kinds) for cell in cells)
+
+
 def _poster(folder: Path, name: str) -> str:
     """Return the name of the image that stands for a video until it is there, or an empty one."""
     stem = name.rpartition('.')[0]
     found = (f'{stem}{kind}' for kind in PICTURES) if _moves(name) else ()
-    return next((one for one in found if os.path.isfile(folder / one)), '')
+    return next((one for one in found if find(folder, one).is_file()), '')
 
 
 def _degrees(folder: Path, name: str, play: str) -> tuple[str, ...]:
@@ -300,7 +295,7 @@ def _degrees(folder: Path, name: str, play: str) -> tuple[str, ...]:
     found = []
     for number in range(1, 10):
         one = f'{stem}.{number}{dot}{kind}'
-        if not dot or not os.path.isfile(folder / one):
+        if not dot or not find(folder, one).is_file():
             break
         found.append(one)
     return tuple(found)
@@ -308,7 +303,7 @@ def _degrees(folder: Path, name: str, play: str) -> tuple[str, ...]:
 
 def _forbidden(folder: Path, name: str) -> str:
     """Return why a file of this name is not handed out, or an empty string."""
-    path = folder / name
+    path = find(folder, name)
     if not path.resolve().is_relative_to(folder.resolve()):
         return 'outside the folder'
     kinds = *PICTURES, *VIDEOS
@@ -340,11 +335,6 @@ def _broken(path: Path, placed: bool) -> str:
         except (ElementTree.ParseError, EOFError, OSError, zlib.error) as error:
             return f'not an SVG image ({error})'
         return '' if root.tag.endswith('svg') else 'not an SVG image'
-    import cv2  # only for photographs: the drawn set needs none of its memory
-    import numpy as np
+    from eol_ros.devices.files import picture_kind  # the drawn set needs none of its memory
 
-    if _ENDS.get(kind, b'') not in data[-64:]:
-        return 'cut off before its end'
-    pixels = np.frombuffer(data, np.uint8)
-    image = cv2.imdecode(pixels, cv2.IMREAD_REDUCED_COLOR_8) if len(data) else None
-    return '' if image is not None else 'not an image'
+    return picture_kind.fault(data)

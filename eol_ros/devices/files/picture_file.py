@@ -1,21 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Images on disk as arrays."""
+"""Images on disk as arrays. Bytes cross OpenCV, not names: it takes no name that is not UTF-8."""
 
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.disk import DISK
+from eol_ros.errors import ConfigError, DeviceMissing, writing
+
+GREY = cv2.IMREAD_GRAYSCALE
 
 
-def load_grey(path: str | Path) -> np.ndarray:
-    """Return an image as (h, w) grey values, 8 or 16 bit; raises DeviceMissing where
-    there is no file and ConfigError where it is no image.
+def load_grey(path: str | Path, flags: int = GREY | cv2.IMREAD_ANYDEPTH) -> np.ndarray:
+    """Return an image as (h, w) grey values, 8 or 16 bit; with the flags GREY 8 bit alone.
+
+    Raises DeviceMissing where there is no file and ConfigError where it is no image.
     """
-    if not Path(path).is_file():
-        raise DeviceMissing(f'{path}: no such file')
-    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+    try:
+        data = np.fromfile(path, np.uint8)
+    except FileNotFoundError:
+        raise DeviceMissing(f'{path}: no such file') from None
+    except OSError as error:
+        raise DeviceMissing(f'{path}: cannot be read ({error.strerror})') from None
+    try:
+        picture = cv2.imdecode(data, flags) if len(data) else None
+    except cv2.error:  # larger than OpenCV allows
+        picture = None
     if picture is None:
         raise ConfigError(f'{path}: not an image that can be read')
     return picture
@@ -23,5 +34,11 @@ def load_grey(path: str | Path) -> np.ndarray:
 
 def save(path: str | Path, picture: np.ndarray) -> None:
     """Write an image in the format that the name ends with; raises ConfigError."""
-    if not cv2.imwrite(str(path), picture):
-        raise ConfigError(f'{path}: cannot be written')
+    try:
+        done, data = cv2.imencode(Path(path).suffix, picture)
+    except cv2.error:
+        done = False
+    if not done:
+        raise ConfigError(f'{path}: no format of images has this ending; name a .png')
+    with writing(path):
+        DISK.write(Path(path), data.tobytes())

@@ -10,6 +10,7 @@ from eol_ros.core.vision.image_health import Sizes
 from eol_ros.core.vision.requests import DARKNESS, Outcome, packed
 from eol_ros.core.vision.states import CALIBRATING, LOST, SEARCHING, TRACKING
 from eol_ros.core.vision.tracker import Tracked, Tracker
+from eol_ros.disk import read
 from eol_ros.errors import EolError
 from eol_ros.said import clauses, said
 from eol_ros.settings import TrackerSettings
@@ -48,7 +49,8 @@ class TrackerFiles:
         if settings.background and Path(settings.background).exists():
             from eol_ros.devices.files import background_file
 
-            self.lamps = packed(background_file.load(settings.background))
+            path = Path(settings.background)  # a damaged map is learnt again
+            self.lamps = read(path, lambda _: packed(background_file.load(path))) or b''
         self.told: Outcome | None = None  # the last outcome, with where it is kept
         self._seen: Outcome | None = None
         self._until_s = 0.0

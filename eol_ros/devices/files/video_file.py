@@ -56,12 +56,30 @@ def _undecoded(path: Path) -> str:
 
 
 def _gif(file: BinaryIO) -> tuple[str, bool]:
-    data = file.read()
-    if data[:6] not in (b'GIF87a', b'GIF89a'):
+    """Walk through the blocks of a GIF (GIF89a, appendix A); what follows its trailer is ignored.
+
+    Raises ValueError if there is no trailer.
+    """
+    head = file.read(13)
+    if head[:6] not in (b'GIF87a', b'GIF89a'):
         raise ValueError('not a GIF')
-    if data.rstrip(b'\0')[-1:] != b';':
-        raise ValueError('cut off before its end')
+    _skip_colours(file, head[10])
+    while (kind := file.read(1)) != b';':
+        if kind == b',':
+            _skip_colours(file, file.read(9)[8])
+        elif kind != b'!':
+            raise ValueError('cut off before its end')
+        file.seek(1, 1)  # size of the codes, or the sort of the extension
+        while size := file.read(1):
+            if not size[0]:
+                break
+            file.seek(size[0], 1)
     return '', True
+
+
+def _skip_colours(file: BinaryIO, flags: int) -> None:
+    if flags & 0x80:
+        file.seek(3 << (flags & 7) + 1, 1)
 
 
 def _mp4(file: BinaryIO) -> tuple[str, bool]:
@@ -94,6 +112,8 @@ def _movie_box(file: BinaryIO) -> bytes:
         if long == 1:
             long, start = struct.unpack('>Q', first[8:16])[0], 16
         long = long or size - at
+        if head and not kind.isalnum():  # phones write more behind the last box
+            break
         if long < start or at + long > size:
             raise ValueError('cut off before its end')
         if kind == b'moov':
