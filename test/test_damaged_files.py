@@ -115,7 +115,7 @@ class Folders:
         found['pairs'] = len(media.pairs) if isinstance(media, MediaFolder) else media
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')
-            paths, left_out = exhibition.bags_in([self.root / 'bags'])
+            paths, _ = exhibition.bags_in([self.root / 'bags'])
             digests = [exhibition.digest(path) for path in paths]
             found['bags'] = [d.path for d in digests if not isinstance(d, str)]
             found['newest'] = _or_error(lambda: BagReader(self.root / 'bags').path.name)

@@ -17,7 +17,7 @@ import numpy as np
 
 from eol_ros.devices.bag.batches import Batch, joined
 from eol_ros.devices.bag.reader import BagReader
-from eol_ros.errors import UsageError
+from eol_ros.errors import ConfigError, UsageError
 from eol_ros.streams.cdr import Decoder
 
 BATCH = 4096  # messages decoded at a time
@@ -188,7 +188,13 @@ class Bag(BagReader):
 
     def decoder(self, name: str, only: Collection[str] = ()) -> Decoder:
         """Return the decoder of the full topic name; see `Decoder` for `only`."""
-        return Decoder(self.topics[name].type, self.topics[name].definition, only)
+        topic = self.topics[name]
+        if topic.foreign:
+            raise ConfigError(
+                f'{self.path}: {name}: its messages are {topic.foreign}; only those of ROS 2 '
+                '(cdr/ros2msg) can be decoded'
+            )
+        return Decoder(topic.type, topic.definition, only)
 
     def table(self, topic: str, start_s: float = 0.0, end_s: float | None = None) -> Table:
         """Decode the messages of a topic into one array.
@@ -227,10 +233,38 @@ class Bag(BagReader):
             first = np.searchsorted(received, start_ns)
             last = len(whole) if end_ns is None else np.searchsorted(received, end_ns)
             return whole[first:last]
+        if len(keys := self.variants(name)) > 1:
+            return self._of_all(keys, start_ns, end_ns)
         rows = self._rows(name)
         for _, batch in self._large([name], start_ns, end_ns):
             rows.add(batch)
         return rows.table()
+
+    def _of_all(self, keys: Sequence[str], start_ns: int, end_ns: int | None) -> Table:
+        """Return the messages of all definitions of a topic, each decoded by its own.
+
+        The columns are those that all of them have.
+        """
+        tables = {}
+        for key in keys:
+            rows = self._rows(key)
+            for _, batch in self._large([key], start_ns, end_ns):
+                rows.add(batch)
+            tables[key] = rows.table()
+        first = tables[keys[0]]
+        names = [
+            n for n in first.dtype.names or ()
+            if all(n in (t.dtype.names or ()) for t in tables.values())
+            and len({(t[n].shape[1:], t[n].dtype.names) for t in tables.values()}) == 1
+        ]  # fmt: skip
+        columns = {n: np.concatenate([t[n] for t in tables.values()]) for n in names}
+        order = np.argsort(columns['log_time'], kind='stable')
+        kinds = [(n, c.dtype, c.shape[1:]) for n, c in columns.items()]
+        table = np.empty(len(order), kinds).view(Table)
+        for n, values in columns.items():
+            table[n] = values[order]
+        table.topic, table.comments = first.topic, first.comments
+        return table
 
     def tables(self, topics: Sequence[str]) -> dict[str, Table]:
         """Return the tables of those of `topics` that have messages; the bag is read once."""
@@ -418,7 +452,7 @@ def topic_names(bag: BagReader, asked: str | None) -> list[str]:
     names = [bag.find(name.strip()) for name in asked.split(',') if name.strip()]
     if not names:
         raise UsageError(f'{asked!r}: names no topic')
-    return names
+    return [key for name in names for key in bag.variants(name)]
 
 
 def _joined(parts: list[np.ndarray]) -> np.ndarray:

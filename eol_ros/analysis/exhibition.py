@@ -95,6 +95,8 @@ def digest(path: str | Path, zone: datetime.tzinfo | None = None) -> Digest | st
         return _digest(bag, zone)
     except EolError as error:
         return f'{path}: left out: {error}'
+    except Exception as error:  # one of many, which is not what it says
+        return f'{path}: left out: cannot be read as a bag of eol_ros ({error!r})'
 
 
 @dataclass

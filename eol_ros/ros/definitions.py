@@ -10,6 +10,7 @@ import json
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import yaml
 from rclpy.qos import QoSProfile
@@ -90,7 +91,7 @@ class _Plain(yaml.SafeDumper):
         return True
 
 
-def describe(topic: str) -> dict[str, str]:
+def describe(topic: str) -> dict[str, Any]:
     """Return type, definition, hash and offered QoS of a topic of the table, as a bag has them."""
     row = TOPICS[topic]
     return {

@@ -74,7 +74,12 @@ class Decoder:
             kind = self.root
             for name in path.split('.'):
                 self._only.setdefault(kind, set()).add(name)
-                kind = next(f.type for f in self.types[kind].fields if f.name == name)
+                fields = {f.name: f.type for f in self.types[kind].fields}
+                if name not in fields:
+                    raise ConfigError(
+                        f'{type_name}: has no {path}, but {", ".join(fields) or "nothing"}'
+                    )
+                kind = fields[name]
 
     @cached_property
     def comments(self) -> dict[str, str]:

@@ -81,7 +81,10 @@ def _info(args) -> int:
     size = sum(f.path.stat().st_size for f in bag.files)
     through = (lambda files: track(files, 'reading')) if size > LONG_BYTES else iter
     lost = Unreadable(0, 0.0) if args.index else bag.prove(through)
-    rows = {t.name: {'type': t.type, 'messages': bag.counts[t.name]} for t in bag.topics.values()}
+    rows = {}
+    for key, topic in bag.topics.items():
+        rows[key] = {'type': topic.type, 'messages': bag.counts[key]}
+        rows[key] |= {'encoding': topic.foreign} if topic.foreign else {}
     if args.json:
         answer = {
             'bag': str(bag.path), 'start_ns': bag.start_ns, 'duration_s': bag.duration_s,
@@ -93,7 +96,8 @@ def _info(args) -> int:
     else:
         print(f'{bag.path}  {bag.duration_s:.1f} s  {size / 1e6:.1f} MB  {len(bag.files)} files')
         for name, row in rows.items():
-            print(f'{row["messages"]:10}  {name:32} {row["type"]}')
+            kind = f'{row["type"]} {row.get("encoding", "")}'.rstrip()
+            print(f'{row["messages"]:10}  {name:32} {kind}')
         for name, value in bag.gaps.items():
             print(f'{name}: {value}')
     code = _tell(bag)
@@ -122,7 +126,7 @@ def _advice(bag, lost) -> str:
         else:
             command += '` makes it whole without that'
         return f'{bag.path}: damaged in {place}: {what}; {command}'
-    if not bag.cut_short:
+    if all(file.cut_at is None for file in bag.files):
         return ''
     if any(in_use(file.path) for file in bag.files if file.cut_at is not None):
         return f'{bag.path}: is being recorded'
@@ -157,6 +161,8 @@ def _recover(args) -> int:
         count = edit.copy(out, topics, bag.messages(), about, gaps, lambda: bag.damage)
         print(f'{args.output}: {count} messages', file=sys.stderr)
         return _tell(bag)
+    for line in bag.notes:
+        print(line, file=sys.stderr)
     cut = [file for file in bag.files if not file.indexed]
     lost = 0
     for file in cut:
@@ -198,7 +204,7 @@ def _cut(args) -> int:
     if not args.start < max(end_s, 1e-9):
         raise UsageError(f'--start {args.start:g} --end {end_s:g}: it ends before it begins')
     names = None if args.topics is None else topic_names(bag, args.topics)
-    topics = [t for t in bag.topics.values() if names is None or t.name in names]
+    topics = [t for t in bag.topics.values() if names is None or t.key in names]
     start_ns = bag.start_ns + round(args.start * 1e9)
     end_ns = None if args.end is None else bag.start_ns + round(args.end * 1e9)
     about = {**bag.about, edit.FROM: f'{bag.path} from {args.start:g} to {end_s:g} s'}

@@ -160,9 +160,7 @@ def _keys():
 
 def _list(bag, as_json: bool) -> None:
     if as_json:
-        rows = {
-            t.name: {'type': t.type, 'messages': bag.counts[t.name]} for t in bag.topics.values()
-        }
+        rows = {key: {'type': t.type, 'messages': bag.counts[key]} for key, t in bag.topics.items()}
         answer = {
             'bag': str(bag.path), 'start_ns': bag.start_ns, 'duration_s': bag.duration_s,
             'topics': rows, 'about': bag.about, 'gaps': bag.gaps, 'cut_short': bag.cut_short,
@@ -170,7 +168,7 @@ def _list(bag, as_json: bool) -> None:
         print(json.dumps(answer, indent=2))
         return
     print(f'{bag.path}  {bag.duration_s:.1f} s')
-    for topic in bag.topics.values():
-        print(f'{bag.counts[topic.name]:10}  {topic.name:32} {topic.type}')
+    for key, topic in bag.topics.items():
+        print(f'{bag.counts[key]:10}  {key:32} {topic.type}')
     for name, value in bag.gaps.items():
         print(f'{name}: {value}')

@@ -58,7 +58,7 @@ def write_file(
 ) -> int:
     """Write `messages` to a new file; `gaps` is called when all are written. Count them."""
     file = BagFile(out, topics)
-    channel = {topic.name: number for number, topic in enumerate(topics, 1)}
+    channel = {topic.key: number for number, topic in enumerate(topics, 1)}
     try:
         file.add_metadata(RUN_METADATA, about)
         for m in messages:
@@ -88,11 +88,11 @@ def merged_topics(bags: Sequence[BagReader]) -> list[BagTopic]:
     """Return the topics of all bags; raise ConfigError where two mean different things by one."""
     topics: dict[str, BagTopic] = {}
     for bag in bags:
-        for name, topic in bag.topics.items():
-            known = topics.setdefault(name, topic)
-            if (known.type, known.definition) != (topic.type, topic.definition):
+        for key, topic in bag.topics.items():
+            known = topics.setdefault(key, topic)
+            if not known.same(topic):
                 raise ConfigError(
-                    f'{bag.path}: {name} is defined otherwise than in the bags before it '
+                    f'{bag.path}: {key} is defined otherwise than in the bags before it '
                     f'({known.type}, {topic.type}): they cannot be one bag'
                 )
     return list(topics.values())

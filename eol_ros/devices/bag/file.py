@@ -13,7 +13,7 @@ import warnings
 import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple, TypeVar
 
@@ -34,6 +34,14 @@ if TYPE_CHECKING:
 FOOTER = struct.Struct('<BQQQI')  # opcode, length, start of the summary, of its offsets, crc
 _INDEX = struct.Struct('<QQQQI')  # start, end, offset, length, bytes of the map that follows
 _T = TypeVar('_T')
+_NAMED = 'offered_qos_profiles', 'topic_type_hash'  # in the metadata of a channel
+_OTHERS = {
+    b'SQLite': 'a bag in SQLite (.db3): `ros2 bag convert` makes MCAP of it',
+    b'#ROSBAG': 'a bag of ROS 1: `rosbags-convert` of the package rosbags makes MCAP of it',
+    b'\x28\xb5\x2f\xfd': 'compressed as a whole: `zstd -d` unpacks it',
+    b'\x1f\x8b': 'compressed as a whole: `gunzip` unpacks it',
+    b'PK\3\4': 'a zip archive: unpack it',
+}
 
 
 class BagMessage(NamedTuple):
@@ -58,6 +66,7 @@ class Contents:
     start_ns: int = 0
     end_ns: int = 0
     data_end: int = len(MAGIC)
+    attachments: int = 0
     complete: bool = False  # nothing is cut off of the data
     holes: list[tuple[int, Found]] = field(default_factory=list)  # by number of places before
 
@@ -73,6 +82,7 @@ class Contents:
     def add(self, found: Found) -> None:
         """Take what was found in the file; a chunk is proved."""
         record, messages = found.record, {}
+        self.attachments += not found.why and found.raw[:1] == bytes([Opcode.ATTACHMENT])
         if found.why:
             self.holes.append((len(self.places), found))
         elif isinstance(record, (Schema, Channel)):
@@ -108,7 +118,8 @@ class BagFileReader:
         self, path: Path, breathe: Callable[[], object] = lambda: None, quiet: bool = False
     ):
         self.path, self._quiet = path, quiet
-        self.topics: dict[str, BagTopic] = {}
+        self.topics: dict[str, BagTopic] = {}  # by key
+        self.keys: dict[int, str] = {}  # of each channel
         self.counts: dict[str, int] = {}
         self.metadata: dict[str, dict[str, str]] = {}
         self.damage: list[Damage] = []
@@ -183,6 +194,25 @@ class BagFileReader:
             breathe()
         return count
 
+    def rename(self, keys: dict[str, str]) -> None:
+        """Give the topics the keys that they have in the bag."""
+        self.topics = {keys[key]: topic for key, topic in self.topics.items()}
+        self.counts = {keys[key]: count for key, count in self.counts.items()}
+        self.keys = {channel: keys[key] for channel, key in self.keys.items()}
+
+    def times_of(self, place: Place) -> list[int]:
+        """Return when each message of a place was received; none if it cannot be read."""
+        with open(self.path, 'rb') as file:
+            index = self.read(file, place, lambda _, data: scan.index_of(data)) or {}
+        return [ns for entries in index.values() for ns, _ in entries]
+
+    def within(self, low: int, high: int) -> None:
+        """Let only the messages received from `low` to `high` count."""
+        self.places = [p for p in self.places if p.end_ns >= low and p.start_ns <= high]
+        times = [t for p in self.places for t in (p.start_ns, p.end_ns)]
+        self.start_ns = max(min(times, default=low), low)
+        self.end_ns = min(max(times, default=high), high)
+
     def each(
         self,
         take: Callable[[Chunk, bytes], _T],
@@ -217,8 +247,7 @@ class BagFileReader:
             return None
 
     def _names(self, topics: Collection[str] | None) -> dict[int, str]:
-        channels = self.contents.channels.values()
-        return {c.id: c.topic for c in channels if topics is None or c.topic in topics}
+        return {c: key for c, key in self.keys.items() if topics is None or key in topics}
 
     def _damaged(self, start: int, end: int, why: str, start_ns: int = 0, end_ns: int = 0) -> None:
         damage = Damage(self.path.name, start, end, why, start_ns, end_ns)
@@ -253,7 +282,6 @@ class BagFileReader:
         self.places = sorted(contents.places)
         for channel in contents.channels.values():
             self._add(channel, contents.schemas.get(channel.schema_id))
-            self.counts[channel.topic] += contents.counts[channel.id]
         self._check_metadata()
 
     def _begins(self, file: BinaryIO) -> bool:
@@ -263,6 +291,8 @@ class BagFileReader:
             return True
         part = self.path.name.endswith(PART)
         known = part or self.path.name.endswith('.mcap')
+        if kind := next((k for head, k in _OTHERS.items() if magic.startswith(head)), ''):
+            raise ConfigError(f'{self.path}: not an MCAP file, but {kind}')
         if not (known and scan.anchored(file)):
             if part:
                 self.cut_at = 0  # the power failed before the first bytes were on the disk
@@ -293,14 +323,29 @@ class BagFileReader:
             self.metadata[missing[0]] = {k: v for k, v in custom.items() if k not in known}
 
     def _add(self, channel: Channel, schema: Schema | None) -> None:
-        self.counts.setdefault(channel.topic, 0)
-        self.topics[channel.topic] = BagTopic(
+        topic = BagTopic(
             channel.topic,
             schema.name if schema else '',
-            schema.data.decode(errors='replace') if schema else '',
+            schema.data.decode(errors='surrogateescape') if schema else '',
             channel.metadata.get('topic_type_hash', ''),
             channel.metadata.get('offered_qos_profiles', ''),
+            channel.message_encoding,
+            schema.encoding if schema else '',
+            tuple(p for p in sorted(channel.metadata.items()) if p[0] not in _NAMED),
         )
+        self.keys[channel.id] = key = add_topic(self.topics, topic)
+        self.counts[key] = self.counts.get(key, 0) + self.contents.counts[channel.id]
+
+
+def add_topic(topics: dict[str, BagTopic], topic: BagTopic) -> str:
+    """Add `topic` to `topics`, by key, if they lack it; return its key there."""
+    for variant in itertools.count():
+        topic = replace(topic, variant=variant)
+        known = topics.setdefault(topic.key, topic)
+        if known.same(topic):
+            topics[topic.key] = topic  # the last definition of its quality of service
+            return topic.key
+    raise AssertionError
 
 
 def by_this_project(file: BinaryIO) -> bool:
@@ -341,6 +386,7 @@ def from_index(file: BinaryIO, size: int, ours: bool) -> Contents | None:
         return None
     found.counts.update(statistics.channel_message_counts)
     found.start_ns, found.end_ns = statistics.message_start_time, statistics.message_end_time
+    found.attachments = statistics.attachment_count
     return found
 
 

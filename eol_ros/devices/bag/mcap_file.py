@@ -55,6 +55,9 @@ class BagTopic:
     """One recorded topic: full name, `package/msg/Name`, definition as `ros2msg`, RIHS01 hash, QoS.
 
     `qos` is YAML text, a list of one map per publisher, in the words of rosbag2's metadata 9.
+    Recorders of other systems have other encodings; bytes of a definition that are no text are
+    surrogates in it. `more`: further pairs that belong to the channel. `variant` counts further
+    definitions of the same name in a bag.
     """
 
     name: str
@@ -62,6 +65,30 @@ class BagTopic:
     definition: str
     type_hash: str = ''
     qos: str = ''
+    encoding: str = 'cdr'
+    schema_encoding: str = 'ros2msg'
+    more: tuple[tuple[str, str], ...] = ()
+    variant: int = 0
+
+    @property
+    def key(self) -> str:
+        """The name of the topic in a bag, unique for each of its definitions."""
+        return f'{self.name} (definition {self.variant + 1})' if self.variant else self.name
+
+    @property
+    def foreign(self) -> str:
+        """The encodings, where messages are not those of ROS 2; else an empty string."""
+        ours = self.encoding == 'cdr' and self.schema_encoding == 'ros2msg'
+        return '' if ours else f'{self.encoding or "none"}/{self.schema_encoding or "no schema"}'
+
+    def same(self, other: 'BagTopic') -> bool:
+        """Return whether messages of both are read alike."""
+        return self.schema == other.schema and self.encoding == other.encoding
+
+    @property
+    def schema(self) -> tuple[str, str, str]:
+        """What makes a schema: its type, encoding and definition."""
+        return self.type, self.schema_encoding, self.definition
 
     @property
     def latched(self) -> bool:
@@ -69,8 +96,11 @@ class BagTopic:
         return 'transient_local' in self.qos
 
     def metadata(self) -> dict[str, str]:
-        """Return what rosbag2 stores with the channel."""
-        return {'offered_qos_profiles': self.qos, 'topic_type_hash': self.type_hash}
+        """Return what is stored with the channel."""
+        ours = {'offered_qos_profiles': self.qos, 'topic_type_hash': self.type_hash}
+        if self.foreign:
+            ours = {name: text for name, text in ours.items() if text}
+        return dict(self.more) | ours
 
 
 class _Chunk:
@@ -267,12 +297,16 @@ class BagFile:
 
 def describe_topics(topics: Collection[BagTopic]) -> tuple[list[Schema], list[Channel]]:
     """Return the definitions of `topics`: a schema for each type, channel i + 1 for topic i."""
-    schemas: dict[str, Schema] = {}
+    schemas: dict[tuple[str, str, str], Schema] = {}
     for t in topics:
-        number = len(schemas) + 1
-        schemas.setdefault(t.type, Schema(number, t.definition.encode(), 'ros2msg', t.type))
+        if any(t.schema):  # JSON may have none
+            definition = t.definition.encode('utf-8', 'surrogateescape')
+            schemas.setdefault(
+                t.schema, Schema(len(schemas) + 1, definition, t.schema_encoding, t.type)
+            )
+    numbers = {schema: record.id for schema, record in schemas.items()}
     channels = [
-        Channel(number, t.name, 'cdr', t.metadata(), schemas[t.type].id)
+        Channel(number, t.name, t.encoding, t.metadata(), numbers.get(t.schema, 0))
         for number, t in enumerate(topics, 1)
     ]
     return list(schemas.values()), channels

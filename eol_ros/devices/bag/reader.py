@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads bags: a rosbag2 folder of MCAP files, or one such file, whole, cut or damaged; no ROS."""
 
+import datetime
 import heapq
 import itertools
+import os
+import re
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,17 +15,19 @@ from mcap.records import Chunk, Message, Metadata
 
 from eol_ros.devices.bag import scan
 from eol_ros.devices.bag.damage import Unreadable, lasting_s
-from eol_ros.devices.bag.file import BagFileReader
+from eol_ros.devices.bag.file import BagFileReader, add_topic
 from eol_ros.devices.bag.file import BagMessage as BagMessage
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.scan import MAGIC
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, REPLAY_OF, RUN_METADATA, SAMPLE
-from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.devices.files.names import natural, visible
+from eol_ros.errors import ConfigError, DeviceMissing, EolError
 from eol_ros.streams.graph import TOPICS, full_name, namespace_of
 
 if TYPE_CHECKING:
     from eol_ros.devices.bag.batches import Batch
 
+APART_NS = 366 * 86400 * 10**9  # no recording has a hole of more than a year
 MERGED = 4096  # messages of files that overlap in time, in memory at a time
 LOOK_BACK_NS = 60_000_000_000
 
@@ -56,14 +61,20 @@ class BagReader:
 
     def __init__(self, path: str | Path):
         self.path = _newest(Path(path))
-        self.files = [BagFileReader(p) for p in _mcap_files(self.path)]
+        paths, self.notes = files_of(self.path)
+        self.files = [BagFileReader(p) for p in paths]
         self.files.sort(key=lambda f: (f.start_ns, f.path.name))
-        self.topics: dict[str, BagTopic] = {}
+        self._span: tuple[int, int] | None = None  # of the messages that count, None: all
+        self.topics: dict[str, BagTopic] = {}  # by key: the name, but for further definitions
         self.counts: dict[str, int] = {}
         for file in self.files:
-            self.topics.update(file.topics)
-            for topic, count in file.counts.items():
-                self.counts[topic] = self.counts.get(topic, 0) + count
+            keys = {key: add_topic(self.topics, topic) for key, topic in file.topics.items()}
+            file.rename(keys)
+            for key, count in file.counts.items():
+                self.counts[key] = self.counts.get(key, 0) + count
+            if count := file.contents.attachments:
+                self.notes.append(f'{file.path.name}: its attachments ({count}) are left out')
+        self.notes += self._set_main_span()
         self.namespace = namespace_of({t.name: t.type for t in self.topics.values()})
         filled = [f for f in self.files if f.places]
         self.start_ns = min((f.start_ns for f in filled), default=0)
@@ -86,8 +97,8 @@ class BagReader:
 
     @property
     def cut_short(self) -> list[str]:
-        """One line for each file that has no end: how much of it could be read."""
-        return [
+        """One line for each file that has no end, and for what else of the bag is left out."""
+        return self.notes + [
             f'{f.path.name} has no end: {f.cut_at} of {f.size} bytes read, '
             f'{sum(f.counts.values())} messages'
             for f in self.files
@@ -121,8 +132,16 @@ class BagReader:
         return before if was and before in self.topics and name not in self.topics else name
 
     def count(self, topic: str) -> int:
-        """Return how many messages of a topic of the graph there are."""
-        return self.counts.get(self.name(topic), 0)
+        """Return how many messages of a topic of the graph there are, of its own kind."""
+        found = self.topics.get(self.name(topic))
+        package = TOPICS[topic].type_name.partition('/')[0] if topic in TOPICS else ''
+        if not found or found.foreign or not found.type.startswith(package):
+            return 0
+        return self.counts[found.key]
+
+    def variants(self, key: str) -> list[str]:
+        """Return the keys of all definitions of a topic."""
+        return [k for k, t in self.topics.items() if t.name == self.topics[key].name]
 
     def find(self, name: str) -> str:
         """Return the full name of topic `name`, with or without namespace; raise ConfigError."""
@@ -159,6 +178,7 @@ class BagReader:
         >>> first.topic, len(first.data)
         ('/eol/slips', 100)
         """
+        start_ns, end_ns = self._within(start_ns, end_ns)
         files, apart = self._files(start_ns, end_ns)
         streams = [f.messages(topics, start_ns, end_ns) for f in files]
         if apart:  # one file at a time in memory
@@ -176,6 +196,7 @@ class BagReader:
         """
         from eol_ros.devices.bag.batches import batch_of
 
+        start_ns, end_ns = self._within(start_ns, end_ns)
         files, apart = self._files(start_ns, end_ns)
         if apart:
             for f in files:
@@ -188,6 +209,7 @@ class BagReader:
 
     def _files(self, start_ns: int, end_ns: int | None) -> tuple[list[BagFileReader], bool]:
         """Return the files with messages of a span, and whether they follow each other in time."""
+        start_ns, end_ns = self._within(start_ns, end_ns)
         files = [
             f
             for f in self.files
@@ -195,12 +217,52 @@ class BagReader:
         ]
         return files, all(a.end_ns <= b.start_ns for a, b in itertools.pairwise(files))
 
+    def _within(self, start_ns: int, end_ns: int | None) -> tuple[int, int | None]:
+        """Return the part of a span in which the messages are that count."""
+        if self._span is None:
+            return start_ns, end_ns
+        low, high = self._span
+        return max(start_ns, low), high + 1 if end_ns is None else min(end_ns, high + 1)
+
+    def _set_main_span(self) -> list[str]:
+        """Leave out messages more than a year from the others; return a note that says so.
+
+        A clock that was not set yet stamps them with 1970, or with the day of the system's build.
+        """
+        filled = [f for f in self.files if f.places]
+        spans = [(p.start_ns, p.end_ns, p.end - p.offset) for f in filled for p in f.places]
+        low, high = min((s for s, *_ in spans), default=0), max((e for _, e, _ in spans), default=0)
+        if high - low <= APART_NS:
+            return []
+        for f in filled:
+            for p in f.places:
+                if p.end_ns - p.start_ns > APART_NS:
+                    spans.remove((p.start_ns, p.end_ns, p.end - p.offset))
+                    spans += [(ns, ns, 1) for ns in f.times_of(p)]
+        groups: list[list[int]] = []  # start, end, bytes
+        for start_ns, end_ns, size in sorted(spans):
+            if not groups or start_ns - groups[-1][1] > APART_NS:
+                groups.append([start_ns, end_ns, 0])
+            groups[-1][1] = max(groups[-1][1], end_ns)
+            groups[-1][2] += size
+        if len(groups) < 2:
+            return []
+        low, high, _ = max(groups, key=lambda group: group[2])
+        self._span = low, high
+        for f in filled:
+            f.within(low, high)
+        times = ', '.join(_date(g[0]) for g in groups if g[0] != low)
+        return [
+            f'messages received in {times} are left out: more than a year from the others '
+            f'({_date(low)}); the clock of the recorder was not set'
+        ]
+
     def latched(self, topics: Collection[str] | None, at_ns: int) -> list[BagMessage]:
         """Return what holds at a time: of each latched topic the last message received before it.
 
         topics: of these alone (None: all). The messages come in order of reception.
         """
-        open_ = {t.name for t in self.topics.values() if t.latched}
+        open_ = {t.key for t in self.topics.values() if t.latched}
         open_ = {name for name in open_ if self.counts[name] and (topics is None or name in topics)}
         found: dict[str, BagMessage] = {}
         end_ns, span_ns = at_ns, LOOK_BACK_NS
@@ -225,11 +287,18 @@ def bags_in(path: Path) -> list[Path]:
     """
     if not path.is_dir() or (path / 'metadata.yaml').exists():
         return []
-    return sorted({p.parent for p in path.glob('*/*') if _is_mcap(p)})
+    return sorted({p.parent for p in path.glob('*/*') if _is_mcap(p) and p.parent.name[0] != '.'})
+
+
+def _date(ns: int) -> str:
+    try:
+        return f'{datetime.datetime.fromtimestamp(ns // 10**9, datetime.timezone.utc):%Y-%m}'
+    except (ValueError, OverflowError, OSError):
+        return f'{ns} ns'
 
 
 def _is_mcap(path: Path) -> bool:
-    return path.name.endswith(('.mcap', '.mcap' + PART))
+    return path.name[0] != '.' and path.name.endswith(('.mcap', '.mcap' + PART))
 
 
 def _newest(path: Path) -> Path:
@@ -240,7 +309,10 @@ def _newest(path: Path) -> Path:
     bags = bags_in(path)
     sample = None
     for bag in sorted(bags, key=lambda p: (p.stat().st_mtime_ns, p.name), reverse=True):
-        about = _run_metadata(_mcap_files(bag)[0])
+        try:
+            about = _run_metadata(files_of(bag)[0][0])
+        except EolError:  # one of many
+            continue
         if about is None or REPLAY_OF in about:
             continue
         if SAMPLE not in about:
@@ -269,11 +341,12 @@ def _run_metadata(path: Path) -> dict[str, str] | None:
     return None if path.name.endswith(PART) else {}
 
 
-def _mcap_files(path: Path) -> list[Path]:
+def files_of(path: Path) -> tuple[list[Path], list[str]]:
+    """Return the files of a bag, and what is in its folder and left out, in words."""
     if not path.exists():
         raise DeviceMissing(f'{path}: no such bag')
     if path.is_file():
-        return [path]
+        return [path], []
     files = [p for p in path.iterdir() if _is_mcap(p)]
     names = {p.name for p in files}
     files = [p for p in files if p.name.removesuffix(PART) not in names - {p.name}]
@@ -284,11 +357,62 @@ def _mcap_files(path: Path) -> list[Path]:
             raise
         listed = []  # damaged; the files say it all again
     missing = sorted(set(listed) - names)
+    others = [
+        p.name
+        for p in visible(path)
+        if p.name.endswith(_NOT_READ) and p.name.partition('.mcap')[0] not in names
+    ]
+    if missing and (there := [n for n in others if n.startswith(missing[0])]):
+        raise ConfigError(f'{path}: {there[0]} is there, {_remedy(there[0])}')
     if missing:
         raise DeviceMissing(f'{path}: {missing[0]} is named in metadata.yaml and is not there')
+    if not files and others:
+        raise ConfigError(f'{path}: {others[0]}: {_remedy(others[0])}')
     if not files:
         raise ConfigError(f'{path}: not a bag: a folder without .mcap files')
-    return sorted(files)
+    return _own_files(sorted(files, key=natural), listed)
+
+
+_NOT_READ = ('.db3', '.db3.zstd', '.mcap.zstd', '.mcap.gz', '.bag')
+
+
+def _remedy(name: str) -> str:
+    if name.endswith(('.zstd', '.gz')):
+        return f'compressed as a whole: `{"zstd -d" if name.endswith(".zstd") else "gunzip"}` first'
+    return 'not MCAP: `ros2 bag convert`, or `rosbags-convert` for ROS 1, makes MCAP of it'
+
+
+def _own_files(files: list[Path], listed: list[str]) -> tuple[list[Path], list[str]]:
+    """Return those of `files` that are the bag's, and lines on the others.
+
+    Without metadata.yaml all are, but for copies. With it also the next ones in its row: a recorder
+    that is killed has not named them yet.
+    """
+    row = re.compile(re.escape(listed[0].rpartition('_')[0]) + r'_\d+\.mcap') if listed else None
+    own: dict[bytes, Path] = {}
+    notes = []
+    for path in sorted(files, key=lambda p: (p.name not in listed, len(p.name), natural(p))):
+        name = path.name.removesuffix(PART)
+        if row and path.name not in listed and not row.fullmatch(name):
+            notes.append(f'{path.name}: not named in metadata.yaml; left out')
+            continue
+        end = _end_of(path)
+        if end in own:
+            notes.append(f'{path.name}: a copy of {own[end].name}; left out')
+            continue
+        own[end] = path
+    return sorted(own.values(), key=natural), notes
+
+
+def _end_of(path: Path) -> bytes:
+    """Return size and end of a file, which hold a checksum of its index: equal only for copies."""
+    try:
+        with path.open('rb') as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(size - 4096, 0))
+            return f'{size} '.encode() + (file.read() if size else path.name.encode())
+    except OSError:
+        return path.name.encode()
 
 
 def information(folder: Path) -> dict | None:

@@ -17,8 +17,9 @@ from pathlib import Path
 from mcap.records import Chunk
 
 from eol_ros.devices.bag import scan
-from eol_ros.devices.bag.file import BagFileReader
-from eol_ros.devices.bag.mcap_file import BagFile
+from eol_ros.devices.bag.file import BagFileReader, add_topic
+from eol_ros.devices.bag.mcap_file import BagFile, BagTopic
+from eol_ros.devices.bag.reader import files_of
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, RUN_METADATA, FileSummary, metadata_text
 from eol_ros.disk import DISK
 from eol_ros.errors import EolError
@@ -157,7 +158,10 @@ def _copy(old: BagFileReader, work: Path, breathe: Callable[[], None]) -> None:
 
 def _lost(old: BagFileReader) -> tuple[str, ...]:
     """Return what is damaged of the data of a file; a new index is written in any case."""
-    return tuple(d.text(old.start_ns) for d in old.damage if d.start < old.contents.data_end)
+    count = old.contents.attachments
+    attached = [f'{old.path.name}: its attachments ({count}) are not copied'] if count else []
+    damage = [d.text(old.start_ns) for d in old.damage if d.start < old.contents.data_end]
+    return (*damage, *attached)
 
 
 def _set_aside(path: Path) -> Path:
@@ -193,10 +197,12 @@ def rewrite_metadata(folder: Path) -> None:
 
 def metadata_of(folder: Path) -> str:
     """Return the text of `metadata.yaml` for the complete files of a bag folder."""
-    bags = [BagFileReader(p) for p in sorted(folder.glob('*.mcap'))]
-    topics, custom, files = {}, {}, []
+    paths, _ = files_of(folder)
+    bags = [BagFileReader(p) for p in paths if p.suffix == '.mcap']
+    topics: dict[str, BagTopic] = {}
+    custom, files = {}, []
     for bag in sorted(bags, key=lambda b: b.start_ns):
-        topics.update(bag.topics)
+        bag.rename({key: add_topic(topics, topic) for key, topic in bag.topics.items()})
         custom.update(bag.metadata.get(RUN_METADATA, {}) | bag.metadata.get(GAPS_METADATA, {}))
         files.append(FileSummary(bag.path.name, bag.start_ns, bag.end_ns, bag.counts))
     return metadata_text(list(topics.values()), files, custom)

@@ -32,7 +32,8 @@ def verify(
         warnings.simplefilter('ignore', BagDamaged)
         bag = BagReader(path)
         found = [line for file in through(bag.files) for line in _faults(file)]
-    found = [*bag.cut_short, *bag.damage, *found]
+    cut = [line for line in bag.cut_short if line not in bag.notes]
+    found = [*cut, *bag.damage, *found]
     return bag, list(dict.fromkeys([*found, *metadata_faults(bag)]))
 
 

@@ -59,11 +59,11 @@ def metadata_text(
                 'topic_metadata': {
                     'name': topic.name,
                     'type': topic.type,
-                    'serialization_format': 'cdr',
+                    'serialization_format': topic.encoding,
                     'offered_qos_profiles': yaml.safe_load(topic.qos) if topic.qos else [],
                     'type_description_hash': topic.type_hash,
                 },
-                'message_count': sum(f.counts.get(topic.name, 0) for f in files),
+                'message_count': sum(f.counts.get(topic.key, 0) for f in files),
             }
             for topic in topics
         ],
@@ -124,7 +124,7 @@ class BagWriter:
         self.gaps: dict[str, str] = {}  # written into the metadata whenever a file is closed
         self.files: list[FileSummary] = []
         self._topics = tuple(topics)
-        self._channel = {topic.name: i for i, topic in enumerate(self._topics, 1)}
+        self._channel = {topic.key: i for i, topic in enumerate(self._topics, 1)}
         self._about = dict(about)
         self._split_ns = round(split_s * 1e9)
         self._split_bytes = split_bytes

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of other programs: their encodings, definitions, clocks and folders."""
+
+import json
+import shutil
+import struct
+
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from support.bag_samples import T0, write_bag
+
+from eol_ros import cli
+from eol_ros.analysis.bag import open_bag
+from eol_ros.devices.bag import edit
+from eol_ros.devices.bag.reader import BagReader
+
+KINDS = {  # topic: message encoding, schema encoding, type, schema, message
+    '/json': ('json', 'jsonschema', 'Point', b'{"type": "object"}', b'{"x": 1}'),
+    '/bare': ('json', '', '', b'', b'{"x": 1}'),
+    '/ros1': ('ros1', 'ros1msg', 'std_msgs/String', b'string data', b'\2\0\0\0hi'),
+    '/proto': ('protobuf', 'protobuf', 'p.P', b'\n\xff\xfe\x00', b'\x08\x01'),
+    '/idl': ('cdr', 'ros2idl', 'p/msg/P', b'module p {};', b'\0\1\0\0\1'),
+}
+
+
+def write(path, kinds=KINDS, times=(T0, T0 + 1_000_000_000), attach=False):
+    """Write a foreign file with a message of each kind at each time."""
+    with open(path, 'wb') as file:
+        writer = Writer(file)
+        writer.start('ros1', 'of somebody else')
+        channels = []
+        for topic, (encoding, schema_encoding, name, schema, data) in kinds.items():
+            number = writer.register_schema(name, schema_encoding, schema) if name else 0
+            topic = topic.rstrip('2')
+            channels.append((writer.register_channel(topic, encoding, number, {'a': 'b'}), data))
+        for time_ns in times:
+            for channel, data in channels:
+                writer.add_message(channel, time_ns, data, time_ns)
+        if attach:
+            writer.add_attachment(T0, T0, 'photo.jpg', 'image/jpeg', b'bytes')
+        writer.finish()
+    return path
+
+
+def contents(path):
+    """Return what an independent reader finds: encodings, schema bytes and messages."""
+    with open(path, 'rb') as file:
+        return sorted(
+            (c.topic, c.message_encoding, c.metadata.get('a'), m.log_time, m.data,
+             *((s.encoding, s.name, s.data) if s else ()))
+            for s, c, m in make_reader(file).iter_messages()
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize('verb', ['cut', 'merge', 'recover'])
+def test_encodings_and_definitions_stay(tmp_path, verb):
+    path = write(tmp_path / 'foreign.mcap')
+    out = tmp_path / 'out.mcap'
+    assert cli.main(['bag', verb, str(path), '--output', str(out)]) == 0
+    assert contents(out) == contents(path)
+
+
+def test_a_cut_foreign_file_is_repaired_as_it_was(tmp_path):
+    path = write(tmp_path / 'foreign.mcap')
+    before = contents(path)
+    path.write_bytes(path.read_bytes()[:-200])
+    cli.main(['bag', 'recover', str(path)])
+    assert contents(path) == before
+
+
+CDR = 'cdr', 'ros2msg'
+TWO = {  # of one topic: `write` leaves out the 2
+    '/t': (*CDR, 'p/msg/T', b'int32 a\nint32 b', b'\0\1\0\0\1\0\0\0\2\0\0\0'),
+    '/t2': (*CDR, 'p/msg/T', b'int32 b\nint32 a', b'\0\1\0\0\2\0\0\0\1\0\0\0'),
+}
+
+
+def test_each_message_is_decoded_by_its_own_definition(tmp_path):
+    path, out = write(tmp_path / 'two.mcap', TWO), tmp_path / 'out'
+    assert cli.main(['bag', 'cut', str(path), '--output', str(out)]) == 0
+    for bag in (path, out):
+        table = open_bag(bag).table('/t')
+        assert table['a'].tolist() == [1] * 4 and table['b'].tolist() == [2] * 4
+
+
+def test_what_cannot_be_decoded_is_one_line(tmp_path, capsys):
+    path = write(tmp_path / 'foreign.mcap', attach=True)
+    assert cli.main(['report', str(path), '--csv', '/json', '-o', str(tmp_path)]) == 78
+    error = capsys.readouterr().err.splitlines()
+    assert 'json/jsonschema' in error[-1] and 'attachments (1)' in error[0]
+    assert cli.main(['bag', 'info', str(path), '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['topics']['/ros1']['encoding'] == 'ros1/ros1msg'
+
+
+@pytest.mark.parametrize('metadata', [True, False])
+def test_copies_count_once_and_are_told(tmp_path, capsys, metadata):
+    folder = tmp_path / 'bag'
+    write_bag(folder).close()
+    [file] = folder.glob('*.mcap')
+    shutil.copy(file, folder / 'bag_0 (1).mcap')
+    (folder / '._bag_0.mcap').write_bytes(b'\0\5\x16\7')
+    if not metadata:
+        (folder / 'metadata.yaml').unlink()
+    for words in (['info'], ['recover'], ['info']):
+        cli.main(['bag', *words, str(folder)])
+        assert 'bag_0 (1).mcap: ' in capsys.readouterr().err
+        assert sum(BagReader(folder).counts.values()) == 110
+
+
+@pytest.mark.parametrize(
+    ('name', 'head', 'told'),
+    [
+        ('bag_0.mcap.zstd', b'\x28\xb5\x2f\xfd', 'is there, compressed as a whole'),
+        ('bag_0.mcap.gz', b'\x1f\x8b', 'is there, compressed as a whole'),
+        ('bag_0.db3', b'SQLite format 3\0', 'ros2 bag convert'),
+    ],
+)
+def test_files_of_other_kinds_are_named(tmp_path, capsys, name, head, told):
+    folder = tmp_path / 'bag'
+    write_bag(folder).close()
+    (folder / 'bag_0.mcap').unlink()
+    (folder / name).write_bytes(head)
+    if name.endswith('db3'):
+        (folder / 'metadata.yaml').unlink()
+    for path in (folder, folder / name):
+        assert cli.main(['bag', 'info', str(path)]) == 78
+        error = capsys.readouterr().err
+        assert error.count('\n') == 1
+        assert told.split(', ')[-1].split(' first')[0] in error
+
+
+@pytest.mark.parametrize('odd', [0, 1, 3_000_000_000_000_000_000])
+def test_a_message_of_another_age_is_left_out(tmp_path, odd):
+    times = (odd, *(T0 + k * 1_000_000_000 for k in range(60)))
+    bag = BagReader(write(tmp_path / 'odd.mcap', {'/t': TWO['/t']}, times))
+    assert (bag.start_ns, round(bag.duration_s, 6)) == (T0, 59.0)
+    assert len(list(bag.messages())) == 60
+    assert 'the clock of the recorder was not set' in bag.cut_short[0]
+
+
+def test_one_strange_bag_of_many_is_left_out(tmp_path, capsys):
+    sample = BagReader('bags/sample')
+    about = {k: v for k, v in sample.about.items() if k != 'sample'}
+    (tmp_path / 'bags').mkdir()
+    topics, messages = list(sample.topics.values()), sample.messages()
+    edit.copy(tmp_path / 'bags' / 'good', topics, messages, about, {}, list)
+    text = b'\0\1\0\0' + struct.pack('<I', 2) + b'x\0'
+    odd = {
+        '/eol/slips': ('cdr', 'ros2msg', 'std_msgs/msg/String', b'string data\n', text),
+        '/eol/cascades': ('cdr', 'ros2msg', 'eol_msgs/msg/Cascade', b'string data\n', text),
+        '/eol/block_taps': ('json', '', '', b'', b'{}'),
+    }
+    for k, topic in enumerate(odd):
+        (tmp_path / 'bags' / f'odd{k}').mkdir()
+        times = [T0 + n * 10**9 for n in range(9)]
+        write(tmp_path / 'bags' / f'odd{k}' / 'x.mcap', {topic: odd[topic]}, times)
+    args = ['report', '--all', str(tmp_path / 'bags'), '--output', str(tmp_path / 'out'), '--json']
+    assert cli.main(args) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found['slips'] > 0 and found['bags'] >= 1
+    assert any('odd1' in line for line in found['left_out'])
