@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from eol_ros.analysis import series
 from eol_ros.analysis.bag import Bag, Table
 from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS
 from eol_ros.lab.science import patterns
@@ -50,6 +51,8 @@ def ask(bag: Bag) -> dict[str, Any] | None:
     """Return what is to be said of the patterns of light; None where the bag has no light."""
     if not bag.count('led_commands'):
         return None
+    if why := series.sparse(bag):
+        return {'sentences': [f'patterns of light: {why}']}
     try:
         found = patterns.ask(flashes(bag), 1 / MOMENT_S, np.random.default_rng(1))
     except patterns.TooFew as why:

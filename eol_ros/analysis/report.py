@@ -32,6 +32,7 @@ KEPT: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 ASKED = 'Asked of each series against which nothing else speaks: {name}, simulated.'
 NOT_ASKED = 'Not asked of any series: {name}, which needs a twin and the recorded path of its rim.'
+LATE_MS = 600e3  # a longer delay is none: the stamps are of another clock, or 0
 SOUNDS_WITHIN_S = 0.25  # a slip that has not sounded by then does not sound
 ONSET_S = 0.02  # by which a knock may come before the onset that images tell
 
@@ -77,11 +78,26 @@ def numbers(
     flashing = light.ask(bag)
     if flashing is not None:
         found['light'] = flashing
-    if lacks := _lacking(bag):
+    if lacks := _lacking(bag) + _of_another_clock(found):
         found['lacking'] = lacks
     if answers is not None:
         found['one_over_f'] = {answer.name: _spectral(answer) for answer in answers}
     return found
+
+
+def _of_another_clock(found: dict[str, Any]) -> list[str]:
+    """Take delays that cannot be meant out of `found`; return what is to be said of them."""
+    lines = []
+    for kind in ('latency_ms', 'onset_latency_ms'):
+        for topic, row in list(found[kind].items()):
+            if odd := row.pop('of_another_clock', 0):
+                lines.append(
+                    f'delay of {topic}: {odd} of {odd + row.get("count", 0)} left out, beyond '
+                    f'{LATE_MS / 1e3:.0f} s: times are 0 or of another clock'
+                )
+            if not row:
+                del found[kind][topic]
+    return lines
 
 
 def _lacking(bag: Bag) -> list[str]:
@@ -243,7 +259,8 @@ def write(
     """
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
-    energy = series.KineticEnergy(bag.duration_s, bag.start_ns)
+    span_s = 0.0 if series.sparse(bag) else bag.duration_s
+    energy = series.KineticEnergy(span_s, bag.start_ns)
     rim = uncoupled.RimPath(bag.start_ns)
     each = {'blocks': (energy.fields, energy.add), 'truth': (rim.fields, rim.add)}
     bag.keep(KEPT, each, exposure.topic_of(bag))
@@ -382,9 +399,16 @@ def _setting(bag: Bag, node: str, name: str) -> Any:
     return (recorded_settings(bag, node) or {}).get(name)
 
 
-def _summary(late_ms: np.ndarray) -> dict[str, float]:
+def _summary(late_ms: np.ndarray) -> dict[str, Any]:
+    """Return percentiles of delays. Those beyond `LATE_MS` count apart: of another clock."""
+    good = late_ms[np.abs(late_ms) <= LATE_MS]
+    odd = len(late_ms) - len(good)
+    apart: dict[str, Any] = {'of_another_clock': odd} if odd else {}
+    if not len(good):
+        return apart
+    late_ms = good
     p50, p99 = np.percentile(late_ms, [50, 99])
-    return {
+    return apart | {
         'p50': round(p50, 2),
         'p99': round(p99, 2),
         'max': round(float(late_ms.max()), 2),

@@ -27,6 +27,7 @@ FASTEST_MPS = 3.0  # a block that seems faster was taken for another
 REST_J = 1.25e-5  # one block at 10 mm/s; what the camera's noise makes of 25 at rest is a tenth
 AT_ONCE = 20_000  # values of the light in memory with those that are finer
 MOST_SOUND_S = 3600.0  # is rendered
+SPARSE_S = 2 * 86400.0  # a longer bag has a message a second at least
 SHORTEST_S = 1.0  # a bag with one message of each topic has no length at all
 NAMES = ('triggers', 'light', 'kinetic energy', 'sound power', 'loudness')
 
@@ -51,9 +52,10 @@ class Absent:
 
 def of(bag: Bag, energy: Series | None = None) -> Iterator[Series | Absent]:
     """Yield every series, or why it is absent; `energy`: kinetic, where it has been read."""
-    if bag.duration_s < SHORTEST_S:
+    why = f'the bag is of {bag.duration_s:.1f} s' if bag.duration_s < SHORTEST_S else sparse(bag)
+    if why:
         for name in NAMES:
-            yield Absent(name, f'the bag is of {bag.duration_s:.1f} s')
+            yield Absent(name, why)
         return
     for name, topic, make in (
         ('triggers', 'grain_triggers', triggers),
@@ -73,6 +75,17 @@ def of(bag: Bag, energy: Series | None = None) -> Iterator[Series | Absent]:
     except EolError as error:
         for name in NAMES[3:]:
             yield Absent(name, f'its sound cannot be rendered: {error}')
+
+
+def sparse(bag: Bag) -> str:
+    """Return why a bag is too long for its messages to make series, or an empty string.
+
+    It bounds memory by the size of the bag: a few messages may claim to be a year apart.
+    """
+    count = sum(bag.counts.values())
+    if bag.duration_s <= SPARSE_S or bag.duration_s <= count:
+        return ''
+    return f'{count} messages in {bag.duration_s / 86400:.1f} days: too few for a series'
 
 
 def ask(series: Series | Absent, control: 'Uncoupled | None' = None) -> one_over_f.Answer:

@@ -11,6 +11,7 @@ from mcap.writer import Writer
 from support.bag_samples import T0, write_bag
 
 from eol_ros import cli
+from eol_ros.analysis import report
 from eol_ros.analysis.bag import open_bag
 from eol_ros.devices.bag import edit
 from eol_ros.devices.bag.reader import BagReader
@@ -160,3 +161,16 @@ def test_one_strange_bag_of_many_is_left_out(tmp_path, capsys):
     found = json.loads(capsys.readouterr().out)
     assert found['slips'] > 0 and found['bags'] >= 1
     assert any('odd1' in line for line in found['left_out'])
+
+
+def test_times_that_cannot_be_meant_make_no_figures(tmp_path):
+    sample = BagReader('bags/sample')
+    messages = [m._replace(publish_ns=0) for m in sample.messages(['/eol/slips'], 0)]
+    far = messages[-1]._replace(log_ns=messages[-1].log_ns + 300 * 86400 * 10**9)
+    out = tmp_path / 'bag'
+    topics = [sample.topics['/eol/slips']]
+    edit.copy(out, topics, iter([*messages, far]), sample.about, {}, list)
+    found = report.write(open_bag(out), tmp_path / 'report')
+    assert 'slips' not in found['onset_latency_ms']
+    assert any('times are 0 or of another clock' in line for line in found['lacking'])
+    assert 'too few for a series' in found['one_over_f']['triggers']['sentence']
