@@ -21,6 +21,7 @@ from eol_ros.streams import corpus, triggers
 
 BLOCK = 1 << 16  # frames
 REFUSALS = '', 'no_such_grain', 'bad_number', 'too_short'  # why a trigger does not sound
+DAY_S = 86400.0
 LATE_S = 10.0  # by which a trigger may be received after it was due
 
 
@@ -90,6 +91,8 @@ def bag_triggers(
         by_hand = row.block == triggers.NO_BLOCK
         if by_hand or first.plays(row.stamp * 1e-9, row.block, row.grain, felt):
             time_s = (row.stamp - second_ns) * 1e-9 - begin_s - (earlier_s if felt else 0.0)
+            if not -DAY_S <= time_s <= bag.duration_s + LATE_S:
+                continue  # of another clock
             rows.append(triggers.to_core(row, time_s))
             stamps.append(row.stamp)
     return np.array(rows, TRIGGER), np.array(stamps, 'i8').astype('M8[ns]')

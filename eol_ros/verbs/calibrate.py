@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
+from eol_ros.errors import ConfigError, UsageError, writing
 
 HELP = 'Calibrate the camera on the resting blocks, on known points, or on a ChArUco board.'
 EXAMPLES = [
@@ -21,6 +21,7 @@ EXAMPLES = [
     'eol calibrate print board.pdf --square 0.03 --marker 0.022 --paper A3',
     'eol calibrate print board.svg',
 ]
+MOST_M = 5.0  # from the middle of the table: a point farther away is in mm or cm
 _VIEWS = 8  # images taken out of a long source
 
 
@@ -233,21 +234,29 @@ def _print(args) -> int:
 
 
 def _points(args):
-    from eol_ros.core.vision.calibration.calibrate import from_points
+    from eol_ros.core.vision.calibration.calibrate import PLATFORM_CORNERS, from_points
+    from eol_ros.devices.files import text_table
 
-    path = args.sources[0]
-    try:
-        rows = np.loadtxt(path, delimiter=',', comments='#', ndmin=2)
-    except OSError:
-        raise DeviceMissing(f'{path}: there is no such file') from None
-    except ValueError as error:
-        raise ConfigError(f'{path}: not numbers u,v,x,y: {error}') from None
-    if rows.shape[1] != 4:
-        raise ConfigError(f'{path}: has {rows.shape[1]} columns; each line is u,v,x,y')
     if not args.lens and not args.size:
         raise UsageError('points need the image size: --size 1280x800 or --lens camera_info.yaml')
-    shape = _pair(args.size, '--size')[::-1] if args.size else None
-    return from_points(rows[:, :2], rows[:, 2:], _start(args, shape), args.cover_height)
+    start = _start(args, _pair(args.size, '--size')[::-1] if args.size else None)
+    width, height = start.image_width, start.image_height
+    metres = -MOST_M, MOST_M, ': in metres from the middle of the table, not mm or cm'
+    image = ': outside the image'
+    ranges = {'u': (-0.5, width, image), 'v': (-0.5, height, image), 'x': metres, 'y': metres}
+    path, names = args.sources[0], tuple(ranges)
+    rows = np.array([
+        [row.number(name, None, *ranges[name]) for name in names]
+        for row in text_table.rows(path, names, names)
+    ]).reshape(-1, 4)  # fmt: skip
+    solution = from_points(rows[:, :2], rows[:, 2:], start, args.cover_height)
+    seen = np.ptp(solution.calibration.to_pixels(PLATFORM_CORNERS), axis=0)
+    if len(rows) and not 0.05 < float((seen / (width, height)).max()) < 50:
+        raise ConfigError(
+            f'{path}: a platform of {2 * PLATFORM_CORNERS.max():g} m would be {seen.max():.0f} px '
+            'in the image: are x and y in metres, not mm or cm?'
+        )
+    return solution
 
 
 def _start(args, shape):

@@ -161,7 +161,11 @@ def test_what_a_user_may_get_wrong_is_one_line(capsys, tmp_path, corpus, trigger
         ((triggers, '--corpus', triggers, '--output', out), 78, 'give the .json that `eol corpus'),
         ((tmp_path / 'no.csv', '--corpus', corpus, '--output', out), 69, 'No such file'),
         ((triggers, '--corpus', corpus, '--output', out, '--seconds', '-1'), 2, 'above zero'),
-        ((bad, '--corpus', corpus, '--output', out), 78, "bad.csv:3 gain is 'loud'"),
+        (
+            (bad, '--corpus', corpus, '--output', out),
+            78,
+            "bad.csv:3:3: gain 'loud' is not a number",
+        ),
     ]
     bad.write_text('time_s,grain,gain\n0,1,1\n1,2,loud\n')
     for words, code, text in cases:

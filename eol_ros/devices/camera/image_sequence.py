@@ -10,13 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from eol_ros.errors import ConfigError, DeviceMissing, UsageError
+from eol_ros.devices.files import picture_file, text_table
+from eol_ros.devices.files.names import visible
+from eol_ros.errors import ConfigError, DeviceMissing, EolError, UsageError
 
 PICTURES = ('.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm')
 IMAGE_TOPIC = 'camera/image_raw'
 TAPS_TOPIC = 'block_taps'
 DEFAULT_FPS = 60.0
 FASTEST_FPS = 10000.0
+JUMP_NS = 60 * 10**9  # stamps that run ahead of reception by more are of another clock
 
 
 @dataclass
@@ -83,19 +86,13 @@ def read_stamps(path: str) -> np.ndarray:
         ConfigError: what is no finite number, does not increase, mixes both units or lies closer
             together than images can; with file and line.
     """
-    try:
-        text = Path(path).read_text(encoding='utf-8')
-    except OSError as error:
-        raise DeviceMissing(f'{path}: cannot read the stamps ({error.strerror})') from None
-    except UnicodeDecodeError:
-        raise ConfigError(f'{path}: not a text file of one time a line') from None
     times: list[float] = []
     last: float = -math.inf  # in the unit of the file: whole numbers keep all their digits
     in_ns = False
-    for number, line in enumerate(text.splitlines(), 1):
-        word = line.partition('#')[0].strip()
-        if not word:
-            continue
+    for row in text_table.rows(path, ('stamp',), ('stamp',), fits=bool):
+        word = row.cells['stamp'].partition('#')[0].strip()
+        if word.count(',') == 1:
+            word = word.replace(',', '.')
         whole = word.lstrip('+-').isdecimal()
         try:
             value: float = int(word) if whole else float(word)
@@ -118,7 +115,7 @@ def read_stamps(path: str) -> np.ndarray:
             in_ns, last = whole, value
             times.append(value * unit_s)
             continue
-        raise ConfigError(f'{path}:{number}: {word} {wrong}')
+        raise row.wrong('stamp', f'{word} {wrong}')
     return np.array(times)
 
 
@@ -179,9 +176,7 @@ def _stack(path: Path, moments: Moments) -> ImageSource:
 
 
 def _folder(folder: Path, moments: Moments) -> ImageSource:
-    import cv2
-
-    files = sorted(f for f in folder.iterdir() if f.suffix.lower() in PICTURES)
+    files = [f for f in visible(folder) if f.suffix.lower() in PICTURES]
     if not files:
         raise DeviceMissing(
             f'{folder}: neither a bag nor an image in this folder ({" ".join(PICTURES)})'
@@ -191,9 +186,10 @@ def _folder(folder: Path, moments: Moments) -> ImageSource:
 
     def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:
         for time_s, file in zip(moments.read(DEFAULT_FPS), files, strict=False):
-            image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
-            if image is None:
-                source.notes.append(f'{file}: not an image that can be read; left out')
+            try:
+                image = picture_file.load_grey(file, picture_file.GREY)
+            except EolError as error:
+                source.notes.append(f'{error}; left out')
                 continue
             yield time_s, image
 
@@ -224,10 +220,21 @@ def _film(path: str, moments: Moments) -> ImageSource:
     film.open()
 
     def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:
+        uneven, begin_s = False, None
         for time_s in moments.read(rate):
             picture = film.read()
             if picture is None:
                 break
+            if not moments.fps and not moments.stamps:
+                at_s = film.position_s()
+                begin_s = at_s if begin_s is None else begin_s
+                if not uneven and abs(at_s - begin_s - time_s) > 1 / rate:
+                    uneven = True
+                    source.notes.append(
+                        f'{path}: its images are not evenly spaced: the times in the file count; '
+                        '--stamps or --fps gives others'
+                    )
+                time_s = at_s - begin_s if uneven else time_s
             yield time_s, picture.image
         source.notes += film.notes
         film.close()
@@ -246,12 +253,25 @@ def _bag(path: Path) -> ImageSource:
     codec = Codec(bag.topics[topic].definition)
 
     def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:
+        last_ns, last_log_ns, unstamped, odd = 0, 0, 0, 0
         for message in bag.messages([topic]):
             try:
                 stamp_ns, image = codec.read(message.data)
             except ValueError as error:
                 raise ConfigError(f'{path}: {error}') from None
+            if not stamp_ns:
+                unstamped += 1
+                stamp_ns = message.log_ns
+            ahead = last_ns and stamp_ns - last_ns > message.log_ns - last_log_ns + JUMP_NS
+            if stamp_ns <= last_ns or ahead:
+                odd += 1
+                continue
+            last_ns, last_log_ns = stamp_ns, message.log_ns
             yield stamp_ns * 1e-9, image
+        if unstamped:
+            source.notes.append(f'{unstamped} images have a stamp of 0: taken when received')
+        if odd:
+            source.notes.append(f'{odd} images whose stamps fall back or jump ahead are left out')
         source.notes += bag.cut_short
 
     source = ImageSource(str(path), 0.0, bag.counts[topic], images)

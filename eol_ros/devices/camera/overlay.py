@@ -10,6 +10,7 @@ from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
 from eol_ros.core.vision.states import STATES, TRACKING
 from eol_ros.core.vision.tracker import Tracked
 from eol_ros.devices.files import picture_file
+from eol_ros.devices.files.names import is_text
 from eol_ros.errors import ConfigError
 
 SEEN, CARRIED, MOVING, TEXT = (120, 230, 120), (90, 150, 240), (255, 255, 255), (230, 230, 230)
@@ -24,6 +25,8 @@ class Overlay:
         ending = Path(path).suffix.lower()
         self.film = None
         self.last: np.ndarray | None = None
+        if not is_text(path):
+            raise ConfigError(f'{path}: the name of an overlay must be UTF-8')
         if ending in ('.mp4', '.avi', '.mkv'):
             code = cv2.VideoWriter.fourcc(*('MJPG' if ending == '.avi' else 'mp4v'))
             self.film = cv2.VideoWriter(path, code, fps or 60.0, (shape[1], shape[0]))

@@ -2,6 +2,7 @@
 """Where images come from: a V4L2 camera, or any file that OpenCV opens. Both give grey uint8."""
 
 import os
+import tempfile
 import time
 from collections.abc import Callable
 from typing import Any, Literal
@@ -10,6 +11,7 @@ import numpy as np
 
 from eol_ros.devices.camera.picture import CLOCK_TRUST_S, Live, Picture, SourceLost
 from eol_ros.devices.camera.ports import GENICAM, find_camera
+from eol_ros.devices.files.names import is_text
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.said import said
 from eol_ros.settings import CameraSettings
@@ -56,7 +58,12 @@ def open_video(path: str, backend: int = 0) -> Any:
 
     if hasattr(cv2, 'utils'):
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
-    return cv2.VideoCapture(path, backend)
+    if is_text(path):
+        return cv2.VideoCapture(path, backend)
+    with tempfile.TemporaryDirectory() as folder:  # OpenCV ends the process for other names
+        link = os.path.join(folder, f'video{os.path.splitext(path)[1]}')
+        os.symlink(os.path.abspath(path), link)
+        return cv2.VideoCapture(link if is_text(link) else os.path.join(folder, 'none'), backend)
 
 
 class VideoFile:
@@ -142,6 +149,12 @@ class VideoFile:
             return None
         self._read += 1
         return Picture(None, image if image.ndim == 2 else np.ascontiguousarray(image[..., 1]))
+
+    def position_s(self) -> float:
+        """Return the time that the file gives the image just read."""
+        import cv2
+
+        return float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) * 1e-3
 
     def close(self) -> None:
         """Release the file."""

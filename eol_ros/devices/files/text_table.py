@@ -37,7 +37,14 @@ class Row:
     cells: dict[str, str]
     count: int  # of cells, named or not
 
-    def number(self, name: str, default: float | None = None, low=-math.inf, high=math.inf):
+    def number(
+        self,
+        name: str,
+        default: float | None = None,
+        low: float = -math.inf,
+        high: float = math.inf,
+        hint: str = '',
+    ) -> float:
         """Return the cell as a float in low..high; `default` where it is absent or empty.
 
         Raises ConfigError with line and column.
@@ -50,7 +57,7 @@ class Row:
         value = number(text)
         if not low <= value <= high:  # nan, too
             wrong = f'must lie in {low:g}..{high:g}' if math.isfinite(value) else 'is not a number'
-            raise self.wrong(name, f'{name} {text[:40]!r} {wrong}')
+            raise self.wrong(name, f'{name} {text[:40]!r} {wrong}{hint}')
         return value
 
     def wrong(self, name: str, text: str) -> ConfigError:

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Grain triggers from a file: the CSV that `eol render` takes."""
 
-import csv
-import math
 from pathlib import Path
 
 import numpy as np
 
 from eol_ros.core.sound.triggers import COLUMNS, TRIGGER
-from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.devices.files import text_table
+from eol_ros.errors import ConfigError
 
+MOST_S = 86400.0  # of a file of triggers: a day
+CALM_S = 600.0  # between triggers on average (chosen): bounds the length by the size of the file
 DEFAULTS = {'gain': 1.0, 'rate': 1.0, 'pan': 0.0, 'attack_s': 0.01, 'release_s': 0.1}
 
 
@@ -19,42 +20,29 @@ def load_triggers(path: str | Path) -> np.ndarray:
     `time_s` counts from the first sample; columns but `time_s` and `grain` may be left out. Raises
     ConfigError with the line where something is not a number.
     """
-    try:
-        with open(path, newline='', encoding='utf-8-sig') as file:
-            return _rows(path, csv.reader(file))
-    except OSError as error:
-        raise DeviceMissing(f'{path}: {error.strerror}') from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f'{path}: not a CSV of triggers ({error})') from None
-
-
-def _rows(path, reader) -> np.ndarray:
-    header = [name.strip() for name in next(reader, [])]
-    missing = [name for name in COLUMNS if name not in header and name not in DEFAULTS]
-    if missing:
-        raise ConfigError(
-            f'{path}:1 no column {missing[0]}; the first line names the columns: '
-            + ','.join(COLUMNS)
-        )
     found = []
-    for cells in reader:
-        if not any(cell.strip() for cell in cells):
-            continue
+    for line in text_table.rows(path, COLUMNS, ('time_s', 'grain'), header=True):
         row = np.zeros((), TRIGGER)
         row['block'] = -1
-        for name, value in DEFAULTS.items():
-            row[name] = value
-        for name, cell in zip(header, cells, strict=False):
-            if name not in (TRIGGER.names or ()):
-                continue
-            try:
-                value = float(cell)
+        for name in (*COLUMNS, 'block'):
+            cell = line.cells.get(name, '').lower()
+            if name == 'time_s':
+                row[name] = line.number(name, low=-MOST_S, high=MOST_S, hint=_hint(cell))
+            elif cell in ('nan', 'inf', '-inf') and name in DEFAULTS:  # dropped, and counted
+                row[name] = float(cell)
+            elif cell or name in ('grain', *DEFAULTS):
+                value = line.number(name, DEFAULTS.get(name))
                 row[name] = int(value) if name in ('grain', 'block') else value
-            except (ValueError, OverflowError):
-                raise ConfigError(
-                    f'{path}:{reader.line_num} {name} is {cell!r}, not a number'
-                ) from None
-        if not math.isfinite(row['time_s']) or len(cells) < len(header):
-            raise ConfigError(f'{path}:{reader.line_num} the row has no time or is too short')
         found.append(row)
+    times_s = np.array([row['time_s'] for row in found])
+    if len(found) and times_s.max() > CALM_S * (1 + len(found)):
+        raise ConfigError(
+            f'{path}: {len(found)} triggers in {times_s.max():g} s; are the times milliseconds? '
+            'They count in s from the first sample'
+        )
     return np.array(found, TRIGGER) if found else np.zeros(0, TRIGGER)
+
+
+def _hint(cell: str) -> str:
+    epoch = text_table.number(cell) > 1e8
+    return ': an epoch time? Count in s from the first sample' if epoch else ''
