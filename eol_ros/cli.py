@@ -6,6 +6,7 @@ import contextlib
 import difflib
 import errno
 import importlib
+import io
 import os
 import re
 import sys
@@ -89,6 +90,8 @@ def _versions() -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; return its exit code."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # names of files are bytes, and come out as such
+        sys.stdout.reconfigure(errors='surrogateescape')
     try:
         try:
             return _main(list(sys.argv[1:] if argv is None else argv))

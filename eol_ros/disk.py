@@ -61,7 +61,11 @@ class Disk:
         """Write `content` to `path`, whole or not at all."""
         with _aside(path) as part:
             with self.create(part) as file:
-                file.write(content.encode() if isinstance(content, str) else content)
+                file.write(
+                    content.encode('utf-8', 'surrogateescape')
+                    if isinstance(content, str)
+                    else content
+                )
                 self.sync(file)
             self.rename(part, path)
 

@@ -124,6 +124,7 @@ BELOW = {
     },
     'analysis': {
         'core',
+        'disk',
         'lab',
         'devices',
         'analysis',

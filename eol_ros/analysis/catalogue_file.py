@@ -13,6 +13,7 @@ from eol_ros.analysis.bag import Bag, Table
 from eol_ros.analysis.recorded_settings import recorded_settings
 from eol_ros.core.geometry import PITCH_M, rest_lattice
 from eol_ros.core.physics.builders import GRAVITY
+from eol_ros.devices.files.names import shown
 from eol_ros.settings import TwinSettings
 
 # name: type, unit, what it is
@@ -57,7 +58,8 @@ def of(bag: Bag, cascades: Table | None, measured: TwinSettings | None = None) -
         ('onset_ns', cascades['onset'].astype('i8')), ('duration_s', cascades['duration']),
         ('nucleus', cascades['nucleus']), ('x_m', place[:, 0]), ('y_m', place[:, 1]),
         ('area', cascades['area']), ('size', cascades['size']),
-        ('potency_m', cascades['distance']), ('magnitude', magnitude), ('bag', bag.path.name),
+        ('potency_m', cascades['distance']), ('magnitude', magnitude),
+        ('bag', shown(bag.path.name)),
     ):  # fmt: skip
         rows[name] = values
     made = measured or constants(bag)

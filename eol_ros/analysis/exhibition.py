@@ -9,6 +9,7 @@ import datetime
 import html
 import json
 import math
+import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +24,8 @@ from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import powerlaw
 from eol_ros.devices.bag.reader import bags_in as bags_of_folder
 from eol_ros.devices.bag.writer import REPLAY_OF, SAMPLE
+from eol_ros.devices.files.names import shown
+from eol_ros.disk import DAMAGED
 from eol_ros.errors import ConfigError, EolError, writing
 from eol_ros.lab.science import catalogue
 from eol_ros.lab.sweeps import work
@@ -95,7 +98,7 @@ def digest(path: str | Path, zone: datetime.tzinfo | None = None) -> Digest | st
         return _digest(bag, zone)
     except EolError as error:
         return f'{path}: left out: {error}'
-    except Exception as error:  # one of many, which is not what it says
+    except (*DAMAGED, ArithmeticError, struct.error) as error:  # of another program
         return f'{path}: left out: cannot be read as a bag of eol_ros ({error!r})'
 
 
@@ -138,7 +141,7 @@ def _digest(bag: Bag, zone: datetime.tzinfo | None) -> Digest:
         taps = _pairs(tables['block_taps']['stamp'], tables['block_taps']['block'])
     rows = catalogue_file.of(bag, tables.get('cascades'))
     found = Digest(
-        str(bag.path), bag.start_ns, bag.end_ns, zone_ns, {}, slips, taps, rows,
+        shown(bag.path), bag.start_ns, bag.end_ns, zone_ns, {}, slips, taps, rows,
         version=bag.about.get('versions', '').splitlines()[0] if bag.about.get('versions') else '',
         notes=[*bag.cut_short, *bag.damage],
     )  # fmt: skip
@@ -401,7 +404,7 @@ def write(
     jobs = figures.of_exhibition(rows['area'], found)
     for job in track(jobs, 'drawing') if track else jobs:
         drawn.append((job.title, job.draw(out)))
-    (out / 'report.html').write_text(_page(found, drawn), encoding='utf-8')
+    (out / 'report.html').write_text(_page(found, drawn), 'utf-8', 'replace')
     (out / 'report.json').write_text(json.dumps(found, indent=2) + '\n', encoding='utf-8')
     return found
 

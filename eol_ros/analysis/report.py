@@ -16,6 +16,7 @@ from eol_ros.analysis.recorded_settings import recorded_settings
 from eol_ros.analysis.retrack import Retracked
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import powerlaw
+from eol_ros.devices.files.names import shown
 from eol_ros.errors import writing
 from eol_ros.lab.science import alternatives, catalogue, quiescent
 from eol_ros.lab.science.one_over_f import Answer
@@ -45,7 +46,7 @@ def numbers(
     answers: what was found of its series (`spectra`). measured: see `catalogue_file.of`.
     """
     found: dict[str, Any] = {
-        'bag': str(bag.path),
+        'bag': shown(bag.path),
         'duration_s': round(bag.duration_s, 3),
         'messages': {name: count for name, count in bag.counts.items() if count},
         'gaps': {name: json.loads(text) for name, text in bag.gaps.items() if text[:1] == '{'},
@@ -283,10 +284,13 @@ def write(
     for job in _tracked(jobs, 'drawing', track):
         drawn.append((job.title, job.draw(out)))
     if cascades is not None:
-        origin = {'bags': [str(bag.path)], 'recorded_with': bag.about.get('versions', 'not known')}
+        origin = {
+            'bags': [shown(bag.path)],
+            'recorded_with': bag.about.get('versions', 'not known'),
+        }
         catalogue_file.write(out, catalogue_file.of(bag, cascades, measured), origin)
     bag.release()
-    (out / 'report.html').write_text(_page(bag, found, drawn), encoding='utf-8')
+    (out / 'report.html').write_text(_page(bag, found, drawn), 'utf-8', 'replace')
     (out / 'report.json').write_text(json.dumps(found, indent=2) + '\n', encoding='utf-8')
     return found
 
@@ -423,8 +427,8 @@ def _median(values: np.ndarray) -> float | None:
 def _page(bag: Bag, found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
     parts = [
         '<!doctype html><html lang="en"><head><meta charset="utf-8">',
-        f'<title>{html.escape(bag.path.name)}</title><style>{STYLE}</style></head><body>',
-        f'<h1>{html.escape(bag.path.name)}</h1>',
+        f'<title>{html.escape(shown(bag.path.name))}</title><style>{STYLE}</style></head><body>',
+        f'<h1>{html.escape(shown(bag.path.name))}</h1>',
         f'<p>{found["duration_s"]:.1f} s, {sum(found["messages"].values())} messages. '
         f'Scene {html.escape(bag.about.get("scene_name", "not known"))}; seeds '
         f'{html.escape(" ".join(bag.about.get("seeds", "not known").split()))}.</p>',

@@ -4,6 +4,7 @@
 import contextlib
 import json
 import math
+import os
 import sys
 from pathlib import Path
 
@@ -183,7 +184,7 @@ def writer(path: str, sample_rate: int, channels: int):
     folders.check_writable(path, '--output')
     subtype = 'FLOAT' if soundfile.check_format(kind, 'FLOAT') else None
     try:
-        file = soundfile.SoundFile(path, 'w', sample_rate, channels, subtype=subtype)
+        file = soundfile.SoundFile(os.fsencode(path), 'w', sample_rate, channels, subtype=subtype)
         with without_time(file):
             yield file
     except soundfile.LibsndfileError as error:  # it names no reason: any is a system error

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from eol_ros import scene as scenes
+from eol_ros.devices.files.names import is_text
 from eol_ros.disk import DISK
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, UsageError
 
@@ -168,7 +169,9 @@ def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str 
     alone = scene.network == 'local' and (panel is None or _is_loopback(panel.host))
     alone = alone and scene.notify is None and 'projectors' not in scene.nodes
     kept = (*FOLDERS, 'ROS_DOMAIN_ID')
-    environment = [f'Environment={k}={os.environ[k]}\n' for k in kept if os.environ.get(k)]
+    environment = [
+        f'Environment={_quoted(f"{k}={os.environ[k]}")}\n' for k in kept if os.environ.get(k)
+    ]
     values = {
         'scene': scene.path or scene.name,
         'user': user,
@@ -177,7 +180,7 @@ def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str 
         'environment': ''.join(environment),
         'network': 'this machine' if alone else 'the network',
         'addresses': f'IPAddressDeny=any\nIPAddressAllow=localhost {DISCOVERY}\n' if alone else '',
-        'writes': ' '.join(f'-{path}' for path in writes(scene, home, folder)),
+        'writes': ' '.join(_quoted(f'-{path}') for path in writes(scene, home, folder)),
         'url': f'{scheme}://127.0.0.1:{panel.port if panel else 8080}',
     }
     for key in ('scene', 'folder', 'python'):
@@ -192,6 +195,16 @@ def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str 
         place, text = (LIGHTDM_PATH, _LIGHTDM) if log_in == 'lightdm' else (GETTY_PATH, _GETTY)
         found[place] = text.format(**values)
     return found
+
+
+def _quoted(word: str) -> str:
+    """Return a word as units have it (man 7 systemd.syntax); blanks end one that is not quoted."""
+    if any(ord(c) < 32 for c in word) or not is_text(word):
+        raise ConfigError(f'{word!a}: units of systemd name no such path; rename it')
+    word = word.replace('%', '%%')
+    if not set(word) & set(' \t"\'\\;'):
+        return word
+    return '"' + word.replace('\\', '\\\\').replace('"', '\\"') + '"'
 
 
 def writes(scene: scenes.Scene, home: Path, folder: Path) -> list[Path]:

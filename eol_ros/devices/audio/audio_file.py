@@ -105,7 +105,9 @@ def write(path, samples: np.ndarray, rate: int, subtype: str | None = None) -> N
     """Write (n,) or (n, channels) to a file whose ending names the format."""
     channels = 1 if samples.ndim == 1 else samples.shape[1]
     try:
-        with without_time(soundfile.SoundFile(path, 'w', rate, channels, subtype=subtype)) as file:
+        with without_time(
+            soundfile.SoundFile(os.fsencode(path), 'w', rate, channels, subtype=subtype)
+        ) as file:
             for k in range(0, len(samples), LAST):  # libsndfile dies of a long piece of Vorbis
                 file.write(samples[k : k + LAST])
     except (soundfile.LibsndfileError, OSError, ValueError, TypeError) as error:
@@ -117,12 +119,12 @@ def _read(path: Path) -> tuple[np.ndarray, int, int, list[str]]:
         raise DeviceMissing(said('no_sound_file', path=path))
     notes: list[str] = []
     try:
-        with soundfile.SoundFile(_streamed(path) or path) as sound:
+        with soundfile.SoundFile(_streamed(path) or os.fsencode(path)) as sound:
             samples = np.empty(sound.frames, np.float32)
             # Between two reads soundfile seeks, and a seek within MP3 is not exact: take it in one.
             count = _fill(samples, sound, sound.frames if sound.format == 'MPEG' else BLOCK)
             if count < sound.frames:
-                with soundfile.SoundFile(path) as again:
+                with soundfile.SoundFile(os.fsencode(path)) as again:
                     count = _fill(samples, again, LAST, count)
                 notes.append(
                     f'{path}: breaks off after {count / sound.samplerate:.2f} s of '

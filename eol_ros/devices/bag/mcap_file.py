@@ -39,6 +39,7 @@ from eol_ros.devices.bag.scan import (
     pairs_crc,
     span_of,
 )
+from eol_ros.devices.files.names import shown
 from eol_ros.disk import DISK, Disk
 
 LIBRARY = 'eol_ros 2'  # its metadata carry a checksum; its definitions are in the first chunk, too
@@ -193,7 +194,8 @@ class BagFile:
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Add a named map of texts, with its checksum: the format has none for it."""
-        record = packed(Metadata(name=name, metadata={**data, CRC_KEY: pairs_crc(dict(data))}))
+        data = {key: shown(text) for key, text in data.items()}
+        record = packed(Metadata(name=name, metadata={**data, CRC_KEY: pairs_crc(data)}))
         at = self.file.tell()
         self._metadata_index.append(packed(MetadataIndex(at, len(record), name)))
         self.file.write(record)

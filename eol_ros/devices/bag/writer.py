@@ -15,6 +15,7 @@ from typing import BinaryIO
 import yaml
 
 from eol_ros.devices.bag.mcap_file import BagFile, BagTopic
+from eol_ros.devices.files.names import shown
 from eol_ros.disk import DISK, Disk
 from eol_ros.errors import ConfigError
 
@@ -79,7 +80,7 @@ def metadata_text(
             }
             for f in files
         ],
-        'custom_data': dict(custom) or None,
+        'custom_data': {key: shown(text) for key, text in custom.items()} or None,
         'ros_distro': 'jazzy',
     }
     return yaml.safe_dump(

@@ -25,9 +25,9 @@ class Overlay:
         ending = Path(path).suffix.lower()
         self.film = None
         self.last: np.ndarray | None = None
-        if not is_text(path):
-            raise ConfigError(f'{path}: the name of an overlay must be UTF-8')
         if ending in ('.mp4', '.avi', '.mkv'):
+            if not is_text(path):
+                raise ConfigError(f'{path}: the name of a video must be UTF-8')
             code = cv2.VideoWriter.fourcc(*('MJPG' if ending == '.avi' else 'mp4v'))
             self.film = cv2.VideoWriter(path, code, fps or 60.0, (shape[1], shape[0]))
             if not self.film.isOpened():

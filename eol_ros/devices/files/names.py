@@ -35,6 +35,11 @@ def is_text(path: str | Path) -> bool:
         return False
 
 
+def shown(path: str | Path) -> str:
+    """Return a path as text for people and for formats that hold nothing else."""
+    return os.fsencode(path).decode('utf-8', 'replace')
+
+
 def find(folder: Path, name: str) -> Path:
     """Return the file in `folder` that `name` means; `folder / name` if there is none."""
     exact = folder / name
