@@ -42,6 +42,7 @@ class Child:
         self.code: int | None = None
         self.percent = 0  # how far a compiler is
         self.settled = False
+        self.left_out = 0  # its exit code, if it could not start: the others go on without it
         self.silence = self.policy.silence
         self.starved = False
         self._ports = Ports()

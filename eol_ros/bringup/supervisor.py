@@ -32,7 +32,8 @@ from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE, NODES, providers
 if TYPE_CHECKING:
     from eol_ros.bringup.notify import Notifier
 
-FINAL = (2, 69, 78)  # a node that ends so at the start will not do better when started again
+FINAL = (2, 69, 78)  # a node that ends so at the start lacks a device or a file
+ESSENTIAL = {*IMAGE_SOURCES, 'tracker'}  # without which nothing moves
 DRAIN_S = 0.3  # from the last image to all that it causes
 DUMP_S = 0.5  # a hung process may take this long to write down its stacks
 AWAY_S = 5.0  # bringup was stopped, or blocked, for longer: that is told
@@ -145,7 +146,7 @@ class Supervisor:
             late = could_s > START_S or now - began_s > START_STARVED_S
             if seconds is not None and self.all_ok_s is not None:
                 if now - self._began_s - self.all_ok_s >= seconds:
-                    return 0
+                    return max(child.left_out for child in self.children)
             elif seconds is not None and late:
                 self._note(f'not all OK within {START_S:.0f} s: {self._not_ok()}')
                 return 1
@@ -284,11 +285,13 @@ class Supervisor:
             elif child.popen is None and child.start_at_s is not None and now >= child.start_at_s:
                 child.start(now, any(one.settled and one.alive() for one in self.children))
             elif self.all_ok_s is not None and not child.settled and child.well():
+                child.left_out = 0
                 self._settle(child)
         self._feed(now)
         if self.all_ok_s is None:
-            rows = [row for child in self.children for row in child.status.values()]
-            if len(rows) >= len(self.children) and all(row['level'] == 0 for row in rows):
+            there = [child for child in self.children if not child.left_out]
+            rows = [row for child in there for row in child.status.values()]
+            if len(rows) >= len(there) and all(row['level'] == 0 for row in rows):
                 self.all_ok_s = round(now - self._began_s, 2)
                 self._note(f'all OK after {self.all_ok_s:.1f} s')
         self._remember()
@@ -397,20 +400,35 @@ class Supervisor:
             for row in child.status.values():
                 row.update(level=0, text='finished', code='', args={}, rate=0.0)
             return None
-        if code in FINAL and never_ran and child.policy.restarts == 0:
-            self._note(f'{name} cannot start (exit code {code})')
-            return code
+        if code in FINAL and never_ran and (child.left_out or child.policy.restarts == 0):
+            if not child.left_out:
+                self._note(f'{name} cannot start (exit code {code})' + self._without(child))
+                child.left_out = code
+            if not self._without(child):
+                return code
         wait = child.policy.died(now)
         how = f'killed by {signal.Signals(-code).name}' if code < 0 else f'exit code {code}'
         again = f'again in {wait:.0f} s' if wait else 'starting again'
         red = ', for the third time within a minute' if child.policy.red() else ''
-        self._note(f'{name} has died ({how}){red}; {again}')
+        if not child.left_out:
+            self._note(f'{name} has died ({how}){red}; {again}')
         for row in child.status.values():
             row.update(level=status.DOWN, text=f'{how}; {again}', code='', args={}, rate=0.0)
         for node in child.process.nodes:
             self._told[node] = (status.DOWN, '')
         child.start_at_s = now + wait
         return None
+
+    def _without(self, child: Child) -> str:
+        """Return what is said if the run goes on without a node that cannot start, or nothing.
+
+        It does as long as nodes are left that do something: the walls need no sound card.
+        """
+        rest = [c for c in self.children if c is not child and not c.left_out]
+        left = {node for c in rest for node in c.process.nodes} - ESSENTIAL
+        if child.code == 2 or not left or ESSENTIAL & set(child.process.nodes):
+            return ''
+        return ': the others go on without it, and it is tried again'
 
     def _stop(self) -> None:
         """Stop the sources first, the rest when that has run dry, the recorder last.

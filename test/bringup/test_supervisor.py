@@ -648,6 +648,40 @@ def test_what_cannot_start_ends_the_run_with_its_code(start, code):
     assert not any(child.alive() for child in supervisor.children)
 
 
+def test_the_others_go_on_without_what_cannot_start(start, tmp_path):
+    script = f'import os; os.path.exists({str(tmp_path / "card")!r}) or sys.exit(69);' + STEADY
+    others = process('tracker', STEADY), process('montage', STEADY)
+    supervisor, lines = start(*others, process('sound', 'import sys;' + script))
+
+    def plug():
+        wait_until(lambda: supervisor.all_ok_s is not None)
+        assert supervisor.describe()['nodes'][-1]['level'] == status.DOWN
+        (tmp_path / 'card').touch()
+        wait_until(lambda: supervisor.children[-1].well())
+
+    attended(supervisor, plug)
+    told = [line for line in lines if 'cannot start' in line]
+    assert told == [
+        'sound cannot start (exit code 69): the others go on without it, and it is tried again'
+    ]
+
+
+def test_a_run_without_a_node_ends_with_the_code_of_that_node(start):
+    others = process('tracker', STEADY), process('montage', STEADY)
+    supervisor, _ = start(*others, process('sound', FINAL))
+
+    assert supervisor.run(seconds=0.3) == 78
+
+
+def test_nothing_is_left_if_only_a_source_runs(start):
+    supervisor, lines = start(
+        process('twin', STEADY), process('sound', FINAL), process('montage', FINAL)
+    )
+
+    assert supervisor.run() == 78
+    assert sum('cannot start' in line for line in lines) == 2
+
+
 def test_a_source_that_ends_ends_the_run(start):
     script = BEAT + "beat('replay'); time.sleep(0.3)"
     supervisor, lines = start(process('replay', script), process('tracker', STEADY))
