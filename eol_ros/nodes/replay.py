@@ -19,7 +19,7 @@ from eol_ros.devices.bag.requests import heeded
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import ConfigError
-from eol_ros.ros.definitions import type_hash
+from eol_ros.ros.definitions import is_installed
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.played import BLOCKS, IMAGES, REQUESTS, TAPS, played
 from eol_ros.ros.requests import new_id, request_to_msg
@@ -52,7 +52,7 @@ class ReplayNode(EolNode):
         self.names = choose(self.bag, s.topics, usual)
         # Requests are asked again, by today's definition; topics asked for by name go as they are.
         self._asked_on = () if s.topics else (recorded(REQUESTS),)
-        self.publishers_of = {n: self._publisher(n) for n in self.names if n not in self._asked_on}
+        self.publishers_of = self._make_publishers()
         self._given: Counter[Publisher] = Counter()  # since its readers said that they have all
         self._unanswered: set[Publisher] = set()  # a reader of theirs did not say so in time
         self._asks: Any = None
@@ -89,20 +89,55 @@ class ReplayNode(EolNode):
     def on_settings(self, new) -> None:
         self.player.rate = new.rate
 
+    def _make_publishers(self) -> dict[str, Publisher]:
+        """Return the publishers of what is played; what cannot be is left out, and named.
+
+        Raises ConfigError where nothing is left.
+        """
+        found, errors = {}, {}
+        for name in self.names:
+            if name in self._asked_on:
+                continue
+            try:
+                found[name] = self._publisher(name)
+            except ConfigError as error:
+                errors[name] = error
+        self.names = [name for name in self.names if name not in errors]
+        if not found and errors:
+            raise next(iter(errors.values()))
+        for why in errors.values():
+            self.get_logger().warning(f'{why}: left out')
+        return found
+
     def _publisher(self, name: str):
         recorded = self.bag.topics[name]
-        if recorded.type_hash and recorded.type_hash != type_hash(recorded.type):
+        if recorded.foreign:
+            raise ConfigError(
+                f'{self.bag.path}: {name}: its messages are {recorded.foreign}, not those of ROS 2'
+            )
+        try:
+            kind, known = (
+                message_class(recorded.type),
+                is_installed(recorded.type, recorded.definition, recorded.type_hash),
+            )
+        except (ImportError, AttributeError, ValueError):
+            package = recorded.type.partition('/')[0]
+            raise ConfigError(
+                f'{self.bag.path}: {name}: {recorded.type} is not installed here; install the '
+                f'package {package}'
+            ) from None
+        if not known:
             raise ConfigError(
                 f'{self.bag.path}: {name} was recorded with another definition of {recorded.type} '
                 'than the installed one; it can be analysed, and not be played'
             )
-        name = relative_name(name, self.bag.namespace)
+        name = relative_name(recorded.name, self.bag.namespace)
         depth = FAST_DEPTH if self.settings.fast else None
         ours = TOPICS.get(name)
         if ours and ours.type_name == recorded.type:
             return self.publisher(name, depth)
         qos = with_depth(QOS['latched' if recorded.latched else 'stream'], depth)
-        return self.create_publisher(message_class(recorded.type), name, qos)
+        return self.create_publisher(kind, name, qos)
 
     def _asked_for(self) -> bool:
         """Whether a node of the scene heeds requests, or the scene is not known."""

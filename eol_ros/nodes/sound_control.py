@@ -151,6 +151,8 @@ def as_setting(kind: type, name: str, given: Sequence[Any]) -> Any:
     if isinstance(field.default, tuple):
         return list(given)
     value = given[0] if given else None
+    if isinstance(value, bool):  # `T` is no level of 1
+        return value
     if field.type is float and isinstance(value, int):
         return float(value)
     if field.type is int and isinstance(value, float) and value.is_integer():

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
 
 PERIOD_S = 0.02
+WARN_S, WARNED = 60.0, 20  # one warning an address, of so many addresses
 AGAIN_S = 5.0  # until the descriptors are named again
 
 
@@ -44,6 +45,8 @@ class Osc:
         self._described: tuple[str, ...] = ()
         self._described_s = -math.inf  # when last, monotonic
         self._out = OscOut(s.osc_out) if s.osc_out else None
+        self._warned: dict[str, float] = {}  # addresses, and when
+        self._refused = 0
         self.input = OscIn(s.osc_in) if s.osc_in else None
         if self._out:
             node.subscribe('slips', self._slip)
@@ -101,4 +104,14 @@ class Osc:
                 self._instrument.change(node or self._node.NAME, name, values)
             except ConfigError as error:
                 why = str(error).removeprefix(f'{name}: ')  # which the address ends with
-                self._node.get_logger().warning(f'OSC {address}: {why}')
+                self._warn(address[:200], why)
+        self._node.health.values['osc_refused'] = self._refused + self.input.bad
+
+    def _warn(self, address: str, why: str) -> None:
+        """Warn of what is refused, once an address and a minute; count it in the status."""
+        self._refused += 1
+        now_s = time.monotonic()
+        self._warned = {a: s for a, s in self._warned.items() if now_s - s < WARN_S}
+        if address not in self._warned and len(self._warned) < WARNED:
+            self._warned[address] = now_s
+            self._node.get_logger().warning(f'OSC {address}: {why}')

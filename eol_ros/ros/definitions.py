@@ -66,6 +66,20 @@ def type_hash(type_name: str) -> str:
     return hashes[type_name]
 
 
+def is_installed(type_name: str, recorded: str, recorded_hash: str) -> bool:
+    """Return whether a recorded definition of a type is the installed one.
+
+    Where no hash was recorded, they are compared field by field.
+    """
+    if recorded_hash:
+        return recorded_hash == type_hash(type_name)
+    theirs, ours = (
+        {kind: [field[:3] for field in message.fields] for kind, message in found.items()}
+        for found in (parse(recorded, type_name), parse(definition(type_name), type_name))
+    )
+    return all(fields == ours.get(kind) for kind, fields in theirs.items())
+
+
 def qos_text(profile: QoSProfile) -> str:
     """Return a one-item YAML list, as rosbag2's metadata version 9 says a publisher's QoS."""
     forever = {'sec': 9223372036, 'nsec': 854775807}

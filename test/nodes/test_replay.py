@@ -408,3 +408,30 @@ def test_what_cannot_be_played_is_said(ros, tmp_path, bag):
     writer.close()
     with pytest.raises(ConfigError, match='another definition of eol_msgs/msg/Blocks'):
         ReplayNode(ReplaySettings(bag=str(tmp_path / 'other')))
+
+
+def test_what_is_not_installed_is_left_out_and_the_others_are_played(ros, tmp_path, capfd):
+    there = BagTopic('/eol/point', 'geometry_msgs/msg/Point', 'float64 x\nfloat64 y\nfloat64 z\n')
+    others = [
+        BagTopic('/gone', 'gone_msgs/msg/Gone', 'int32 a\n'),
+        BagTopic('/name', 'geometry_msgs/msg/Gone', 'int32 a\n'),
+        BagTopic('/other', 'geometry_msgs/msg/Point', 'float64 y\nfloat64 x\nfloat64 z\n'),
+        BagTopic('/json', 'Point', '{}', encoding='json', schema_encoding='jsonschema'),
+        BagTopic('/bare', '', '', encoding='json', schema_encoding=''),
+        BagTopic('/ros1', 'std_msgs/String', 'string data', '', '', 'ros1', 'ros1msg'),
+    ]
+    writer = BagWriter(tmp_path / 'bag', [there, *others], {})
+    for k, topic in enumerate([there, *others]):
+        writer.write(topic.key, b'\0\1\0\0' + bytes(24), T0 + k, T0 + k)
+    writer.close()
+    names = tuple(topic.key for topic in (there, *others))
+    node = ReplayNode(ReplaySettings(bag=str(tmp_path / 'bag'), topics=names))
+    try:
+        assert node.names == ['/eol/point']
+        told = capfd.readouterr().err
+        assert all(told.count(f': {topic.name}') == 1 for topic in others)
+    finally:
+        node.close()
+        node.destroy_node()
+    with pytest.raises(ConfigError, match='install the package gone_msgs'):
+        ReplayNode(ReplaySettings(bag=str(tmp_path / 'bag'), topics=('/gone',)))

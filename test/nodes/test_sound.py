@@ -360,6 +360,21 @@ def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path, monkeypatch, capfd
         words = capfd.readouterr().err
         assert 'OSC /eol/set/latency_s: -5 is out of range (' in words
         assert 'OSC /eol/set/channels: there is no such live setting' in words
+        hand = OscOut(f'127.0.0.1:{number}')
+        for k in range(50):  # a stranger's stream, and a switch sent to a level
+            hand.send('/other/x', float(k))
+            hand.send('/eol/set/gain_db', True)
+        hand._socket.sendto(b'no packet', hand._address)
+        refused = []
+        for _ in range(300):
+            node.osc._settings()
+            refused.append(node.health.values['osc_refused'])
+            if refused[-1] == 103:
+                break
+        hand.close()
+        assert refused[-1] == 103 and node.settings.gain_db == -12.0
+        words = capfd.readouterr().err
+        assert words.count('/other/x') == words.count('/eol/set/gain_db') == 1
         asked = []
         monkeypatch.setattr(node.requests, 'ask', asked.append)
         hand = OscOut(f'127.0.0.1:{number}')
