@@ -174,7 +174,15 @@ class _Reader:
         name = _shown(path)
         start = _Place({}, name, 1, 1)
         try:
-            text = path.read_text(encoding='utf-8')
+            data = path.read_bytes()
+            text = data.decode('utf-16' if data[:2] in (b'\xff\xfe', b'\xfe\xff') else 'utf-8')
+            text = text.replace('\r\n', '\n').replace('\r', '\n')
+            if odd := _NO_BREAK.search(text):
+                line = text.count('\n', 0, odd.end())
+                column = odd.end() - text.rfind('\n', 0, odd.end()) - 1
+                start = _Place({}, name, line + 1, column)
+                self.wrong(start, '', 'a no-break space (U+00A0): write an ordinary one')
+                return start
             tree = yaml.compose(text, Loader=yaml.SafeLoader)
         except OSError as error:
             self.wrong(start, '', f'{error.strerror}')
@@ -235,8 +243,13 @@ class _Reader:
             place.value = {}
             for key_node, value_node in node.value:
                 key = self._convert(key_node, name)
+                if key_node.value == '<<':
+                    self.wrong(key, '', 'merge keys are not read here; `include` adds a scene')
+                    continue
                 if not isinstance(key.value, str):
-                    self.wrong(key, '', f'key {key.value!r} is not a name')
+                    number = isinstance(key.value, (int, float))
+                    hint = '; write a decimal point in a number' if number else ''
+                    self.wrong(key, '', f'key {key.value!r} is not a name{hint}')
                     continue
                 if key.value in place.value:
                     self.wrong(key, key.value, 'stands twice')
@@ -290,7 +303,11 @@ class _Reader:
             try:
                 value = check_value(fields[key], _meant(item, fields[key].type))
             except ConfigError as error:
-                self.wrong(item, where, str(error))
+                self.wrong(item, where, f'{error}{_how_to_write(item)}')
+                continue
+            first = value[0] if isinstance(value, tuple) and value else value
+            if isinstance(first, (int, float)) and (how := _how_to_write(item)):
+                self.wrong(item, where, f'{item.text or _bare(item)} would be {value}{how}')
                 continue
             kind_of = fields[key].metadata.get('kind', '')
             if kind_of in ('path', 'optional path') and value:
@@ -309,6 +326,25 @@ class _Reader:
         if needed:
             self.wrong(item, where, f'{value}: no such file or folder')
         return value
+
+
+_NO_BREAK = re.compile(r'^[ \t]*\xa0|^[^#\n"\']*:\xa0', re.M)
+_NUMBERS = {  # forms of numbers that YAML 1.1 reads as other numbers, or as text
+    r'[-+]?0[0-9_]+': 'a number with a leading 0 is octal in YAML: leave the 0 out',
+    r'[-+]?[0-9]+(:[0-9.]+)+': 'digits with a colon are minutes in YAML: write the number in full',
+    r'[-+]?[0-9.]+[eE][-+]?[0-9]+': 'YAML wants 1.0e+6 for 1e6: write the number in full',
+    r'[-+]?[0-9]+,[0-9]+': 'write a decimal point',
+}
+
+
+def _how_to_write(place: _Place) -> str:
+    """Return what to do about a number that YAML reads otherwise than people, or nothing."""
+    if isinstance(place.value, list):
+        return next(filter(None, map(_how_to_write, place.value)), '')
+    if isinstance(place.value, float) and 'e' in place.text.lower():
+        return ''
+    forms = (how for form, how in _NUMBERS.items() if re.fullmatch(form, place.text or ''))
+    return next((f'; {how}' for how in forms), '')
 
 
 def _bare(place: _Place) -> Any:

@@ -410,7 +410,7 @@ def broken(path):
     yield b'\n# nothing but a comment\n', 'names no node'
     yield b'nodes: [twin, tracker]\n', 'is a list; write each node as a key'
     yield text.encode() + '# où\n'.encode('latin-1'), 'not a text file in UTF-8'
-    yield text.encode('utf-16'), 'not a text file in UTF-8'
+    yield text.encode('utf-16')[:-1], 'not a text file in UTF-8'
     yield text.encode() + b'\0', 'not YAML'
     yield text.encode() + b'nodes: {', 'not YAML'
     yield (include % 'nonsense: 1').encode(), f'{node}.nonsense: no such key'
@@ -441,3 +441,30 @@ def test_settings_renamed_since_the_last_release_are_read_everywhere(tmp_path):
     assert len(scene.warnings) == 3
     path.write_text(f'nodes: {old}')
     assert presets.load(path)['grains'] == {'ambience_rate': 3.0, 'ambience_playback_rate': 0.5}
+
+
+@pytest.mark.parametrize(
+    ('text', 'told'),
+    [
+        ('twin: {seed: 010}', ':2:16 error .*octal in YAML: leave the 0 out'),
+        ('panel: {port: 08080}', 'octal in YAML'),
+        ('twin: {seed: 1:30}', 'would be 90; digits with a colon are minutes'),
+        ('twin: {seed: 1e6}', 'write the number in full'),
+        ('sound: {gain_db: -1,5}', 'write a decimal point'),
+        ('twin:\n    <<: {seed: 1}', 'merge keys are not read here'),
+        ('twin:\u00a0{seed: 1}', ':2:8 error a no-break space'),
+        ('\u00a0\u00a0twin: {}', 'a no-break space'),
+    ],
+)
+def test_yaml_that_means_something_else_is_told(tmp_path, text, told):
+    path = tmp_path / 's.yaml'
+    path.write_text(f'nodes:\n  {text}\n')
+    with pytest.raises(scenes.SceneError, match=told):
+        scenes.load(path)
+
+
+@pytest.mark.parametrize('encoding', ['utf-8-sig', 'utf-16', 'utf-16-le', 'utf-16-be'])
+def test_scenes_of_editors_of_windows(tmp_path, encoding):
+    text = '' if encoding in ('utf-8-sig', 'utf-16') else '\ufeff'
+    (tmp_path / 's.yaml').write_bytes(f'{text}nodes:\r\n  twin: {{seed: 7}}\r\n'.encode(encoding))
+    assert scenes.load(tmp_path / 's.yaml').settings('twin').seed == 7

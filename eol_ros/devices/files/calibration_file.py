@@ -15,11 +15,11 @@ import yaml
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.devices.files import camera_info
 from eol_ros.disk import DISK
 from eol_ros.errors import ConfigError, DeviceMissing
 
-_SIZE = ('image_width', 'image_height')
-_MATRICES = {'camera_matrix': (3, 3), 'distortion_coefficients': (1, 5), 'homography': (3, 3)}
+_NO_TABLE = ': a camera_info file knows the lens but not the table; run `eol calibrate` with it'
 LEFT_HANDED = (
     'the homography is left-handed, as of a table seen in a mirror. If the camera looks '
     'through one,'
@@ -88,46 +88,31 @@ def load(path: str | Path, mirror: bool = False) -> Calibration:
         DeviceMissing: no such file.
         ConfigError: not YAML, or a field absent or wrong; all are named at once.
     """
-    path = Path(path)
     try:
-        text = path.read_text()
+        content = Path(path).read_bytes()
     except FileNotFoundError:
         raise DeviceMissing(
             f'{path}: no such calibration file; make one with `eol calibrate`'
         ) from None
     except OSError as error:
         raise DeviceMissing(f'{path}: cannot read the calibration ({error.strerror})') from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(f'{path}: not a YAML file: {_first_line(error)}') from None
-    return loads(text, path, mirror)
+    return loads(content, path, mirror)
 
 
-def loads(text: str, path: str | Path, mirror: bool = False) -> Calibration:
+def loads(text: str | bytes, path: str | Path, mirror: bool = False) -> Calibration:
     """Return the calibration in a text that was found at `path`.
 
     Raises:
         ConfigError: as `load`.
     """
-    try:
-        content = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        where = getattr(error, 'problem_mark', None)
-        place = f':{where.line + 1}:{where.column + 1}' if where else ''
-        raise ConfigError(f'{path}{place}: not a YAML file: {_first_line(error)}') from None
-    if not isinstance(content, dict):
-        raise ConfigError(f'{path}: holds {type(content).__name__}, not a calibration')
+    content = camera_info.read(text, path)
     wrong: list[str] = []
     fields: dict = {}
-    for name in _SIZE:
-        value = content.get(name)
-        if isinstance(value, bool) or not isinstance(value, int) or not 8 <= value <= 20000:
-            wrong.append(f'{name} is {value!r}, not a number of pixels')
-        fields[name] = value
-    model = content.get('distortion_model', 'plumb_bob')
-    if model != 'plumb_bob':
-        wrong.append(f'distortion_model is {model!r}; only plumb_bob is known')
-    for name, shape in _MATRICES.items():
-        fields[name] = _read_matrix(content, name, shape, wrong)
+    size = fields['image_width'], fields['image_height'] = camera_info.size(content, wrong)
+    fields['camera_matrix'], fields['distortion_coefficients'] = camera_info.lens(
+        content, size, wrong
+    )
+    fields['homography'] = camera_info.matrix(content, 'homography', (3, 3), wrong, _NO_TABLE)
     for name in _NUMBERS:
         value = fields[name] = content.get(name, 0.0)
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
@@ -141,7 +126,6 @@ def loads(text: str, path: str | Path, mirror: bool = False) -> Calibration:
         raise ConfigError(f'{path}: ' + '; '.join(wrong))
     date = content.get('date', '')
     fields['date'] = date.isoformat() if isinstance(date, datetime.date) else str(date)
-    fields['distortion_coefficients'] = fields['distortion_coefficients'][0]
     try:
         calibration = Calibration(**fields)
     except ConfigError as error:
@@ -179,34 +163,6 @@ def _matrix(values: np.ndarray) -> dict:
     }
 
 
-def _read_matrix(content: dict, name: str, shape: tuple[int, int], wrong: list[str]):
-    """Return the matrix `name`, or note what is wrong with it."""
-    value = content.get(name)
-    if value is None:
-        hint = (
-            ': a camera_info file knows the lens but not the table; run `eol calibrate` with it'
-            if name == 'homography'
-            else ''
-        )
-        wrong.append(f'{name} is absent{hint}')
-        return None
-    if not isinstance(value, dict) or not isinstance(value.get('data'), list):
-        wrong.append(f'{name} must have rows, cols and data')
-        return None
-    data = value['data']
-    if (value.get('rows'), value.get('cols')) != shape or len(data) != shape[0] * shape[1]:
-        wrong.append(
-            f'{name} has {value.get("rows")} rows, {value.get("cols")} cols and '
-            f'{len(data)} values, not {shape[0]} x {shape[1]}'
-        )
-        return None
-    try:
-        return np.array([float(v) for v in data]).reshape(shape)
-    except (TypeError, ValueError):
-        wrong.append(f'{name} holds something that is not a number')
-        return None
-
-
 def _read_covers(value: Any, wrong: list[str]) -> CoverOutlines | None:
     """Return the heights of covers, None where the file names none, or note what is wrong."""
     if value is None:
@@ -227,10 +183,6 @@ def _read_covers(value: Any, wrong: list[str]) -> CoverOutlines | None:
     return None
 
 
-def _first_line(error: Exception) -> str:
-    return (getattr(error, 'problem', None) or str(error)).splitlines()[0]
-
-
 def load_lens(path: str | Path) -> tuple[int, int, np.ndarray, np.ndarray]:
     """Return width, height, camera matrix (3, 3) and distortion (5,) of a camera_info file.
 
@@ -238,21 +190,12 @@ def load_lens(path: str | Path) -> tuple[int, int, np.ndarray, np.ndarray]:
         DeviceMissing, ConfigError: as `load`.
     """
     try:
-        content = yaml.safe_load(Path(path).read_text())
+        content = camera_info.read(Path(path).read_bytes(), path)
     except OSError as error:
         raise DeviceMissing(f'{path}: cannot read the lens ({error.strerror})') from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f'{path}: not a YAML file: {_first_line(error)}') from None
     wrong: list[str] = []
-    if not isinstance(content, dict):
-        raise ConfigError(f'{path}: holds {type(content).__name__}, not a camera_info')
-    size: list[Any] = [content.get(name) for name in _SIZE]
-    if not all(isinstance(value, int) and value >= 8 for value in size):
-        wrong.append(f'image size is {size[0]!r} x {size[1]!r}')
-    if content.get('distortion_model', 'plumb_bob') != 'plumb_bob':
-        wrong.append(f'distortion_model is {content["distortion_model"]!r}, not plumb_bob')
-    camera = _read_matrix(content, 'camera_matrix', (3, 3), wrong)
-    lens = _read_matrix(content, 'distortion_coefficients', (1, 5), wrong)
+    width, height = camera_info.size(content, wrong)
+    camera, lens = camera_info.lens(content, (width, height), wrong)
     if wrong or camera is None or lens is None:
         raise ConfigError(f'{path}: ' + '; '.join(wrong))
-    return size[0], size[1], camera, lens[0]
+    return width, height, camera, lens
