@@ -165,7 +165,8 @@ def digest(sounds: list[Path], options: Options) -> str:
     if options.regions:
         parts.append([sound.stem for sound in sounds])
     for sound in sounds:
-        parts.append(sha256(sound) if os.access(sound, os.R_OK) else '')
+        readable = sound.is_file() and os.access(sound, os.R_OK)
+        parts.append(sha256(sound) if readable else '')
         for companion in (beside(sound, 'moved.csv'), label_file(sound, options)):
             if companion is not None and companion.is_file():
                 parts.append([companion.suffix, sha256(companion)])
