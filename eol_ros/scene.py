@@ -157,6 +157,9 @@ def _shown(path: Path) -> str:
     return str(path.with_name(given.rpartition('/')[2]))
 
 
+MOST_VALUES = 100_000  # of a scene with all that it includes
+
+
 class _Reader:
     """Reads one scene and gathers its mistakes."""
 
@@ -165,6 +168,7 @@ class _Reader:
         self.texts: list[tuple[str, SceneText]] = []
         self.warnings: list[str] = []
         self.places: dict[str, tuple[str, int, int]] = {}
+        self._values = 0
 
     def wrong(self, place: _Place, where: str, what: str) -> None:
         self.mistakes.append(Mistake(place.file, place.line, place.column, where, what))
@@ -237,6 +241,9 @@ class _Reader:
             _merge(top, self.read(other, seen))
 
     def _convert(self, node: yaml.Node, name: str) -> _Place:
+        self._values += 1
+        if self._values > MOST_VALUES:  # anchors may stand for each other without end
+            raise RecursionError
         mark = node.start_mark
         place = _Place(None, name, mark.line + 1, mark.column + 1)
         if isinstance(node, yaml.MappingNode):

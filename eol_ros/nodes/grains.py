@@ -10,7 +10,7 @@ from eol_msgs.msg import FeltSlip, GrainTrigger
 from eol_ros.core.sound.corpus import Corpus
 from eol_ros.core.sound.select import Selector
 from eol_ros.core.sound.sources import absent
-from eol_ros.devices.corpus.corpus_file import move, moved, restore
+from eol_ros.devices.corpus.corpus_file import LEFT_OUT, move, moved, restore
 from eol_ros.devices.corpus.loader import CorpusLoader, corpus_spec
 from eol_ros.errors import EolError
 from eol_ros.ros.node import EolNode
@@ -83,7 +83,8 @@ class GrainsNode(EolNode):
 
     def tell(self) -> None:
         if self.corpus is not None:
-            self.health.ok(clauses([self.words, *self.notes]))
+            left_out = [note for note in self.corpus.notes if note.startswith(LEFT_OUT)]
+            self.health.ok(clauses([self.words, *self.notes, *left_out[:3]]))
 
     def restart(self) -> None:
         self.selector = Selector(self.settings, self.corpus)

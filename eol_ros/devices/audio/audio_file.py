@@ -47,15 +47,18 @@ def read_mono(path, rate: int | None = None) -> Sound:
     """
     path = Path(path)
     samples, own_rate, channels, notes = _read(path)
-    bad = ~(np.abs(samples) <= LOUDEST)  # not a number, too
-    count = int(bad.sum())
+    count = 0
+    for start in range(0, len(samples), BLOCK):
+        piece = samples[start : start + BLOCK]
+        bad = ~(np.abs(piece) <= LOUDEST)  # not a number, too
+        count += int(bad.sum())
+        piece[bad] = 0
     if count > 0.01 * len(samples):
         raise ConfigError(
             f'{path}: {count} of {len(samples)} samples are beyond {LOUDEST:g} times full scale: '
             'whole numbers in a file of floats, or damaged; export it again with full scale 1.0'
         )
     if count:
-        samples[bad] = 0
         notes.append(
             f'{path}: {count} samples are not numbers or beyond {LOUDEST:g} times full scale; '
             'silence stands in for them'

@@ -28,6 +28,7 @@ MAGIC = b'\x89MCAP0\r\n'
 BLANK = 0xFF  # private record: damage that a repair in place (v0.2.0) has marked
 CRC_KEY = 'crc32'  # in the metadata that this project writes: of all the other pairs
 MOST_BYTES = 1 << 30  # of a chunk: more is a damaged length
+CALM_BYTES = 1 << 28  # of one that is less than half as large when compressed
 WINDOW = 1 << 20
 HEAD = struct.Struct('<BQ')  # of a record: opcode, length
 LENGTH = struct.Struct('<Q')
@@ -143,17 +144,18 @@ def chunk_at(file: BinaryIO, offset: int, end: int, compression: str | None = No
 def unpack(chunk: Chunk) -> bytes:
     """Return the records in a chunk; raise DamagedRecord."""
     data = chunk.data
+    most = min(MOST_BYTES, max(CALM_BYTES, 2 * len(data)))
     if chunk.compression == 'zstd':
         try:
             size = zstandard.frame_content_size(data)
             size = chunk.uncompressed_size if size < 0 else size
-            if size > MOST_BYTES:
+            if size > most:
                 raise DamagedRecord('says that it is larger than any chunk')
             data = zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
         except zstandard.ZstdError:
             raise DamagedRecord('cannot be decompressed') from None
     elif chunk.compression == 'lz4':
-        data = _unlz4(data)
+        data = _unlz4(data, most)
     elif chunk.compression:
         raise DamagedRecord(f'compressed with {chunk.compression!r}, which is not known here')
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
@@ -161,15 +163,20 @@ def unpack(chunk: Chunk) -> bytes:
     return data
 
 
-def _unlz4(data: bytes) -> bytes:
+def _unlz4(data: bytes, most: int) -> bytes:
     try:
         import lz4.frame
     except ImportError:
         raise DamagedRecord(f'compressed with lz4: {pip_install("lz4")}') from None
     try:
-        return lz4.frame.decompress(data)
+        with lz4.frame.LZ4FrameDecompressor() as frame:
+            found: bytes = frame.decompress(data, max_length=most)
+            whole = frame.eof
     except RuntimeError:
         raise DamagedRecord('cannot be decompressed') from None
+    if not whole:
+        raise DamagedRecord('is cut, or larger than any chunk')
+    return found
 
 
 def edges_in(data: bytes) -> list[int]:

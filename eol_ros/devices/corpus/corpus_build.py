@@ -22,7 +22,7 @@ from eol_ros import folders, parent_death
 from eol_ros.core.sound import sources as several
 from eol_ros.core.sound.corpus import Corpus, Source, widened
 from eol_ros.devices.corpus import corpus_file
-from eol_ros.devices.corpus.corpus_file import ANALYSIS, Options
+from eol_ros.devices.corpus.corpus_file import ANALYSIS, LEFT_OUT, Options
 from eol_ros.devices.files.names import is_text
 from eol_ros.disk import DISK, read
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, writing
@@ -130,7 +130,7 @@ def build(
         notes += noted
     if not sources:
         raise left_out[0]
-    notes += [f'left out: {error}' for error in left_out]
+    notes += [f'{LEFT_OUT}{error}' for error in left_out]
     grains, placed = np.concatenate(parts), ~np.concatenate(silences)
     if not placed.any():
         raise ConfigError(
@@ -325,7 +325,7 @@ def _move_by_hand(sources, grains, placed) -> list[str]:
         try:
             moved = corpus_file.load_moved(Path(source.path))
         except EolError as error:
-            notes.append(f'left out: {error}')
+            notes.append(f'{LEFT_OUT}{error}')
             continue
         for time_s, x, y in moved:
             middle = grains['start_s'] + grains['duration_s'] / 2

@@ -27,6 +27,7 @@ VERSION = 1  # of the JSON
 ICE_RECIPE = 2  # counts up whenever the same seed gives another ice recording
 ANALYSIS = 3  # increased whenever the same sound gives other grains or descriptors
 SOUNDS = {'.wav', '.flac', '.ogg', '.oga', '.opus', '.aif', '.aiff', '.mp3', '.caf', '.au', '.w64'}
+LEFT_OUT = 'left out: '  # with which a note on a sound or its companions begins
 MOST_S = 86400.0  # of a sound: a day
 _MADE = 'the .json that `eol corpus SOUND --output` writes'
 DIGITS = 9  # significant, in JSON and CSV
@@ -282,7 +283,7 @@ def loads(content: bytes, path: Path, trusted: bool = False) -> Corpus:
         key = hashlib.sha256(content).hexdigest()
         for source in sources:
             if not Path(source.path).is_file():
-                notes.append(f'{source.path}: is gone; its grains are left out')
+                notes.append(f'{LEFT_OUT}{source.path}: is gone')
             elif source.sha256 and sha256(Path(source.path)) != source.sha256:
                 notes.append(
                     f'{source.path}: has changed since {path} was made; run eol corpus again'

@@ -60,7 +60,7 @@ def _read(path: Path) -> tuple[dict, int]:
         data, cols = found['data'], found['cols']
     except FileNotFoundError:
         raise DeviceMissing(f'{path}: no such file') from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise ConfigError(f'{path}: not a FluCoMa DataSet ({error!r})') from None
     if not isinstance(data, dict) or type(cols) is not int or not data:
         raise ConfigError(f'{path}: not a FluCoMa DataSet (no "cols" and points in "data")')

@@ -25,6 +25,8 @@ def load_scene(path: str | Path) -> Scene:
         raise ConfigError(f'{path}: not a text file; a JSON scene is wanted') from None
     try:
         given = json.loads(text, object_pairs_hook=_no_twice)
+    except RecursionError:
+        raise ConfigError(f'{path}: lists within lists without end') from None
     except json.JSONDecodeError as error:
         raise ConfigError(f'{path}:{error.lineno}:{error.colno}: not JSON: {error.msg}') from None
     except ConfigError as error:
