@@ -158,7 +158,8 @@ def _recover(args) -> int:
         about, gaps = {**bag.about, edit.FROM: str(bag.path)}, dict(bag.gaps)
         gaps['recovered'] = f'from {bag.path.name}'
         topics, out = list(bag.topics.values()), Path(args.output)
-        count = edit.copy(out, topics, bag.messages(), about, gaps, lambda: bag.damage)
+        messages = _told(bag.messages(), [bag])
+        count = edit.copy(out, topics, messages, about, gaps, lambda: bag.damage)
         print(f'{args.output}: {count} messages', file=sys.stderr)
         return _tell(bag)
     for line in bag.notes:
@@ -208,10 +209,19 @@ def _cut(args) -> int:
     start_ns = bag.start_ns + round(args.start * 1e9)
     end_ns = None if args.end is None else bag.start_ns + round(args.end * 1e9)
     about = {**bag.about, edit.FROM: f'{bag.path} from {args.start:g} to {end_s:g} s'}
-    messages = edit.stretch(bag, names, start_ns, end_ns)
+    messages = _told(edit.stretch(bag, names, start_ns, end_ns), [bag])
     count = edit.copy(Path(args.output), topics, messages, about, bag.gaps, lambda: bag.damage)
     print(f'{args.output}: {count} messages', file=sys.stderr)
     return _tell(bag)
+
+
+def _told(messages, bags):
+    """Return messages, and show how far they are where there are many."""
+    from eol_ros.verbs.progress import track
+
+    size = sum(file.size for bag in bags for file in bag.files)
+    count = sum(sum(bag.counts.values()) for bag in bags)
+    return track(messages, 'writing', total=count) if size > LONG_BYTES else messages
 
 
 def _merge(args) -> int:
@@ -227,7 +237,7 @@ def _merge(args) -> int:
             )
     about = {**bags[0].about, edit.FROM: ', '.join(str(bag.path) for bag in bags)}
     count = edit.copy(
-        Path(args.output), edit.merged_topics(bags), edit.merged(bags), about,
+        Path(args.output), edit.merged_topics(bags), _told(edit.merged(bags), bags), about,
         edit.merged_gaps(bags), lambda: [line for bag in bags for line in bag.damage],
     )  # fmt: skip
     print(f'{args.output}: {count} messages', file=sys.stderr)
