@@ -138,6 +138,8 @@ def _verify(args) -> int:
     from eol_ros.verbs.progress import track
 
     bag, wrong = verify(args.bag, lambda files: track(files, 'reading'))
+    for line in bag.notes:
+        print(line, file=sys.stderr)
     if args.json:
         print(json.dumps({'bag': str(bag.path), 'whole': not wrong, 'wrong': wrong}, indent=2))
     elif wrong:

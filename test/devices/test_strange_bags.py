@@ -174,3 +174,16 @@ def test_times_that_cannot_be_meant_make_no_figures(tmp_path):
     assert 'slips' not in found['onset_latency_ms']
     assert any('times are 0 or of another clock' in line for line in found['lacking'])
     assert 'too few for a series' in found['one_over_f']['triggers']['sentence']
+
+
+@pytest.mark.parametrize('left', [b'', bytes(5000), b'not a bag'])
+def test_one_bad_file_of_a_bag_is_left_out(tmp_path, capsys, left):
+    write_bag(tmp_path / 'bag', split_s=0.3).close()
+    files = sorted((tmp_path / 'bag').glob('*.mcap'))
+    files[1].write_bytes(left)
+    assert cli.main(['bag', 'info', str(tmp_path / 'bag')]) == 0
+    captured = capsys.readouterr()
+    assert len(files) > 2 and f'{files[1].name}: not a bag' in captured.err
+    for file in files:
+        file.write_bytes(left)
+    assert cli.main(['bag', 'info', str(tmp_path / 'bag')]) == 78

@@ -62,7 +62,8 @@ class BagReader:
     def __init__(self, path: str | Path):
         self.path = _newest(Path(path))
         paths, self.notes = files_of(self.path)
-        self.files = [BagFileReader(p) for p in paths]
+        self.files, left_out = open_files(paths)
+        self.notes += left_out
         self.files.sort(key=lambda f: (f.start_ns, f.path.name))
         self._span: tuple[int, int] | None = None  # of the messages that count, None: all
         self.topics: dict[str, BagTopic] = {}  # by key: the name, but for further definitions
@@ -278,6 +279,19 @@ class BagReader:
             if name in file.metadata:
                 return file.metadata[name]
         return {}
+
+
+def open_files(paths: Collection[Path]) -> tuple[list[BagFileReader], list[str]]:
+    """Return the files of a bag, and lines on those that are none; raise if nothing is left."""
+    files, errors = [], []
+    for path in paths:
+        try:
+            files.append(BagFileReader(path))
+        except EolError as error:
+            errors.append(error)
+    if errors and not files:
+        raise errors[0]
+    return files, [f'{error}; left out' for error in errors]
 
 
 def bags_in(path: Path) -> list[Path]:

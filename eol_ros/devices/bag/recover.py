@@ -19,7 +19,7 @@ from mcap.records import Chunk
 from eol_ros.devices.bag import scan
 from eol_ros.devices.bag.file import BagFileReader, add_topic
 from eol_ros.devices.bag.mcap_file import BagFile, BagTopic
-from eol_ros.devices.bag.reader import files_of
+from eol_ros.devices.bag.reader import files_of, open_files
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, RUN_METADATA, FileSummary, metadata_text
 from eol_ros.disk import DISK
 from eol_ros.errors import EolError
@@ -50,7 +50,7 @@ class Repaired:
 def leftovers(root: Path) -> list[Path]:
     """Return the `.part` files in `root` and in its bag folders that nobody writes any more."""
     found = {*root.glob(f'*.mcap{PART}'), *root.glob(f'*/*.mcap{PART}')}
-    return [path for path in sorted(found) if not in_use(path)]
+    return [path for path in sorted(found) if path.name[0] != '.' and not in_use(path)]
 
 
 def repair(
@@ -198,7 +198,7 @@ def rewrite_metadata(folder: Path) -> None:
 def metadata_of(folder: Path) -> str:
     """Return the text of `metadata.yaml` for the complete files of a bag folder."""
     paths, _ = files_of(folder)
-    bags = [BagFileReader(p) for p in paths if p.suffix == '.mcap']
+    bags, _ = open_files([p for p in paths if p.suffix == '.mcap'])
     topics: dict[str, BagTopic] = {}
     custom, files = {}, []
     for bag in sorted(bags, key=lambda b: b.start_ns):
