@@ -194,6 +194,9 @@ class _Reader:
         except UnicodeDecodeError:
             self.wrong(start, '', 'not a text file in UTF-8')
             return start
+        except RecursionError:
+            self.wrong(start, '', 'one value stands within another without end')
+            return start
         except yaml.MarkedYAMLError as error:
             mark = error.problem_mark or error.context_mark
             if mark:

@@ -468,3 +468,12 @@ def test_scenes_of_editors_of_windows(tmp_path, encoding):
     text = '' if encoding in ('utf-8-sig', 'utf-16') else '\ufeff'
     (tmp_path / 's.yaml').write_bytes(f'{text}nodes:\r\n  twin: {{seed: 7}}\r\n'.encode(encoding))
     assert scenes.load(tmp_path / 's.yaml').settings('twin').seed == 7
+
+
+@pytest.mark.parametrize('depth', [3, 9])
+def test_anchors_and_lists_without_end_end_in_a_line(tmp_path, depth):
+    lists = [f'a{i}: &a{i} [' + ','.join([f'*a{i - 1}'] * 10) + ']' for i in range(1, depth)]
+    deep = '[' * 10**depth if depth < 9 else '\n'.join(['a0: &a0 [x, x]', *lists])
+    (tmp_path / 's.yaml').write_text(f'{deep}\nnodes: {{twin: {{}}}}\n')
+    with pytest.raises(scenes.SceneError, match='without end|not YAML'):
+        scenes.load(tmp_path / 's.yaml')

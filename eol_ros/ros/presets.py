@@ -48,7 +48,7 @@ def load(path: Path) -> Preset:
         data = yaml.safe_load(path.read_text('utf-8'))
     except FileNotFoundError:
         raise DeviceMissing(said('no_preset', path=path)) from None
-    except (OSError, UnicodeError, yaml.YAMLError) as error:
+    except (OSError, UnicodeError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise ConfigError(f'{path}: cannot be read ({type(error).__name__})') from None
     found = data.get('nodes') if isinstance(data, dict) else None
     if not isinstance(found, dict) or not found or not set(found) <= set(INSTRUMENT):

@@ -436,7 +436,7 @@ def information(folder: Path) -> dict | None:
         return None
     try:
         return loads(file.read_text(encoding='utf-8'))
-    except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError, ValueError):
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
         raise ConfigError(f'{file}: not the metadata of a rosbag2 folder') from None
 
 
