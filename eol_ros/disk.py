@@ -11,6 +11,7 @@ import contextlib
 import errno
 import os
 import sys
+import threading
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -25,7 +26,7 @@ DAMAGED = (
     OSError, ValueError, LookupError, TypeError, AttributeError, EOFError, OverflowError,
     RecursionError, BadZipFile, zlib.error, EolError,
 )  # fmt: skip
-_TOKEN = os.urandom(3).hex()  # process numbers are not unique across containers
+_TOKEN = os.urandom(3).hex()  # thread numbers are not unique across containers
 _named: set[Path] = set()
 
 
@@ -91,7 +92,7 @@ DISK = Disk()
 
 @contextlib.contextmanager
 def _aside(path: Path) -> Iterator[Path]:
-    part = path.with_name(f'.{os.getpid()}-{_TOKEN}-{path.name[-200:]}')
+    part = path.with_name(f'.{threading.get_native_id()}-{_TOKEN}-{path.name[-200:]}')
     try:
         yield part
     finally:
