@@ -175,6 +175,10 @@ class Health:
             text = said('nothing_of', what=self._expected[0], seconds=f'{silent_s:.0f}')
         if time.monotonic() - self._rejected_s < REJECTED_TOLD_S:
             text = clauses([text, self._rejections()])
+        if differs := self._node.qos.text:
+            level = OK if level == STARTING else level
+            level = max(level, ERROR if self._node.qos.starved else WARN)
+            text = clauses([differs, text])
         worker, still_s = self._stalled()
         if worker:
             level = ERROR
@@ -193,6 +197,7 @@ class Health:
 
     def _beat(self) -> None:
         self.look_at_workers(time.monotonic())
+        self._node.qos.look()
         self.report()
         self._well = self._well + 1 if self.level == OK else 0
         if self._well in SETTLED:

@@ -17,11 +17,6 @@ from rcl_interfaces.msg import (
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
-from rclpy.event_handler import (
-    PublisherEventCallbacks,
-    SubscriptionEventCallbacks,
-    UnsupportedEventTypeError,
-)
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -36,19 +31,16 @@ from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
 from eol_ros.ros.inherited import KEPT
 from eol_ros.ros.intake import Intake
-from eol_ros.ros.parameters import checked, checked_live
+from eol_ros.ros.parameters import checked, checked_live, no_setting
+from eol_ros.ros.qos import OVERRIDES, NodeQoS
 from eol_ros.ros.requests import REQUESTS, RequestServer, parameters
 from eol_ros.ros.stamps import NS, to_ns
 from eol_ros.ros.startup_barrier import LOOK_S, READY, PeerDiscovery
 from eol_ros.ros.topics import (
     CLOCK,
     CLOCK_QOS,
-    PUBLISHER_QOS,
-    QOS,
     informed,
-    message_class,
     type_name,
-    with_depth,
 )
 from eol_ros.said import clauses, said
 from eol_ros.scene import Scene, check_namespace, check_value
@@ -87,7 +79,9 @@ class EolNode(Node):
         self.frame_prefix = frame_prefix(self.namespace)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.resumed = _kept(self.NAME)  # of the process before, if it was restarted
-        self.settings = self._declare(settings)
+        overrides = {name: p.value for name, p in self._parameter_overrides.items()}
+        self.qos = NodeQoS(self, overrides)
+        self.settings = self._declare(settings, overrides)
         self.sim_time = bool(self.get_parameter(SIM_TIME).value)
         self.played: PlayedClock | None = None
         self._round: tuple[int, int] | None = None  # what a replay has played, from when to when
@@ -114,6 +108,8 @@ class EolNode(Node):
         if self._discovery.complete():
             self._looks.cancel()
             self.subscribe(READY, lambda message: None)
+            for name in self.qos.unused():
+                self.get_logger().warning(f'parameter {name}: {self.NAME} has no such topic now')
 
     def pull_in_timers(self) -> None:
         """Reset each timer whose next call is more than a period away; `run` calls this regularly.
@@ -241,13 +237,7 @@ class EolNode(Node):
 
         `depth` keeps more messages to send again, or fewer, than the table says.
         """
-        row = TOPICS[topic]
-        return self.create_publisher(
-            message_class(row.type_name),
-            topic,
-            with_depth(PUBLISHER_QOS[row.qos], depth),
-            event_callbacks=_loud(self, topic, True),
-        )
+        return self.qos.publisher(topic, depth)
 
     def subscribe(
         self,
@@ -265,17 +255,9 @@ class EolNode(Node):
         sent them, in ns of the system clock, and the publisher's number of them. `depth` keeps more
         messages, or fewer, than the table says; no writer needs to know.
         """
-        row = TOPICS[topic]
         if not raw:
             callback = _checked(self.intake(topic, read), callback)
-        return self.create_subscription(
-            message_class(row.type_name),
-            topic,
-            informed(callback) if with_info else callback,
-            with_depth(QOS[row.qos], depth),
-            raw=True,
-            event_callbacks=_loud(self, topic, False),
-        )
+        return self.qos.subscription(topic, informed(callback) if with_info else callback, depth)
 
     def intake(self, topic: str, read: Callable[[Any], Any] | None = None) -> Intake:
         """Return what decodes messages of a topic of the table, checks them and calls `read`."""
@@ -334,10 +316,12 @@ class EolNode(Node):
     def close(self) -> None:
         """Release devices; called once on the way out."""
 
-    def _declare(self, settings: Any) -> Any:
-        """Declare a ROS parameter per setting; command-line overrides are checked like a scene."""
+    def _declare(self, settings: Any, overrides: dict[str, Any]) -> Any:
+        """Declare a ROS parameter per setting; command-line overrides are checked like a scene.
+
+        Other overrides are warned of: those for `/**` in a parameter file reach every node.
+        """
         fields = {f.name: f for f in dataclasses.fields(settings)}
-        overrides = {k: p.value for k, p in self._parameter_overrides.items()}
         for old, new in renamed(type(settings)).items():
             if old in overrides and new not in overrides:
                 self.get_logger().warning(
@@ -345,9 +329,9 @@ class EolNode(Node):
                 )
                 overrides[new] = overrides.pop(old)
         known = set(fields) | {SIM_TIME, 'start_type_description_service'}
-        unknown = [n for n in overrides if n not in known and not n.startswith('qos_overrides')]
-        if unknown:
-            raise ConfigError(f'parameter {unknown[0]}: {self.NAME} has no such setting')
+        for name in overrides:
+            if name not in known and not name.startswith(OVERRIDES):
+                self.get_logger().warning(f'parameter {no_setting(self.NAME, name, fields)}')
         given = {n: v for n, v in overrides.items() if n in fields}
         settings = dataclasses.replace(settings, **checked(type(settings), given))
         self._at_start = settings
@@ -436,18 +420,3 @@ def _ranges(field: dataclasses.Field[Any]) -> dict[str, Any]:
     if field.type is int:
         return {'integer_range': [IntegerRange(from_value=low, to_value=high)]}
     return {}
-
-
-def _loud(node: EolNode, topic: str, publishes: bool) -> Any:
-    """A QoS mismatch is silent in ROS; here it is an error that names the topic."""
-
-    def mismatch(_event: Any) -> None:
-        other = 'a reader asks for' if publishes else 'a writer offers'
-        node.get_logger().error(f'{topic}: {other} another QoS than ours; no data will flow')
-
-    try:
-        if publishes:
-            return PublisherEventCallbacks(incompatible_qos=mismatch, use_default_callbacks=False)
-        return SubscriptionEventCallbacks(incompatible_qos=mismatch, use_default_callbacks=False)
-    except UnsupportedEventTypeError:
-        return None

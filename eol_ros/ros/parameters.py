@@ -3,13 +3,13 @@
 
 import dataclasses
 import difflib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
 from eol_ros.ros.session import Session, session
-from eol_ros.said import said
+from eol_ros.said import Said, said
 from eol_ros.scene import check_value
 from eol_ros.streams.graph import NAMESPACE, NODES
 
@@ -26,12 +26,17 @@ def checked_live(settings: type, node: str, values: Mapping[str, Any]) -> dict[s
         raise ConfigError('names no setting')
     for name in values:
         if name not in fields:
-            near = difflib.get_close_matches(name, fields, 1, 0.6)
-            hint = f'; did you mean {near[0]}?' if near else ''
-            raise ConfigError(said('no_setting', node=node, name=f'{name}{hint}'))
+            raise ConfigError(no_setting(node, name, fields))
         if not fields[name].metadata.get('live'):
             raise ConfigError(said('at_start', name=name, node=node))
     return checked(settings, values)
+
+
+def no_setting(node: str, name: str, known: Iterable[str]) -> Said:
+    """Return that `node` has no setting `name`, with the one of `known` that is nearest."""
+    near = difflib.get_close_matches(name, known, 1, 0.6)
+    hint = f'; did you mean {near[0]}?' if near else ''
+    return said('no_setting', node=node, name=f'{name}{hint}')
 
 
 def checked(settings: type, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -49,13 +49,15 @@ class NodeSpec:
 class QoS:
     """Quality of service: keep the last `depth` messages; `latched` is transient local.
 
-    sent: what a publisher keeps, where that is less than what a subscriber asks for.
+    sent: what a publisher keeps, where that is less than what a subscriber asks for. sensor: a
+    driver that is not ours may publish it, so best effort is taken where no more is offered.
     """
 
     depth: int
     reliable: bool = True
     latched: bool = False
     sent: int = 0
+    sensor: bool = False
 
 
 @dataclass(frozen=True)
@@ -134,7 +136,8 @@ _NODES = (
 QOS = {
     # 1 MB each: 20 bridge a third of a second of a busy subscriber. DDS threads answer in time even
     # where the Python of the subscriber is busy: the twelve last to send again save 8 MB.
-    'images': QoS(20, sent=12),
+    'images': QoS(20, sent=12, sensor=True),
+    'lens': QoS(60, sensor=True),
     'stream': QoS(60),  # small, one per image or per event
     'preview': QoS(10, reliable=False),
     'meter': QoS(10, reliable=False),
@@ -148,7 +151,7 @@ _TOPICS = (
     TopicSpec('rim_command', 'eol_msgs/msg/RimCommand', 'stream', 'hands on the rim of the twin'),
     TopicSpec('camera/image_raw', 'sensor_msgs/msg/Image', 'images',
               'the infrared image, mono8', barrier=True, stamped=True),
-    TopicSpec('camera/camera_info', 'sensor_msgs/msg/CameraInfo', 'stream',
+    TopicSpec('camera/camera_info', 'sensor_msgs/msg/CameraInfo', 'lens',
               'lens of the camera, with the stamp of each image; only while somebody subscribes',
               barrier=True, stamped=True),
     TopicSpec('camera/image_raw/compressed', 'sensor_msgs/msg/CompressedImage', 'preview',

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Quality of service between our nodes and nodes of others, over real DDS."""
+
+import numpy as np
+import pytest
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from sensor_msgs.msg import CameraInfo, Image
+from support.waiting import wait_until
+
+from eol_ros.errors import ConfigError
+from eol_ros.ros import qos
+from eol_ros.ros.node import EolNode
+from eol_ros.scene import Scene
+from eol_ros.settings import MontageSettings
+from eol_ros.streams.graph import TOPICS
+
+RELIABLE = QoSProfile(depth=5)
+pytestmark = pytest.mark.usefixtures('any_stamp')
+
+
+class Probe(EolNode):
+    NAME = 'probe'
+
+    def __init__(self, *overrides):
+        super().__init__(
+            MontageSettings(), scene=Scene('probe', {}), parameter_overrides=list(overrides)
+        )
+
+
+class Turned:
+    """Nodes in an executor, which a test turns while it waits."""
+
+    def __init__(self, executor, *nodes):
+        self.executor, self.nodes = executor(), nodes
+        for node in nodes:
+            self.executor.add_node(node)
+
+    def until(self, condition):
+        return wait_until(condition, 30.0, turn=lambda: self.executor.spin_once(timeout_sec=0.02))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for node in self.nodes:
+            self.executor.remove_node(node)
+            node.destroy_node()
+        self.executor.shutdown(timeout_sec=1.0)
+
+
+@pytest.mark.parametrize('executor', [EventsExecutor, SingleThreadedExecutor])
+def test_images_of_a_best_effort_driver_come_and_those_of_a_reliable_one(ros, executor):
+    probe, driver = Probe(), Node('driver', namespace='eol')
+    images, infos = [], []
+    probe.subscribe('camera/image_raw', images.append)
+    probe.subscribe('camera/camera_info', infos.append)
+    sensor = driver.create_publisher(Image, 'camera/image_raw', qos_profile_sensor_data)
+    lens = driver.create_publisher(CameraInfo, 'camera/camera_info', qos_profile_sensor_data)
+    with Turned(executor, probe, driver) as nodes:
+        nodes.until(lambda: sensor.get_subscription_count() and lens.get_subscription_count())
+        message = Image(height=2, width=3, encoding='mono8', step=3, data=bytes(range(6)))
+        sensor.publish(message)
+        lens.publish(CameraInfo(width=3, height=2))
+        nodes.until(lambda: images and infos)
+        assert np.array_equal(images[0].pixels, np.arange(6).reshape(2, 3))
+        assert len(list(probe.subscriptions)) == 2 and not probe.qos.text
+        reliable = driver.create_publisher(Image, 'camera/image_raw', RELIABLE)
+        nodes.until(reliable.get_subscription_count)
+        reliable.publish(message)
+        nodes.until(lambda: len(images) == 2)
+
+
+def test_a_mismatch_is_a_state_that_names_both_policies_until_it_is_over(ros):
+    probe, other = Probe(), Node('stranger', namespace='eol')
+    probe.subscribe('wall', lambda message: None)
+    probe.publisher('sound_meter')
+    kinds = {name: qos.message_class(TOPICS[name].type_name) for name in ('wall', 'sound_meter')}
+    with Turned(EventsExecutor, probe, other) as nodes:
+        probe.health.ok('fine')
+        other.create_subscription(kinds['sound_meter'], 'sound_meter', print, RELIABLE)
+        nodes.until(lambda: probe.qos.text)
+        status = probe.health.status()
+        assert (status['level'], status['code']) == (1, 'qos_of_reader')
+        assert status['text'] == (
+            '/eol/sound_meter: stranger asks for reliable volatile, this node offers best_effort '
+            'volatile: it gets no message; fine'
+        )
+        publisher = other.create_publisher(kinds['wall'], 'wall', RELIABLE)
+        nodes.until(lambda: probe.health.status()['level'] == 2)
+        assert '/eol/wall: stranger offers reliable volatile' in probe.health.status()['text']
+        other.destroy_publisher(publisher)
+        nodes.until(lambda: probe.health.status()['level'] == 1)
+
+
+def test_overrides_are_honoured_or_told(ros):
+    best_effort = Parameter('qos_overrides./eol/slips.publisher.reliability', value='best_effort')
+    reliable = Parameter(
+        'qos_overrides./eol/camera/image_raw.subscription.reliability', value='reliable'
+    )
+    unused = Parameter('qos_overrides./eol/walls.subscription.depth', value=3)
+    probe, driver = Probe(best_effort, reliable, unused), Node('driver', namespace='eol')
+    slips = probe.publisher('slips')
+    probe.subscribe('camera/image_raw', print)
+    assert slips.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert slips.qos_profile.durability == DurabilityPolicy.VOLATILE
+    assert qos.PUBLISHER_QOS['stream'].reliability == ReliabilityPolicy.RELIABLE
+    assert probe.get_parameter(best_effort.name).value == 'best_effort'
+    assert probe.qos.unused() == [unused.name]
+    driver.create_publisher(Image, 'camera/image_raw', qos_profile_sensor_data)
+    with Turned(EventsExecutor, probe, driver) as nodes:
+        nodes.until(lambda: 'driver offers best_effort' in probe.qos.text)
+
+
+@pytest.mark.parametrize(
+    ('policy', 'value', 'words'),
+    [
+        ('reliabilty', 'reliable', 'reliabilty: no such policy; there are .*reliability'),
+        ('reliability', 'sometimes', '/eol/slips.publisher: .*sometimes'),
+        ('depth', 'many', '/eol/slips.publisher: .*depth'),
+        ('depth', -1, '/eol/slips.publisher: '),
+    ],
+)
+def test_an_override_that_cannot_be_is_refused(ros, policy, value, words):
+    with pytest.raises(ConfigError, match=words):
+        probe = Probe(Parameter(f'qos_overrides./eol/slips.publisher.{policy}', value=value))
+        probe.publisher('slips')
+
+
+def test_a_parameter_that_is_not_declared_is_a_warning_with_the_nearest_name(ros, capfd):
+    probe = Probe(Parameter('perod_s', value=3.0), Parameter('period_s', value=2.0))
+    assert probe.settings.period_s == 2.0 and not probe.has_parameter('perod_s')
+    assert 'probe has no setting perod_s; did you mean period_s?' in capfd.readouterr().err
