@@ -226,7 +226,8 @@ def _compare_blocks(
     stamps = blocks['stamp'].astype('i8')
     numbers = blocks['image'].astype('i8')
     check = Comparison('blocks', len(blocks), 0)
-    pictures = images(bag)
+    offset_ns = round(settings.stamp_offset_s * 1e9)
+    pictures: Iterable = ((log, stamp + offset_ns, px) for log, stamp, px in images(bag))
     if track:
         pictures = track(pictures, 'tracking', bag.count('camera/image_raw'))
     waiting = _taps(bag)
@@ -372,7 +373,7 @@ def _taps(bag: Bag) -> list[Knock]:
 
 
 def images(bag: Bag) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Yield log time and stamp in ns and the (h, w) uint8 pixels of every recorded mono8 image."""
+    """Yield log time and stamp in ns and the grey (h, w) uint8 pixels of every recorded image."""
     name = bag.find('camera/image_raw')
     codec = Codec(bag.topics[name].definition)
     for message in bag.messages([name]):

@@ -6,9 +6,11 @@ What people ask for counts from a stamp that the answer names, so that a bag can
 
 import base64
 import sys
+import time
 
 from eol_msgs.msg import BlockTap
-from sensor_msgs.msg import CompressedImage
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import CameraInfo, CompressedImage
 from std_msgs.msg import String
 
 from eol_ros.core.vision.calibration.model import Calibration
@@ -23,15 +25,18 @@ from eol_ros.devices.files import calibration_file
 from eol_ros.devices.files.tracker_files import TrackerFiles
 from eol_ros.errors import ConfigError, EolError
 from eol_ros.ros.definitions import definition
+from eol_ros.ros.intake import ConversionCost
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
 from eol_ros.ros.run import runner
-from eol_ros.ros.stamps import to_msg
+from eol_ros.ros.stamps import NS, to_msg
 from eol_ros.said import clauses, said
 from eol_ros.streams import blocks, images, taps
+from eol_ros.streams.graph import IMAGE_SOURCES
 from eol_ros.streams.requests import Asked, for_tracker
 
 LEARNT_EVERY_S = 60.0  # between two looks at what was learnt of the blocks
+LENS_APART_PX = 1.0  # of two lenses, from which it is told: 1.8 mm on the table at 545 px/m
 LEARNT: dict[str, type[Yaws | CoverPatterns]] = {
     YAW_OFFSETS: Yaws,
     COVER_PATTERNS: CoverPatterns,
@@ -55,11 +60,14 @@ class TrackerNode(EolNode):
         self.gaps = StampGaps(self.scene.image_rate)
         self.threshold = self.settings.threshold
         self.writer = blocks.Codec(definition(blocks.TYPE), self.frame_prefix)
-        self.pictures = self.publisher('camera/image_raw/compressed')
         self.calibrations = self.publisher('calibration')
         self.tell_calibration()
-        self.preview = Preview(self._show)
-        self.health.watches('preview', self.preview.rounds)
+        self.offset_ns = round(self.settings.stamp_offset_s * NS)
+        self.jpeg = self.settings.image_transport == 'compressed'
+        if not self.jpeg:
+            self.pictures = self.publisher('camera/image_raw/compressed')
+            self.preview = Preview(self._show)
+            self.health.watches('preview', self.preview.rounds)
         self.health.expects(said('images'))
         self.health.values['threshold'] = self.threshold
         self.subscribe('block_taps', self.on_tap)
@@ -67,7 +75,16 @@ class TrackerNode(EolNode):
             calibrate=self.pend, darkness=self.pend, background=self.on_background,
             yaw_offsets=self.on_learnt, cover_patterns=self.on_learnt,
         )  # fmt: skip
-        self.subscribe('camera/image_raw', self.on_image)
+        if self.jpeg:
+            self.cost = ConversionCost(self)
+            self.subscribe('camera/image_raw/compressed', self.on_image, read=self.read_jpeg)
+        else:
+            self.subscribe('camera/image_raw', self.on_image)
+        self.lens: CameraInfo | None = None  # of a driver that is not ours
+        self.lens_compared: Calibration | None = None
+        self.lens_differs = ''
+        if self.settings.calibration and not set(self.scene.nodes) & set(IMAGE_SOURCES):
+            self.infos: Subscription | None = self.subscribe('camera/camera_info', self.on_lens)
 
     def restart(self) -> None:
         self.tracker = Tracker(self.settings, self.files.calibration)
@@ -127,8 +144,39 @@ class TrackerNode(EolNode):
         self.learnt[asked.kind] = b''  # as above
         self.hand_over(asked)
 
+    def read_jpeg(self, message: CompressedImage) -> images.Grey:
+        began_s = time.perf_counter()
+        taken = images.read_compressed(message)
+        self.cost.add(message.format or 'compressed', time.perf_counter() - began_s)
+        return taken
+
+    def on_lens(self, info: CameraInfo) -> None:
+        """Keep what the driver says of its lens; the first message is enough."""
+        if self.executor is not None and self.infos is not None:
+            self.executor.create_task(self.destroy_subscription, self.infos)
+            self.infos = None
+        if not any(info.k):  # not calibrated
+            return
+        if info.distortion_model == 'plumb_bob' and len(info.d) == 5:
+            self.lens = info
+        else:
+            self.get_logger().warning(
+                f'camera/camera_info: distortion model {info.distortion_model!r} is not compared '
+                'with the calibration, which has plumb_bob'
+            )
+
+    def compare_lens(self) -> None:
+        """Compare the driver's lens with the calibration, when either is new."""
+        calibration = self.tracker.calibration
+        if self.lens is None or calibration is None or calibration is self.lens_compared:
+            return
+        self.lens_compared = calibration
+        apart_px = calibration.lens_difference_px(self.lens.k, self.lens.d)
+        differs = apart_px > LENS_APART_PX
+        self.lens_differs = said('lens_differs', px=f'{apart_px:.1f}') if differs else ''
+
     def on_image(self, taken: images.Grey) -> None:
-        self.stamp_ns, image = taken
+        self.stamp_ns, image = taken.stamp_ns + self.offset_ns, taken.pixels
         self.stamped(self.stamp_ns)
         if not self.images:
             self._begin_with(BACKGROUND, self.lamps)
@@ -141,8 +189,9 @@ class TrackerNode(EolNode):
         self.health.tick()
         self._tell(tracked)
         self._learn()
-        looking = self.pictures.get_subscription_count()
-        if looking and self.preview.due(self.stamp_ns, self.settings.preview_hz):
+        if self.jpeg or not self.pictures.get_subscription_count():
+            return
+        if self.preview.due(self.stamp_ns, self.settings.preview_hz):
             self.preview.take(self.stamp_ns, image)
 
     def _learnt_before(self, kind: str) -> bytes:
@@ -188,6 +237,9 @@ class TrackerNode(EolNode):
             self.requests.answer(asked, not outcome.refused, outcome.text)
         self.files.look(self.tracker, tracked)
         good, text = self.files.words(tracked)
+        self.compare_lens()
+        if self.lens_differs:
+            good, text = False, clauses([text, self.lens_differs])
         (self.health.ok if good else self.health.warn)(text)
 
     def _show(self, stamp_ns: int, jpeg: bytes) -> None:
@@ -198,7 +250,8 @@ class TrackerNode(EolNode):
         self.pictures.publish(message)
 
     def close(self) -> None:
-        self.preview.close()
+        if not self.jpeg:
+            self.preview.close()
 
 
 main = runner(TrackerNode)

@@ -259,6 +259,10 @@ class EolNode(Node):
             callback = _checked(self.intake(topic, read), callback)
         return self.qos.subscription(topic, informed(callback) if with_info else callback, depth)
 
+    def destroy_subscription(self, subscription: Subscription) -> bool:
+        """Destroy a subscription, or what was made in its place."""
+        return super().destroy_subscription(self.qos.now(subscription))
+
     def intake(self, topic: str, read: Callable[[Any], Any] | None = None) -> Intake:
         """Return what decodes messages of a topic of the table, checks them and calls `read`."""
         return Intake(self, topic, TOPICS[topic].type_name, read)

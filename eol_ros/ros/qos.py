@@ -54,6 +54,7 @@ class NodeQoS:
     def __init__(self, node: 'EolNode', overrides: dict[str, Any]):
         self._node = node
         self._unmatched: list[_End] = []
+        self._replaced: dict[Subscription, Subscription] = {}
         self._overrides = [name for name in overrides if name.startswith(OVERRIDES)]
         self._overridden: dict[tuple[str, str], list[QoSPolicyKind]] = {}
         for name in self._overrides:
@@ -81,15 +82,14 @@ class NodeQoS:
     ) -> Subscription:
         """Return a subscription to the CDR bytes of a topic of the table.
 
-        A topic whose row of QoS says `sensor` is subscribed to again, best effort, where a
+        A topic whose row says `sensor` is subscribed to again, best effort, where a
         publisher offers no more: as camera drivers do (SensorDataQoS, REP 2003).
         """
         row = graph.TOPICS[topic]
         end = _End(topic, with_depth(QOS[row.qos], depth))
         kind = message_class(row.type_name)
-        adapts = graph.QOS[row.qos].sensor and _RELIABILITY not in self._overridden.get(
-            self._key(end), ()
-        )
+        overridden = self._overridden.get(self._key(end), ())
+        adapts = row.sensor and _RELIABILITY not in overridden
 
         def differs(event: Any) -> None:
             reliable = end.profile.reliability == ReliabilityPolicy.RELIABLE
@@ -107,16 +107,20 @@ class NodeQoS:
                 incompatible_qos=differs, use_default_callbacks=False
             )
             create = self._node.create_subscription
-            made: Subscription = self._make(end, callbacks, create, kind, topic, callback, raw=True)
-            return made
+            new: Subscription = self._make(end, callbacks, create, kind, topic, callback, raw=True)
+            return new
 
         def replace() -> None:
-            self._node.destroy_subscription(made.pop())
-            made.append(make())
+            self._node.destroy_subscription(made)
+            self._replaced[made] = make()
             self._node.get_logger().info(f'{topic}: its publisher offers best effort: taken so')
 
-        made = [make()]
-        return made[0]
+        made = make()
+        return made
+
+    def now(self, subscription: Subscription) -> Subscription:
+        """Return what stands in place of a subscription that was made before."""
+        return self._replaced.pop(subscription, subscription)
 
     def look(self) -> None:
         """Look at the peers of what did not match; to be called once a second."""

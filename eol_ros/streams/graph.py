@@ -49,15 +49,13 @@ class NodeSpec:
 class QoS:
     """Quality of service: keep the last `depth` messages; `latched` is transient local.
 
-    sent: what a publisher keeps, where that is less than what a subscriber asks for. sensor: a
-    driver that is not ours may publish it, so best effort is taken where no more is offered.
+    sent: what a publisher keeps, where that is less than what a subscriber asks for.
     """
 
     depth: int
     reliable: bool = True
     latched: bool = False
     sent: int = 0
-    sensor: bool = False
 
 
 @dataclass(frozen=True)
@@ -66,6 +64,7 @@ class TopicSpec:
 
     barrier: the source of images starts when publishers and subscribers of the scene have matched.
     stamped: its stamp is that of an image or a tap; subscribers reject one that is not of now.
+    sensor: drivers of others publish it, best effort too, which is taken where no more is offered.
     was: its name in bags of before.
     sources: the publishers without those who publish only what people ask for.
     """
@@ -76,6 +75,7 @@ class TopicSpec:
     doc: str
     barrier: bool = False
     stamped: bool = False
+    sensor: bool = False
     was: str = ''
     sources: tuple[str, ...] = ()
     publishers: tuple[str, ...] = ()
@@ -99,7 +99,8 @@ _NODES = (
                         'requests', '/clock')),
     NodeSpec('tracker', settings.TrackerSettings, requires='camera/image_raw', real_time=LONG,
              publishes=('blocks', 'camera/image_raw/compressed', 'calibration', *_ANSWERS),
-             subscribes=('camera/image_raw', 'block_taps', 'requests')),
+             subscribes=('camera/image_raw', 'block_taps', 'requests'),
+             optional=('camera/image_raw/compressed', 'camera/camera_info')),
     NodeSpec('motion', settings.MotionSettings, requires='blocks', real_time=SHORT,
              publishes=('slips', 'felt_slips', 'cascades'), on_request=_ANSWERS,
              subscribes=('blocks', 'block_taps', 'requests')),
@@ -136,8 +137,7 @@ _NODES = (
 QOS = {
     # 1 MB each: 20 bridge a third of a second of a busy subscriber. DDS threads answer in time even
     # where the Python of the subscriber is busy: the twelve last to send again save 8 MB.
-    'images': QoS(20, sent=12, sensor=True),
-    'lens': QoS(60, sensor=True),
+    'images': QoS(20, sent=12),
     'stream': QoS(60),  # small, one per image or per event
     'preview': QoS(10, reliable=False),
     'meter': QoS(10, reliable=False),
@@ -150,10 +150,10 @@ QOS = {
 _TOPICS = (
     TopicSpec('rim_command', 'eol_msgs/msg/RimCommand', 'stream', 'hands on the rim of the twin'),
     TopicSpec('camera/image_raw', 'sensor_msgs/msg/Image', 'images',
-              'the infrared image, mono8', barrier=True, stamped=True),
-    TopicSpec('camera/camera_info', 'sensor_msgs/msg/CameraInfo', 'lens',
+              'the infrared image, mono8', barrier=True, stamped=True, sensor=True),
+    TopicSpec('camera/camera_info', 'sensor_msgs/msg/CameraInfo', 'stream',
               'lens of the camera, with the stamp of each image; only while somebody subscribes',
-              barrier=True, stamped=True),
+              barrier=True, stamped=True, sensor=True),
     TopicSpec('camera/image_raw/compressed', 'sensor_msgs/msg/CompressedImage', 'preview',
               'JPEG for people, only while somebody subscribes', stamped=True),
     TopicSpec('calibration', 'std_msgs/msg/String', 'latched',

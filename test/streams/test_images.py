@@ -62,8 +62,8 @@ def test_images_of_several_cameras_are_read_one_after_the_other(codec):
 @pytest.mark.parametrize(
     ('fields', 'words'),
     [
-        ({'encoding': 'rgb8'}, "is 'rgb8', not mono8: set the camera to grey"),
-        ({'encoding': ''}, "is '', not mono8"),
+        ({'encoding': 'rgb8'}, 'image is rgb8, 12 wide, in steps of 12 bytes: too short'),
+        ({'encoding': ''}, "image is ''; known are mono8, "),
         ({'step': 13}, 'image of 12x8 has 96 bytes in steps of 13'),
         ({'height': 9}, 'image of 12x9 has 96 bytes'),
     ],
@@ -74,6 +74,17 @@ def test_what_is_no_grey_image_is_refused(codec, fields, words):
     with pytest.raises(ValueError, match=words):
         codec.read(serialize_message(message(image((8, 12)), **fields)))
     assert codec.read(good)[0] == STAMP_NS
+
+
+def test_a_colour_image_and_padded_rows_are_read_in_grey(codec):
+    pixels = image((8, 12))
+    padded = np.pad(pixels, ((0, 0), (0, 4)))
+    made = message(pixels, step=16, data=padded.tobytes())
+    assert np.array_equal(codec.read(serialize_message(made)).pixels, pixels)
+    colours = np.repeat(pixels, 3, axis=1)
+    made = message(pixels, encoding='bgr8', step=36, data=colours.tobytes())
+    assert np.array_equal(codec.read(serialize_message(made)).pixels, pixels)
+    assert codec.encoding == 'bgr8'
 
 
 def test_a_message_that_is_cut_is_refused(codec):
