@@ -14,7 +14,7 @@ A scene names the nodes that run and what differs from their defaults:
     elsewhere: [motion]        # runs on another machine of the network
     notify: {webhook: URL}     # who is told what lasts
 
-Every scene has a recorder, named or not; `recorder: off` among the nodes leaves it out.
+Every scene has a recorder, named or not. `off` leaves out a node: recorder, or one of `include`.
 """
 
 import dataclasses
@@ -625,7 +625,7 @@ def _nodes(reader: _Reader, top: _Place, elsewhere: tuple[str, ...]) -> dict[str
     for name, item in place.value.items():
         if name not in NODES:
             reader.unknown(place, f'nodes.{name}', name, NODES)
-        elif name != 'recorder' or not _off(item):
+        elif not _off(item):
             nodes[name] = reader.settings(name, NODES[name].settings, item)
     if nodes and 'recorder' not in place.value:
         nodes['recorder'] = NODES['recorder'].settings()
@@ -650,9 +650,10 @@ def _check_together(
     if sources and tracker and tracker.image_transport == 'compressed':
         what = f'must be raw: {sources[0]} publishes no JPEG images for it'
         reader.wrong(place.keys['tracker'], 'tracker.image_transport', what)
+    there = {name for name, item in place.value.items() if not _off(item)} | set(elsewhere)
     for name in nodes:
         needed = providers(name)
-        if needed and not any(other in place.value or other in elsewhere for other in needed):
+        if needed and not there & set(needed):
             topic, others = NODES[name].requires, ' or '.join(needed)
             what = f'subscribes to {topic}, which no node here publishes: add {others}'
             reader.wrong(place.keys[name], f'nodes.{name}', what)

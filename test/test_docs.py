@@ -128,11 +128,17 @@ def test_the_text_of_a_setting_stands_alone(kind):
 
 FOREIGN = {
     'ROS_LOG_DIR',
+    'camera_ros',
     'colcon_defaults',
     'dask',
     'dataframe',
+    'image_size',
     'message_lost',
+    'output_encoding',
+    'pixel_format',
     'robot_description',
+    'spinnaker_camera_driver',
+    'v4l2_camera',
 }
 
 

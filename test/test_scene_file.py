@@ -294,10 +294,10 @@ def changes(draw):
     found = {}
     for name in draw(st.sets(st.sampled_from(sorted(scenes.load('rehearsal').nodes)))):
         kinds = {f.name: values_of(f) for f in dataclasses.fields(NODES[name].settings)}
-        # Twin and tracker must agree on the mirror, and a limit goes off with a reason alone.
-        kinds = {
-            k: v for k, v in kinds.items() if v is not None and k not in ('mirror', 'flash_limit')
-        }
+        # Twin and tracker must agree on the mirror and on images, and a limit goes off with a
+        # reason alone.
+        apart = 'mirror', 'image_transport', 'flash_limit'
+        kinds = {k: v for k, v in kinds.items() if v is not None and k not in apart}
         for key in draw(st.sets(st.sampled_from(sorted(kinds)), max_size=4)) if kinds else ():
             found.setdefault(name, {})[key] = draw(kinds[key])
     return found
@@ -345,6 +345,16 @@ def test_every_scene_has_a_recorder_unless_it_says_off(tmp_path, base, mine, ima
 
     assert (recorder and recorder.images) == images
     assert list(scenes.Scene.alone('tracker').nodes) == ['tracker']  # started by hand: as asked
+
+
+def test_a_node_of_an_included_scene_is_left_out(tmp_path):
+    (tmp_path / 'base.yaml').write_text('nodes: {camera: {}, tracker: {}, recorder: off}')
+    mine = tmp_path / 'mine.yaml'
+    mine.write_text('include: base.yaml\nnodes: {camera: off}\nelsewhere: [camera]')
+    assert list(scenes.load(mine).nodes) == ['tracker']
+    mine.write_text('include: base.yaml\nnodes: {camera: off}')
+    with pytest.raises(ConfigError, match='camera/image_raw, which no node here publishes'):
+        scenes.load(mine)
 
 
 @pytest.mark.parametrize('value', ['on', '0', '[]', 'none'])

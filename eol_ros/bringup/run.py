@@ -19,6 +19,7 @@ from eol_ros.bringup.supervisor import Around, Supervisor
 from eol_ros.bringup.terminal import Terminal
 from eol_ros.errors import UsageError
 from eol_ros.ros import installed, network
+from eol_ros.streams.graph import IMAGE_SOURCES
 
 if TYPE_CHECKING:
     from eol_ros.bringup.notify import Notifier
@@ -82,6 +83,8 @@ def run(args: argparse.Namespace) -> int:
             if args.bag:
                 raise UsageError(f'--bag {args.bag}: --only leaves the recorder out; name it there')
             unrecorded = unrecorded or '--only does not name the recorder'
+    if 'tracker' in scene.nodes and not set(IMAGE_SOURCES) & set(scene.nodes):
+        notes += filter(None, [network.of_driver(scene.network)])
     installed.require()
     thread_faults.install()
     server = status.listen(plan.domain(scene), scene.namespace)

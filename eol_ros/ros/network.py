@@ -107,6 +107,17 @@ def warnings(network: str) -> list[str]:
     return []
 
 
+def of_driver(network: str) -> str:
+    """Return what a camera driver that is not ours must be started with, for people."""
+    name = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+    file = environment(network, images=True).get(name)
+    if file is None:  # one that the user has named
+        return ''
+    return (
+        f'images come from elsewhere: start the camera driver with {name}={file}, or DDS loses some'
+    )
+
+
 def changes(network: str) -> Callable[[bool], str]:
     """Return what says, each time it is called, whether all nodes must be started again, and why.
 
