@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1] / 'eol_ros'
-ROS = {'rclpy', 'rcl_interfaces', 'rosidl_runtime_py', 'ament_index_python', '_rclpy'}
+ROS = {
+    *('rclpy', 'rcl_interfaces', 'std_srvs', 'rosidl_runtime_py', 'ament_index_python', '_rclpy')
+}
 BASE = {'numpy'}
 ALLOWED = {
     'core': BASE | {'scipy', 'numba'},

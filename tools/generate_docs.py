@@ -14,6 +14,7 @@ import public_api
 
 from eol_ros.settings import NotifySettings
 from eol_ros.streams.graph import NODES, QOS, TOPICS
+from eol_ros.streams.requests import KINDS
 
 ROOT = Path(__file__).parents[1]
 MESSAGES = ROOT / 'msg_defs' / 'eol_msgs' / 'msg'
@@ -47,6 +48,17 @@ def topic_table() -> str:
     return '\n'.join(rows)
 
 
+def service_table() -> str:
+    rows = ['| service | type | what it asks | nodes |', '| --- | --- | --- | --- |']
+    for kind in KINDS.values():
+        if kind.off or kind.triggered:
+            type_ = 'SetBool' if kind.off else 'Trigger'
+            says = kind.doc + (f'; `data: false`: {KINDS[kind.off].doc}' if kind.off else '')
+            nodes = ', '.join(f'`{node}`' for node in kind.whom(''))
+            rows.append(f'| `/eol/{kind.name}` | `std_srvs/srv/{type_}` | {says} | {nodes} |')
+    return '\n'.join(rows)
+
+
 def qos(name: str) -> str:
     profile = QOS[name]
     words = ['reliable' if profile.reliable else 'best effort', f'keep last {profile.depth}']
@@ -63,6 +75,11 @@ def topics_page() -> str:
         node_table(),
         '## Topics',
         topic_table(),
+        '## Services',
+        'One node of a scene serves them, for the nodes that the scene has. A call is also '
+        'published on `requests`, so a bag has it.\n\n'
+        "    ros2 service call /eol/mute std_srvs/srv/SetBool '{data: true}'",
+        service_table(),
         '## Messages',
     ]
     for path in sorted(MESSAGES.glob('*.msg')):

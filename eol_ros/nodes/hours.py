@@ -36,7 +36,7 @@ class HoursNode(EolNode):
         self.waits: set[str] = set()  # for the answers of these
         self.began_s = self.asked_s = 0.0
         self.requests.serve(sleep=self.on_hand, wake=self.on_hand)
-        self.subscribe('request_results', self.on_result)
+        self.requests.on_results(self.on_result)
         self.create_timer(LOOK_S, self.look)
         self.look()
 

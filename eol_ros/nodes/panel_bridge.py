@@ -18,7 +18,7 @@ class PanelBridge:
         self._node = node
         self._client = RequestClient(node, node.requests.publisher)
         self._rims = node.publisher('rim_command')
-        node.subscribe('request_results', self._client.heard)
+        node.requests.on_results(self._client.heard)
 
     def ask(self, asked: Asked, done: Callable[[Answers], None]) -> Answers:
         """Publish a request; `done` is called when all who must have answered it.

@@ -47,7 +47,7 @@ from eol_ros.scene import Scene, check_namespace, check_value
 from eol_ros.settings import live_fields, masked, renamed
 from eol_ros.streams.checks import ANY_TIME, PLAYED_SPAN_NS, SPAN_NS
 from eol_ros.streams.graph import NODES, TOPICS, frame_prefix
-from eol_ros.streams.requests import SET, Asked
+from eol_ros.streams.requests import SET, Asked, server_of
 
 SIM_TIME = 'use_sim_time'
 AHEAD_NS = 100_000_000  # a stamp so far ahead of /clock was played before time jumped back
@@ -100,6 +100,11 @@ class EolNode(Node):
                 self._requests.serve(**{SET: self._on_set})
                 if self.resumed.get('settings'):  # for the bag: from now on
                     self._requests.declare(SET, self.resumed['settings'], time.time_ns())
+        there = {*self.scene.nodes, *self.scene.elsewhere}
+        if self._requests is not None and server_of(there) == self.NAME:
+            from eol_ros.ros.services import RequestServices  # std_srvs, for this node alone
+
+            self._requests.services = RequestServices(self, self._requests)
         self._discovery = PeerDiscovery(self)
         self._looks = self.create_timer(LOOK_S, self._look)
 

@@ -21,10 +21,11 @@ from eol_ros.errors import DeviceMissing, EolError, UsageError
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
 from eol_ros.said import Said, clauses, code_and_args, from_message, said
 from eol_ros.streams.graph import NAMESPACE
-from eol_ros.streams.requests import KINDS, Asked, values_of
+from eol_ros.streams.requests import KINDS, Asked, no_request, values_of
 
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
+    from eol_ros.ros.services import RequestServices
 
 REQUESTS, RESULTS = 'requests', 'request_results'
 LATER = object()  # what a handler returns that answers by itself when it knows what came of it
@@ -101,12 +102,24 @@ class RequestServer:
     def __init__(self, node: 'EolNode', holds: bool = True):
         self._node, self._holds = node, holds
         self._handlers: dict[str, Handler] = {}
+        self._listeners: list[Callable[[RequestResult], None]] = []
         self._own: deque[str] = deque(maxlen=_OWN)
         self._waiting: list[tuple[int, Asked]] = []
         self.newest_ns = 0  # stamp of the stream that the node lives by
+        self.services: RequestServices | None = None  # where this node serves the scene's
         self.publisher = node.publisher(REQUESTS)
         self._results = node.publisher(RESULTS)
         node.subscribe(REQUESTS, self.take)
+
+    def on_results(self, callback: Callable[[RequestResult], None]) -> None:
+        """Call `callback` for each message of `request_results`."""
+        if not self._listeners:
+            self._node.subscribe(RESULTS, self._heard)
+        self._listeners.append(callback)
+
+    def _heard(self, result: RequestResult) -> None:
+        for listener in self._listeners:
+            listener(result)
 
     def serve(self, **handlers: Handler) -> None:
         """Call `handlers` by kind of request."""
@@ -130,12 +143,19 @@ class RequestServer:
     def take(self, message: Request) -> None:
         """Heed a message, if it is meant for this node and is not its own."""
         name = self._node.NAME
-        if message.node not in ('', name) or message.id in self._own:
+        if message.id in self._own:
+            return
+        if self.services is not None and (reason := self.services.unanswered(message)):
+            return self._refuse(request_from_msg(message), reason)
+        if message.node not in ('', name):
             return
         if message.kind not in self._handlers:
             if message.node == name:
                 known = ', '.join(sorted(self._handlers))
-                self._refuse(request_from_msg(message), f'{name} is asked for {known}')
+                reason = f'{name} is asked for {known}'
+                if message.kind not in KINDS:
+                    reason = f'{no_request(message.kind)}; {reason}'
+                self._refuse(request_from_msg(message), reason)
             return
         asked = request_from_msg(message)
         try:
@@ -279,7 +299,7 @@ def expected_of(kind: str, node: str, runs: Callable[[str], bool]) -> set[str]:
     """Return who must answer a request; raise DeviceMissing when whom it needs does not run."""
     row = KINDS.get(kind)
     if row is None:
-        raise UsageError(f'{kind}: no such request; there are {", ".join(KINDS)}')
+        raise UsageError(no_request(kind))
     asked = row.whom(node)
     heeding = {name for name in asked if runs(name)}
     if row.answered_by and not runs(row.answered_by):

@@ -6,8 +6,9 @@ stamp from which it counts. Both are in the bag, so that what was asked while re
 again by a replay and by `eol report --retrack`, from the same image on.
 """
 
+import difflib
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -93,7 +94,8 @@ class Kind:
 
     nodes: who heeds it. also: who follows it where a scene has them. takes: its values.
     answered_by: whose result is the last word, where that is another node. within_s: how long that
-    may take. internal: nodes ask it of each other.
+    may take. internal: nodes ask it of each other. off: the kind that undoes it; both are a service
+    std_srvs/SetBool. triggered: it is a service std_srvs/Trigger.
     """
 
     name: str
@@ -104,6 +106,8 @@ class Kind:
     answered_by: str = ''
     within_s: float = 3.0
     internal: bool = False
+    off: str = ''
+    triggered: bool = False
 
     def whom(self, node: str) -> tuple[str, ...]:
         """Return whom a request to `node` is for, empty for all; raise UsageError if nobody."""
@@ -151,16 +155,17 @@ KINDS: dict[str, Kind] = {
     kind.name: kind
     for kind in (
         Kind(SET, 'change live settings, from the next image on', _LIVE, within_s=20.0),
-        Kind('sleep', 'walls black, sound silent, LEDs dark', _SLEEPERS, also=_FOLLOW),
+        Kind('sleep', 'walls black, sound silent, LEDs dark', _SLEEPERS, also=_FOLLOW,
+             off='wake'),
         Kind('wake', 'the work runs again', _SLEEPERS, also=_FOLLOW),
-        Kind('mute', 'no sound', ('sound',)),
+        Kind('mute', 'no sound', ('sound',), off='unmute'),
         Kind('unmute', 'sound again', ('sound',)),
         Kind('test', 'test card on the walls, all lights, noise from each loudspeaker in turn',
-             ('leds', 'panel', 'sound'), within_s=45.0),
+             ('leds', 'panel', 'sound'), within_s=45.0, triggered=True),
         Kind('calibrate', 'measure camera and table by the blocks, which must be still',
-             ('tracker',), within_s=60.0),
+             ('tracker',), within_s=60.0, triggered=True),
         Kind('learn_background', 'take what shines now, without blocks, for background',
-             ('leds',), answered_by='tracker', within_s=15.0),
+             ('leds',), answered_by='tracker', within_s=15.0, triggered=True),
         Kind('play_grain', 'hear one grain', ('sound',), (_GRAIN,)),
         Kind('save_preset', 'keep the live settings of grains and sound by a name', ('sound',),
              (_PRESET,), within_s=10.0),
@@ -184,6 +189,25 @@ KINDS: dict[str, Kind] = {
              (Number('mask', 0, _MASK, whole=True),), internal=True),
     )
 }  # fmt: skip
+
+
+def server_of(nodes: Collection[str]) -> str:
+    """Return which of the nodes of a scene serves `eol_ros.ros.services`; '' where none can.
+
+    It is the last of those that give way most (`nice`), so that no image waits for a call.
+    """
+    found = [n for n in NODES.values() if n.name in nodes and 'requests' in n.subscribes]
+    return max(reversed(found), key=lambda n: n.nice).name if found else ''
+
+
+def no_request(kind: str) -> str:
+    """Return that there is no request of `kind`, with the one that is nearest."""
+    known = [name for name, row in KINDS.items() if not row.internal]
+    near = difflib.get_close_matches(kind, known, 1, 0.5)
+    hint = f'did you mean {near[0]}?' if near else f'there are {", ".join(known)}'
+    return f'{kind[:40]}: no such request; {hint}'
+
+
 PROVED = ('tracker', 'motion', 'grains')  # their results are recomputed from a bag
 PEOPLE = ('sleep', 'wake', 'test')  # asked of the work, not of a machine or a room
 Columns = Mapping[str, np.ndarray] | np.ndarray  # of a table, by name

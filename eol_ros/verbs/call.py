@@ -37,7 +37,7 @@ def add_arguments(parser):
 
 def run(args):
     """Ask and wait; exit code 1 when a node refuses, 69 when none answers."""
-    from eol_ros.streams.requests import KINDS, SET, Asked
+    from eol_ros.streams.requests import KINDS, SET, Asked, no_request
 
     if args.list:
         print(_list(KINDS, args.json))
@@ -46,8 +46,7 @@ def run(args):
         raise UsageError('name what to ask for; --list shows all')
     kind = KINDS.get(args.kind)
     if kind is None or kind.internal:
-        known = ', '.join(k for k, row in KINDS.items() if not row.internal)
-        raise UsageError(f'{args.kind}: no such request; there are {known}')
+        raise UsageError(no_request(args.kind))
     node = args.words.pop(0) if args.words and '=' not in args.words[0] else ''
     if args.kind == SET and not node:
         raise UsageError('set: whose settings? eol call set NODE NAME=VALUE')

@@ -79,7 +79,8 @@ def test_a_setting_is_changed_or_refused_with_the_reason(rig):
         ('of_node', 'out_of_range'), ('of_node', 'not_a_line'), ('no_setting', None), ('', None),
     ]  # fmt: skip
     refused = rig.answer('dance', 'motion')
-    assert not refused.accepted and refused.reason == 'motion is asked for set'
+    assert not refused.accepted and refused.reason.endswith('; motion is asked for set')
+    assert refused.reason.startswith('dance: no such request; there are set, sleep')
     assert rig.node.settings.stop_mps == 0.002
 
 

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Services of std_srvs for what people ask of the graph; `streams.requests` says which.
+
+One node of a scene serves them all. A call is published as the request that it stands for, so a bag
+has it and a replay asks it again. The call returns when the nodes have answered. That node also
+answers requests that no other node would.
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from eol_msgs.msg import Request
+from rclpy.service import Service
+from rclpy.timer import Timer
+from std_srvs.srv import SetBool, Trigger
+
+from eol_ros.errors import EolError
+from eol_ros.ros.requests import Answers, RequestClient, RequestServer, expected_of
+from eol_ros.streams.graph import NODES
+from eol_ros.streams.requests import KINDS, Asked, Kind, no_request
+
+if TYPE_CHECKING:
+    from eol_ros.ros.node import EolNode
+
+
+class RequestServices:
+    """The services of the scene of `node`, for the kinds that a node of the scene handles."""
+
+    def __init__(self, node: 'EolNode', requests: RequestServer):
+        self._node, self._there = node, {*node.scene.nodes, *node.scene.elsewhere}
+        # A node that was started alone speaks for itself: others of its kind may run beside it.
+        self._to = node.NAME if len(self._there) == 1 else ''
+        self._client = RequestClient(node, requests.publisher)
+        requests.on_results(self._client.heard)
+        for kind in KINDS.values():
+            if kind.off and self._handled(kind):
+                self._serve(SetBool, kind.name, self._switch(kind))
+            elif kind.triggered and self._handled(kind):
+                self._serve(Trigger, kind.name, self._trigger(kind))
+
+    def unanswered(self, message: Request) -> str:
+        """Return why nobody else answers a request; '' where a node does."""
+        kind = KINDS.get(message.kind)
+        if message.node in self._there and 'requests' in NODES[message.node].subscribes:
+            return ''
+        if kind is None:
+            return no_request(message.kind)
+        if kind.internal or self._to:  # others that were started alone may answer
+            return ''
+        try:
+            expected_of(message.kind, message.node, self._there.__contains__)
+        except EolError as error:
+            return str(error)
+        return ''
+
+    def _handled(self, kind: Kind) -> bool:
+        needed = (kind.answered_by,) if kind.answered_by else ()
+        return bool(self._there & set(kind.nodes)) and self._there.issuperset(needed)
+
+    @staticmethod
+    def _switch(kind: Kind) -> Callable[[Any], str]:
+        return lambda request: kind.name if request.data else kind.off
+
+    @staticmethod
+    def _trigger(kind: Kind) -> Callable[[Any], str]:
+        return lambda _request: kind.name
+
+    def _serve(self, type_: Any, name: str, kind_of: Callable[[Any], str]) -> None:
+        service = self._node.create_service(
+            type_, name, lambda request, response: _Reply(self, kind_of(request), response)
+        )
+        _send_later(service)
+
+    def ask(self, kind: str, reply: Callable[[bool, str], None]) -> None:
+        """Publish a request of `kind`; `reply` gets success and text when it is answered."""
+        asked = Asked(kind, self._to, source='service')
+        try:
+            expected = expected_of(kind, self._to, self._there.__contains__)
+        except EolError as error:
+            reply(False, str(error))
+            return
+        timers: list[Timer] = []
+
+        def done(answers: Answers) -> None:
+            for timer in timers:
+                self._node.destroy_timer(timer)
+            timers.clear()
+            if not answers.whole:
+                self._client.give_up(answers)
+            text = answers.refusal or (answers.text if answers.whole else answers.silent)
+            reply(answers.whole and not answers.refusal, text)
+
+        answers = self._client.ask(asked, expected, done)
+        timers.append(self._node.create_timer(KINDS[kind].within_s, lambda: done(answers)))
+
+
+class _Reply:
+    """The response to a call of a service, which is sent when it is known."""
+
+    def __init__(self, services: RequestServices, kind: str, response: Any):
+        self._services, self._kind, self._response = services, kind, response
+
+    def send_by(self, send: Callable[[Any], None]) -> None:
+        def reply(success: bool, text: str) -> None:
+            self._response.success, self._response.message = success, text
+            send(self._response)
+
+        self._services.ask(self._kind, reply)
+
+
+def _send_later(service: Service) -> None:
+    """Let callbacks of a service return a `_Reply`.
+
+    rclpy's EventsExecutor sends what a callback returns, and awaits no coroutine (7.1.6).
+    """
+    send = service.send_response
+
+    def send_response(reply: _Reply, header: Any) -> None:
+        reply.send_by(lambda response: send(response, header))
+
+    # mypy knows a method by its class
+    service.send_response = send_response  # type: ignore[method-assign,assignment]
