@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from eol_ros import scene as scenes
-from eol_ros.bringup import plan
+from eol_ros.bringup import ros_args
 from eol_ros.bringup import run as bringup
 
 FILE = Path(__file__).parents[1] / 'launch' / 'eol.launch.py'
@@ -117,7 +117,7 @@ def parsed(words):
     parser = argparse.ArgumentParser()
     bringup.add_arguments(parser)
     args = parser.parse_args(words[3:])
-    return args, plan.remapped(scenes.load(args.scene), args.ros_args or ())
+    return args, ros_args.read(scenes.load(args.scene), args.ros_args or ()).scene
 
 
 def test_without_arguments_it_is_the_rehearsal(command):

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from eol_ros import compiled
-from eol_ros.errors import ConfigError, UsageError
+from eol_ros.bringup.ros_args import RosArgs
+from eol_ros.errors import UsageError
 from eol_ros.ros import network
-from eol_ros.scene import Scene, check_namespace
+from eol_ros.scene import Scene
 from eol_ros.streams.graph import NAMESPACE, NODES
 
 # One thread for each library: the graph has its own processes, two cores are shared by all of them.
@@ -63,27 +64,18 @@ def only(scene: Scene, names: Sequence[str]) -> Scene:
     )
 
 
-def remapped(scene: Scene, ros_args: Sequence[str]) -> Scene:
-    """Return `scene` in the namespace that arguments of ROS give it; UsageError for other ones."""
-    words = iter(word for word in ros_args if word != '--')
-    for word in words:
-        rule = next(words, '') if word in ('-r', '--remap') else word
-        name, found, namespace = rule.partition(':=')
-        if rule == word or name != '__ns' or not found:
-            raise UsageError(f'--ros-args {word}: only -r __ns:=/NAME here; settings: in the scene')
-        try:
-            scene = replace(scene, namespace=check_namespace(namespace))
-        except ConfigError as error:
-            raise UsageError(f'--ros-args -r {rule}: {error}') from None
-    return scene
-
-
 def processes(
-    scene: Scene, file: Path, sim_time: bool = False, inherit: Sequence[int] = ()
+    scene: Scene,
+    file: Path,
+    sim_time: bool = False,
+    inherit: Sequence[int] = (),
+    ros_args: RosArgs | None = None,
 ) -> list[Process]:
     """Return the processes of `scene`; the nodes read their settings from `file`.
 
     They inherit the descriptors `inherit`, of which `file` may be one.
+
+    `ros_args`: what was given to bringup besides settings.
 
     With `sim_time` their time is what a replay tells on /clock.
 
@@ -105,16 +97,19 @@ def processes(
         if scene.domain is not None:
             environment['ROS_DOMAIN_ID'] = str(scene.domain)
         command = (sys.executable, '-m', 'eol_ros.nodes', *nodes, '--scene', str(file))
-        command += tuple(_ros_args(scene, sim_time, nodes))
+        command += tuple(_ros_args(scene, sim_time, nodes, ros_args))
         nice = min(NODES[node].nice for node in nodes)
         real_time = max(NODES[node].real_time for node in nodes) if scene.real_time else 0
         found.append(Process(tuple(nodes), command, environment, nice, real_time, tuple(inherit)))
     return found
 
 
-def _ros_args(scene: Scene, sim_time: bool, nodes: Sequence[str]) -> list[str]:
-    """Return what a process is told of time: two replays on a domain must not mix theirs."""
-    found = ['-p', 'use_sim_time:=true'] if sim_time and 'replay' not in nodes else []
+def _ros_args(
+    scene: Scene, sim_time: bool, nodes: Sequence[str], given: RosArgs | None
+) -> list[str]:
+    """Return what a process is given, and told of time: two replays must not mix theirs."""
+    found = given.of(nodes) if given else []
+    found += ['-p', 'use_sim_time:=true'] if sim_time and 'replay' not in nodes else []
     if sim_time and scene.namespace != NAMESPACE:
         found += ['-r', f'/clock:=/{scene.namespace}/clock']
     return ['--ros-args', *found] if found else []

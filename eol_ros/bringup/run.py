@@ -11,7 +11,7 @@ import yaml
 
 from eol_ros import folders, thread_faults
 from eol_ros import scene as scenes
-from eol_ros.bringup import plan, status
+from eol_ros.bringup import plan, ros_args, status
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.memory import Memory
 from eol_ros.bringup.service_manager import ServiceManager
@@ -31,6 +31,7 @@ EXAMPLES = [
     'python -m eol_ros.bringup my/scene.yaml --for 60 --bag /data/bags',
     'python -m eol_ros.bringup museum --only camera,tracker',
     'python -m eol_ros.bringup rehearsal --ros-args -r __ns:=/north',
+    'python -m eol_ros.bringup rehearsal --ros-args -p grains:radius:=0.06 --params-file my.yaml',
 ]
 
 
@@ -56,8 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--ros-args',
         nargs=argparse.REMAINDER,
         metavar='ARGS',
-        help='-r __ns:=/NAME puts all into this namespace, in place of that of the scene; settings '
-        'of nodes stand in the scene',
+        help='-r __ns:=/NAME puts all into this namespace, in place of that of the scene; other '
+        'remappings, -p [NODE:]NAME:=VALUE and --params-file FILE reach the nodes',
     )
 
 
@@ -65,7 +66,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the scene; return the exit code."""
     if args.seconds is not None and not args.seconds > 0:
         raise UsageError(f'--for {args.seconds:g}: not a time above 0 s')
-    scene, sim_time = plan.remapped(scenes.load(args.scene), args.ros_args or ()), False
+    given = ros_args.read(scenes.load(args.scene), args.ros_args or ())
+    scene, sim_time = given.scene, False
     notes: list[str] = []
     if 'replay' in scene.nodes:
         from eol_ros.bringup import playback
@@ -109,7 +111,11 @@ def run(args: argparse.Namespace) -> int:
         supervisor = Supervisor(
             scene.name,
             plan.processes(
-                scene, scenes.inherited(file.fileno()), sim_time, inherit=(file.fileno(),)
+                scene,
+                scenes.inherited(file.fileno()),
+                sim_time,
+                inherit=(file.fileno(),),
+                ros_args=given,
             ),
             server,
             events,

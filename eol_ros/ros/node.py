@@ -427,5 +427,5 @@ def _ranges(field: dataclasses.Field[Any]) -> dict[str, Any]:
         limits = FloatingPointRange(from_value=float(low), to_value=float(high))  # int: garbage
         return {'floating_point_range': [limits]}
     if field.type is int:
-        return {'integer_range': [IntegerRange(from_value=low, to_value=high)]}
+        return {'integer_range': [IntegerRange(from_value=int(low), to_value=int(high))]}
     return {}

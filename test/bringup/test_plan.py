@@ -9,9 +9,10 @@ import yaml
 from eol_ros import scene as scenes
 from eol_ros.bringup import plan, playback, status
 from eol_ros.bringup import run as bringup
+from eol_ros.bringup.ros_args import read
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
-from eol_ros.errors import DeviceMissing, UsageError
+from eol_ros.errors import ConfigError, DeviceMissing, UsageError
 
 
 def names(scene):
@@ -71,16 +72,68 @@ def test_big_shared_memory_only_where_images_are_given():
 def test_the_remapping_rule_of_ros_names_the_namespace(rule):
     scene = scenes.load('lights')
     assert scene.namespace == 'eol'
-    assert plan.remapped(scene, ('-r', '__ns:=/south', '--', *rule)).namespace == 'north'
-    assert plan.remapped(scene, ()) == scene
+    assert read(scene, ('-r', '__ns:=/south', '--', *rule)).scene.namespace == 'north'
+    assert read(scene, ()).scene == scene
+
+
+PARAMETERS = """
+/**: {ros__parameters: {radius: 0.07, seed: 5, mine: 1, nested: {deep: [1, 2]}}}
+/north/*: {ros__parameters: {threshold: 20}}
+grains: {ros__parameters: {radius: 0.08}}
+north: {motion: {ros__parameters: {qos_overrides: {/north/slips: {publisher: {depth: 9}}}}}}
+usb_cam: {ros__parameters: {framerate: 30.0}}
+/eol/sound: {ros__parameters: {gain_db: -9.0}}
+"""
+
+
+def test_parameters_become_settings_of_the_scene_or_reach_the_nodes(tmp_path):
+    path = tmp_path / 'p.yaml'
+    path.write_text(PARAMETERS)
+    words = '--params-file', str(path), '-r', '__ns:=/north', '-p', 'tracker:preview_hz:=5'
+    others = '-r', 'slips:=slip_events', '-p', 'use_sim_time:=true', '--log-level', 'debug'
+    base = scenes.load('rehearsal')
+    given = read(base, (*words, *others))
+    nodes = given.scene.nodes
+    assert (nodes['grains'].radius, nodes['tracker'].threshold) == (0.08, 20.0)
+    assert (nodes['tracker'].preview_hz, nodes['sound']) == (5.0, base.nodes['sound'])
+    assert nodes['twin'].seed == 5
+    for process in plan.processes(given.scene, Path('s.yaml'), ros_args=given):
+        said = process.command[process.command.index('--ros-args') :]
+        assert said[1:5] == ('-r', 'slips:=slip_events', '--log-level', 'debug')
+        assert 'use_sim_time:=true' in said and 'mine:=1' in said
+        assert 'nested.deep:=[1, 2]' in said
+        depth = 'qos_overrides./north/slips.publisher.depth:=9' in said
+        assert depth == ('motion' in process.nodes)
+        assert not any('radius' in word or 'framerate' in word for word in said)
 
 
 @pytest.mark.parametrize(
-    'words', [('-p', 'fps:=3'), ('-r', 'slips:=/a'), ('-r',), ('__ns:=/a',), ('-r', '__ns:=/2nd')]
+    ('words', 'why'),
+    [
+        (('-r',), 'what[?] A value must follow'),
+        (('__ns:=/a',), 'expected -r RULE'),
+        (('-r', '__ns:=/2nd'), '2nd. is not a namespace'),
+        (('-r', '__node:=a'), 'several nodes'),
+        (('-r', 'slips'), 'not a rule'),
+        (('-p', 'radius=3'), 'NAME:=VALUE'),
+        (('-p', 'a:=[1'), 'not YAML'),
+        (('-p', 'grans:radius:=3'), 'no node grans'),
+        (('--params-file', 'absent.yaml'), 'no such file'),
+    ],
 )
-def test_other_arguments_of_ros_are_refused(words):
-    with pytest.raises(UsageError, match='^--ros-args '):
-        plan.remapped(scenes.load('lights'), words)
+def test_arguments_that_ros_has_not_are_refused(words, why):
+    with pytest.raises(UsageError, match=f'^--ros-args .*{why}'):
+        read(scenes.load('lights'), words)
+
+
+def test_values_that_cannot_be_are_refused(tmp_path):
+    with pytest.raises(ConfigError, match='^--ros-args: twin: fps: 1000 is out of range'):
+        read(scenes.load('rehearsal'), ('-p', 'twin:fps:=1000'))
+    path = tmp_path / 'p.yaml'
+    for text, why in (('a: [', 'cannot be read'), ('a: {b: 1}', 'no parameters; NODE')):
+        path.write_text(text)
+        with pytest.raises(ConfigError, match=why):
+            read(scenes.load('rehearsal'), ('--params-file', str(path)))
 
 
 def test_two_replays_on_a_domain_keep_their_times_apart():
