@@ -115,6 +115,13 @@ setup(
             [f'{MESSAGES}/{name}' for name in ('CMakeLists.txt', 'package.xml', 'pyproject.toml')],
         ),
         ('share/eol_ros/eol_msgs/msg', glob(f'{MESSAGES}/msg/*.msg')),
+        *(
+            (f'share/eol_ros/eol_msgs/{folder}', glob(f'{MESSAGES}/{folder}/*.*'))
+            for folder in (
+                *('others/tf2_msgs', 'others/tf2_msgs/msg'),
+                *('others/rosbag2_interfaces', 'others/rosbag2_interfaces/srv'),
+            )
+        ),
     ],
     python_requires='>=3.10,<3.14',
     install_requires=RUNTIME,

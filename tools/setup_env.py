@@ -232,10 +232,7 @@ def setup(extra: str) -> None:
     key = digest(ROOT / 'setup.py', *block, *sorted(LOCKS.glob('*.txt')), Path(__file__))
     stamps = [VENV / f'.ready-{key}-{name}' for name in (extra, *ENOUGH.get(extra, ()))]
     ready = next((stamp for stamp in stamps if stamp.exists()), stamps[0])
-    messages = digest(
-        MESSAGES / 'CMakeLists.txt', MESSAGES / 'pyproject.toml', MESSAGES / 'package.xml',
-        *sorted((MESSAGES / 'msg').glob('*.msg')),
-    )  # fmt: skip
+    messages = digest(*sorted(path for path in MESSAGES.rglob('*.*') if path.is_file()))
     messages_ready = VENV / f'.messages-{messages}'
     if not PYTHON.exists():
         say(f'making {VENV.name} with Python {platform.python_version()}')
