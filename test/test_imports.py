@@ -11,7 +11,15 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / 'eol_ros'
 ROS = {
-    *('rclpy', 'rcl_interfaces', 'std_srvs', 'rosidl_runtime_py', 'ament_index_python', '_rclpy')
+    *(
+        'rclpy',
+        'rcl_interfaces',
+        'std_srvs',
+        'rosbag2_interfaces',
+        'rosidl_runtime_py',
+        'ament_index_python',
+        '_rclpy',
+    )
 }
 BASE = {'numpy'}
 ALLOWED = {

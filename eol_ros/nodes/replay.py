@@ -22,6 +22,7 @@ from eol_ros.errors import ConfigError
 from eol_ros.ros.definitions import is_installed
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.played import BLOCKS, IMAGES, REQUESTS, TAPS, played
+from eol_ros.ros.player_services import serve_player
 from eol_ros.ros.requests import new_id, request_to_msg
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import now_ns, to_msg
@@ -78,6 +79,7 @@ class ReplayNode(EolNode):
         if s.clock_hz:
             self.clock = self.create_publisher(Clock, CLOCK, CLOCK_QOS)
             self.create_timer(1 / s.clock_hz, self.tick)
+        serve_player(self, self.player)
         self._stop = threading.Event()
         if s.fast or s.rate > 1:  # it must not keep readers from what they are given
             self._thread = threading.Thread(target=self._play, name='replay', daemon=True)
@@ -160,7 +162,7 @@ class ReplayNode(EolNode):
 
     def begin(self) -> None:
         """Tell what holds when a round begins, and ask what must be known before."""
-        start_ns = self.bag.start_ns + round(self.settings.start_s * 1e9)
+        start_ns = self.player.first_ns
         for message in self.bag.latched(self.names, start_ns):
             self.publishers_of[message.topic].publish(message.data)
         for asked in self._ahead:

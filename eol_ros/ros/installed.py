@@ -11,7 +11,8 @@ from eol_ros.errors import DeviceMissing, pip_install
 # What `ros` and `nodes` import beyond the wheel of this package.
 PACKAGES = (
     'rclpy', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'rcl_interfaces',
-    'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'visualization_msgs', 'eol_msgs',
+    'rosbag2_interfaces', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs',
+    'visualization_msgs', 'eol_msgs',
 )  # fmt: skip
 
 

@@ -46,7 +46,7 @@ from eol_ros.said import clauses, said
 from eol_ros.scene import Scene, check_namespace, check_value
 from eol_ros.settings import live_fields, masked, renamed
 from eol_ros.streams.checks import ANY_TIME, PLAYED_SPAN_NS, SPAN_NS
-from eol_ros.streams.graph import NODES, TOPICS, frame_prefix
+from eol_ros.streams.graph import IMAGE_SOURCES, NODES, TOPICS, frame_prefix
 from eol_ros.streams.requests import SET, Asked, server_of
 
 SIM_TIME = 'use_sim_time'
@@ -83,6 +83,10 @@ class EolNode(Node):
         self.qos = NodeQoS(self, overrides)
         self.settings = self._declare(settings, overrides)
         self.sim_time = bool(self.get_parameter(SIM_TIME).value)
+        if self.sim_time and self.NAME in IMAGE_SOURCES:
+            raise ConfigError(
+                f'{SIM_TIME}: {self.NAME} stamps its images itself; set it for the others'
+            )
         self.played: PlayedClock | None = None
         self._round: tuple[int, int] | None = None  # what a replay has played, from when to when
         if self.sim_time:
@@ -213,7 +217,7 @@ class EolNode(Node):
         if self._requests is not None:
             self._requests.forget()
         if self._recorded:  # the new round asks for it again when its time comes
-            self._set(self._recorded)
+            self.change_settings(self._recorded)
             self._recorded = {}
         self.restart()
 
@@ -287,11 +291,11 @@ class EolNode(Node):
             for name in values:
                 self._recorded.setdefault(name, getattr(self.settings, name))
         self.live_from_ns = asked.from_ns
-        self._set(values)
+        self.change_settings(values)
         return clauses(said('is_now', setting=k, value=v) for k, v in values.items())
 
-    def _set(self, values: dict[str, Any]) -> None:
-        """Change live settings without telling of it."""
+    def change_settings(self, values: dict[str, Any]) -> None:
+        """Change live settings without a request; raises ConfigError for what cannot be."""
         self._obeying = True
         try:
             done = self.set_parameters_atomically(parameters(values))

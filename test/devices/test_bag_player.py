@@ -142,6 +142,51 @@ def test_a_pause_shifts_what_follows(bag):
     assert clock.given[-1][0] == pytest.approx(0.99 + 2.0, abs=0.11)
 
 
+@pytest.mark.parametrize('to_s', [0.2, 0.8, -5.0])
+def test_seek_goes_on_elsewhere(bag, to_s):
+    """Back, ahead, and before the bag: from its beginning."""
+    begun = []
+    clock, player = play(bag, begin=lambda: begun.append(player.first_ns))
+    answers = []
+
+    def at_sleep():
+        if len(clock.given) == 50 and not answers:
+            answers.append(player.seek(T0 + 10 * NS))
+            answers.append(player.seek(T0 + round(to_s * NS)))
+
+    clock.at_sleep = at_sleep
+    player.run()
+    assert answers == [False, True]
+    start = max(round(to_s * 100), 0)
+    sequences = [m.sequence for _, m in clock.given]
+    assert sequences == [*range(1, 51), *range(start + 1, 101)]
+    assert begun == [T0, T0 + start * 10_000_000]
+    assert clock.given[50][0] - clock.given[49][0] == pytest.approx(STAND_S, abs=0.12)
+    assert player.rounds == 1 and not player.seek(T0)
+
+
+def test_seek_of_a_replay_that_stands(bag):
+    clock, player = play(bag)
+    naps = []
+
+    def at_sleep():
+        if len(clock.given) == 50:
+            naps.append(clock.now)
+            if len(naps) == 1:
+                player.pause(True)
+                player.pause(True)
+            elif len(naps) == 5:
+                assert player.seek(T0 + NS // 2)
+            elif len(naps) == 30:
+                assert player.paused
+                assert abs(player.now_ns() - (T0 + NS // 2)) < 2 * LEAD_NS
+                player.pause(False)
+
+    clock.at_sleep = at_sleep
+    player.run()
+    assert [m.sequence for _, m in clock.given] == [*range(1, 51), *range(51, 101)]
+
+
 def test_far_behind_the_clock_is_set_anew(bag):
     clock, player = play(bag)
     give = clock.give

@@ -134,6 +134,41 @@ def test_the_recorded_bytes_come_at_their_time(ros, bag):
 
 
 @pytest.mark.slow
+def test_it_has_the_services_of_rosbag2_player(ros, bag):
+    from rosbag2_interfaces.srv import GetRate, IsPaused, Pause, Resume, Seek, SetRate
+
+    node = ReplayNode(ReplaySettings(bag=str(bag[0]), wait_s=0.0, loop=True))
+    asking = ros.create_node('asking')
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    executor.add_node(asking)
+
+    def call(type_, name, **fields):
+        client = asking.create_client(type_, f'/eol/replay/{name}')
+        assert client.wait_for_service(20.0)
+        future = client.call_async(type_.Request(**fields))
+        executor.spin_until_future_complete(future, 20.0)
+        return future.result()
+
+    try:
+        call(Pause, 'pause')
+        assert call(IsPaused, 'is_paused').paused and node.player.paused
+        assert call(SetRate, 'set_rate', rate=2.0).success
+        assert not call(SetRate, 'set_rate', rate=-1.0).success
+        assert call(GetRate, 'get_rate').rate == node.player.rate == 2.0
+        assert node.get_parameter('rate').value == 2.0
+        assert call(Seek, 'seek', time=to_msg(T0 + 50 * STEP_NS)).success
+        assert not call(Seek, 'seek', time=to_msg(T0 + 5000 * STEP_NS)).success
+        call(Resume, 'resume')
+        assert not call(IsPaused, 'is_paused').paused
+    finally:
+        node.close()
+        executor.shutdown(timeout_sec=1.0)
+        node.destroy_node()
+        asking.destroy_node()
+
+
+@pytest.mark.slow
 def test_without_pictures_the_blocks_are_played(ros, bag):
     path, sent = bag
     listener = Listener()

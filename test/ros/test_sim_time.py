@@ -112,3 +112,11 @@ def test_use_sim_time_is_true_or_false_and_is_read_at_the_start(ros):
     (result,) = node.set_parameters(SIM)
     assert not result.successful and 'start it again' in result.reason
     node.destroy_node()
+
+
+def test_a_source_of_images_refuses_the_time_of_others(ros):
+    from eol_ros.nodes.camera import CameraNode
+    from eol_ros.settings import CameraSettings
+
+    with pytest.raises(ConfigError, match='^use_sim_time: camera stamps its images itself'):
+        CameraNode(CameraSettings(), parameter_overrides=SIM)

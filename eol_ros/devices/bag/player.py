@@ -98,30 +98,48 @@ class BagPlayer:
         self.rate = settings.rate  # may be changed while it plays
         self._fast, self._loop, self._begin = settings.fast, settings.loop, begin
         self._first_ns = bag.start_ns + round(start_s * 1e9)  # of the recorder's clock
+        self.first_ns = self._first_ns  # of the round that plays
+        self.over = False
         self._clock, self._sleep = clock, sleep
         self._stop = threading.Event()
         self._paused = threading.Event()
         self._lock = threading.Lock()
         self._delay_ns = 0  # from the stamp of the last stamped message to its recording
-        first = next(iter(bag.messages(self._stamped or self._topics, self._first_ns)), None)
-        if first is not None and self._stamped and (stamp := stamp_ns(first.data)):
-            self._delay_ns = _sent_ns(first) - stamp
-        start_ns = (_sent_ns(first) if first else self._first_ns) - self._delay_ns
-        self._start = start_ns - LEAD_NS, self._delay_ns
+        self._start = self._start_at(self._first_ns)
+        self._sought_ns: int | None = None  # recorded time at which to go on
+        start_ns = self._start[0] + LEAD_NS
         self._pace = Pace(clock(), start_ns - LEAD_NS, 0.0, start_ns)
         self._shown_ns = 0
+
+    def _start_at(self, first_ns: int) -> tuple[int, int]:
+        """Return recorded time and delay with which a round begins, from `first_ns` of the bag."""
+        delay_ns = self._delay_ns
+        first = next(iter(self._bag.messages(self._stamped or self._topics, first_ns)), None)
+        if first is not None and self._stamped and (stamp := stamp_ns(first.data)):
+            delay_ns = _sent_ns(first) - stamp
+        return (_sent_ns(first) if first else first_ns) - delay_ns - LEAD_NS, delay_ns
 
     @property
     def paused(self) -> bool:
         """Whether the replay stands still."""
         return self._paused.is_set()
 
-    def pause(self) -> None:
-        """Stand still, or go on."""
-        if self.paused:
+    def pause(self, on: bool | None = None) -> None:
+        """Stand still or go on; None: whichever it does not do now."""
+        if self.paused if on is None else not on:
             self._paused.clear()
         else:
             self._paused.set()
+
+    def seek(self, at_ns: int) -> bool:
+        """Go on at recorded time `at_ns`, as the stamps have it; return whether it is in the bag.
+
+        A time before the bag is its beginning. `begin` is called as before a round.
+        """
+        if self.over or at_ns > self._bag.end_ns - self._start[1]:
+            return False
+        self._sought_ns = max(at_ns, self._bag.start_ns - self._start[1])
+        return True
 
     def stop(self) -> None:
         """End `run` within NAP_S."""
@@ -135,18 +153,27 @@ class BagPlayer:
 
     def run(self) -> None:
         """Play until the end, or for ever with `loop`, or until `stop`."""
+        first_ns, start, stand_s = self._first_ns, self._start, 0.0
         while not self._stop.is_set():
             before = self.played
-            self._round()
+            self._round(first_ns, start, stand_s)
+            first_ns, start, stand_s = self._first_ns, self._start, STAND_S
+            if self._sought_ns is not None:
+                first_ns, self._sought_ns = self._sought_ns + self._start[1], None
+                start = self._start_at(first_ns)
+                self.first_ns = first_ns
+                continue
+            self.first_ns = first_ns
             self.rounds += 1
             if not self._loop or self.played == before:
-                return
+                break
+        self.over = True
 
-    def _round(self) -> None:
-        begin_ns, self._delay_ns = self._start
-        self._stand(begin_ns, STAND_S if self.rounds else 0.0)
+    def _round(self, first_ns: int, start: tuple[int, int], stand_s: float) -> None:
+        begin_ns, self._delay_ns = start
+        self._stand(begin_ns, stand_s)
         due_ns = begin_ns
-        for message in self._bag.messages(self._topics, self._first_ns):
+        for message in self._bag.messages(self._topics, first_ns):
             if message.topic in self._stamped and (stamp := stamp_ns(message.data)):
                 self._delay_ns = _sent_ns(message) - stamp
             wish_ns = _sent_ns(message) - self._delay_ns
@@ -157,7 +184,7 @@ class BagPlayer:
                 due_ns = wish_ns
             due_ns = max(due_ns, wish_ns)
             self._wait(due_ns)
-            if self._stop.is_set():
+            if self._ends:
                 return
             self._give(message)
             self.played += 1
@@ -166,6 +193,11 @@ class BagPlayer:
             self._pace = self._pace._replace(limit_ns=due_ns + slack_ns)  # while the next is read
         if not self._fast and due_ns > begin_ns:
             self._wait(max(due_ns, self._bag.end_ns - self._delay_ns) + TAIL_NS)
+
+    @property
+    def _ends(self) -> bool:
+        """Whether the round ends before its time."""
+        return self._stop.is_set() or self._sought_ns is not None
 
     def _ideal_ns(self, now_s: float) -> int:
         pace = self._pace
@@ -182,7 +214,7 @@ class BagPlayer:
 
     def _sleep_for(self, seconds: float) -> None:
         end_s = self._clock() + seconds
-        while not self._stop.is_set() and (left_s := end_s - self._clock()) > 0:
+        while not self._ends and (left_s := end_s - self._clock()) > 0:
             self._sleep(min(left_s, NAP_S))
 
     def _wait(self, due_ns: int) -> None:
@@ -191,7 +223,7 @@ class BagPlayer:
             self._pace = Pace(self._clock(), due_ns, 0.0, due_ns)
             return
         self._pace = self._pace._replace(limit_ns=due_ns)
-        while not self._stop.is_set():
+        while not self._ends:
             pace, now_s = self._pace, self._clock()
             at_ns = pace.origin_ns + round((now_s - pace.origin_s) * pace.rate * 1e9)
             if self.paused:
