@@ -107,6 +107,7 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/eol_ros']),
         ('share/eol_ros', ['package.xml']),
         ('share/eol_ros/config', glob('config/*.yaml')),
+        ('share/eol_ros/view', glob('config/view/*.*')),
         ('share/eol_ros/launch', glob('launch/*.launch.py')),
         ('lib/eol_ros', [file for file in glob('libexec/*') if not file.endswith('.sh')]),
         # what `pip install` makes the messages from where there is no checkout

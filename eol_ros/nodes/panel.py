@@ -11,6 +11,7 @@ from eol_ros.devices.files import calibration_file
 from eol_ros.devices.files.day_file import DayFile
 from eol_ros.devices.files.media_folder import Pictures
 from eol_ros.nodes.panel_bridge import PanelBridge
+from eol_ros.nodes.panel_frames import Frames
 from eol_ros.nodes.panel_health import Health
 from eol_ros.nodes.panel_markers import Markers
 from eol_ros.nodes.panel_streams import Streams
@@ -48,6 +49,7 @@ class PanelNode(EolNode):
         self.day = notices.Day(self.day_file.load())
         self.states = Health(self)
         self.streams, self.markers = Streams(self, self.server.hub), Markers(self)
+        self.frames = Frames(self)
         self.subscribe(
             'wall', lambda m: self.tell('wall', notices.wall(m, montage.fade_s, pictures.look))
         )
@@ -81,6 +83,7 @@ class PanelNode(EolNode):
     def on_calibration(self, found: Calibration) -> None:
         size = {'width': found.image_width, 'height': found.image_height}
         self.tell('camera', {'t': 'camera', **size})
+        self.frames.publish(found)
 
     def on_cascade(self, message) -> None:
         self.day.add(message, time.time())

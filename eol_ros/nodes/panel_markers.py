@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from builtin_interfaces.msg import Duration
 from eol_msgs.msg import Slip, Truth
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion, Vector3
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -35,11 +35,12 @@ SAND, STEEL, SPRING, BLOCK, HIDDEN, SLIPS = (
 
 
 class Markers:
-    """Publishes `markers` for `node`; `follow` is to be called now and then."""
+    """Publishes `markers` and `block_poses` for `node`; `follow` is to be called now and then."""
 
     def __init__(self, node: Any):
         self._node = node
         self._publisher = node.publisher('markers')
+        self._poses = node.publisher('block_poses')
         self._open: list[Any] = []
         self._forget()
 
@@ -50,8 +51,8 @@ class Markers:
         self._arrows: deque[Marker] = deque(maxlen=N_BLOCKS)  # not published yet
 
     def follow(self) -> None:
-        """Subscribe to what the markers are made of while somebody subscribes to them."""
-        looked_at = self._publisher.get_subscription_count() > 0
+        """Subscribe to what markers and poses are made of while somebody subscribes to either."""
+        looked_at = any(p.get_subscription_count() for p in (self._publisher, self._poses))
         if looked_at and not self._open:
             self._open = [
                 self._node.subscribe('blocks', self._on_blocks),
@@ -90,6 +91,10 @@ class Markers:
         for marker in found:
             marker.header.stamp = to_msg(message.stamp_ns)
         self._publisher.publish(MarkerArray(markers=found))
+        poses = PoseArray(poses=[_pose_of(row) for row in message.rows])
+        poses.header.stamp = to_msg(message.stamp_ns)
+        poses.header.frame_id = self._node.frame_prefix + blocks.FRAME_ID
+        self._poses.publish(poses)
 
     def _marker(
         self, name: str, kind: int, number: int, color: ColorRGBA, scale: Iterable[float]
@@ -124,14 +129,18 @@ class Markers:
         size = BLOCK_SIDE_M, BLOCK_SIDE_M, HEIGHT_M
         for block in range(N_BLOCKS):
             row = rows[block]
-            x, y, yaw = float(row['x']), float(row['y']), float(row['yaw'])
             color = SLIPS if block in self._slipping else BLOCK if row['seen'] else HIDDEN
             marker = self._marker('blocks', Marker.CUBE, block, color, size)
-            if math.isfinite(x + y + yaw):
-                marker.pose = _pose(x, y, yaw, HEIGHT_M / 2)
+            pose = _pose_of(row, HEIGHT_M / 2)
+            if math.isfinite(pose.position.x + pose.position.y + pose.orientation.z):
+                marker.pose = pose
             else:  # the tracker does not know where
                 marker.action = Marker.DELETE
             yield marker
+
+
+def _pose_of(row: np.void, z: float = 0.0) -> Pose:
+    return _pose(float(row['x']), float(row['y']), float(row['yaw']), z)
 
 
 def _pose(x: float, y: float, yaw: float, z: float) -> Pose:

@@ -22,7 +22,7 @@ from eol_ros.streams.graph import TOPICS, counted, node_of
 from eol_ros.streams.slips import START
 
 IMAGES, INFO, SAMPLES = 'camera/image_raw', 'camera/camera_info', 'sound_samples'
-PREVIEW, MARKERS = 'camera/image_raw/compressed', 'markers'
+PREVIEW, MARKERS, POSES = 'camera/image_raw/compressed', 'markers', 'block_poses'
 RHYTHM = (IMAGES, 'blocks', 'truth')  # topics with a message for every image
 READER_DEPTH = 600  # small messages of ten seconds: nobody waits for a recorder without a processor
 DISK_HUNG_S = 60.0  # a thread may wait up to this for a slow disk
@@ -98,7 +98,7 @@ class RecorderNode(EolNode):
 
     def _wanted(self, topic: str) -> bool:
         """What exists only because somebody subscribes is recorded only where asked for."""
-        if topic in (SAMPLES, MARKERS, READY, CLOCK):
+        if topic in (SAMPLES, MARKERS, POSES, READY, CLOCK):
             return False
         images = self.settings.images
         if topic in (IMAGES, INFO):

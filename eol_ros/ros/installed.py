@@ -12,7 +12,7 @@ from eol_ros.errors import DeviceMissing, pip_install
 PACKAGES = (
     'rclpy', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'rcl_interfaces',
     'rosbag2_interfaces', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs',
-    'visualization_msgs', 'eol_msgs',
+    'tf2_msgs', 'visualization_msgs', 'eol_msgs',
 )  # fmt: skip
 
 

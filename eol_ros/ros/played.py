@@ -10,7 +10,7 @@ INFO = 'camera/camera_info'
 # Of that run's own processes: of today's there are some, too. Not even `--only all` plays them.
 OF_PROCESSES = ('ready', 'node_states', '/diagnostics', '/clock', '/rosout', '/parameter_events')
 # Nor what is made again.
-NEVER = (*OF_PROCESSES, 'sound_samples', 'markers', 'rim_command', 'request_results')
+NEVER = (*OF_PROCESSES, 'sound_samples', 'markers', 'block_poses', 'rim_command', 'request_results')
 
 
 def played(scene: Any, images: bool) -> list[str]:

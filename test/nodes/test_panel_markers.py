@@ -4,6 +4,8 @@
 import numpy as np
 import pytest
 from eol_msgs.msg import Slip, Truth
+from geometry_msgs.msg import PoseArray
+from rclpy.serialization import deserialize_message
 from support.spinning import Nodes
 from visualization_msgs.msg import Marker
 
@@ -114,3 +116,21 @@ def test_what_rviz_draws_is_the_table(both):
     until(lambda: panel.markers._publisher.get_subscription_count() == 0)
     panel.markers.follow()
     until(lambda: met(table) == [0, 0, 0])
+
+
+def test_the_poses_of_the_blocks_alone_are_published_for_those_who_ask(both):
+    panel, table, until = both
+    table.subscribe('block_poses', table.seen.append, raw=True)
+    until(lambda: panel.markers._poses.get_subscription_count())
+    panel.markers.follow()
+    until(lambda: met(table) == [1, 1, 1])
+    rows = np.zeros(25, blocks.BLOCK)
+    rows['x'], rows['y'] = rest_lattice().T
+    rows['x'][9] = np.nan
+    table.tell(1, rows)
+    until(lambda: table.seen)
+    found = deserialize_message(table.seen[0], PoseArray)
+    assert (found.header.frame_id, to_ns(found.header.stamp)) == ('table', T0 + PERIOD_NS)
+    places = np.array([(p.position.x, p.position.y) for p in found.poses])
+    assert np.array_equal(places, np.stack([rows['x'], rows['y']], axis=1), equal_nan=True)
+    assert {p.orientation.w for p in found.poses} == {1.0}

@@ -336,6 +336,23 @@ class Calibration:
             ]
         )
 
+    def camera_pose(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return where the camera is: its axes as columns (3, 3), and its place (3,) in metres.
+
+        In the frame `table`; the camera's x is right in the image, y down, z into the scene
+        (REP 103). The homography K [r1 r2 t] has the pose of the plane of the covers (Zhang 2000).
+        Not for a camera that sees the table in a mirror, which has no such pose.
+        """
+        pose = algebra.solve(self.camera_matrix, self.homography)
+        scale = np.sqrt(algebra.norm(pose[:, 0]) * algebra.norm(pose[:, 1]))
+        pose = pose / (scale if pose[2, 2] > 0 else -scale)
+        right = pose[:, 0] / algebra.norm(pose[:, 0])
+        ahead = pose[:, 1] - (pose[:, 1] * right).sum() * right
+        table = np.stack([right, ahead / algebra.norm(ahead), np.zeros(3)], axis=1)
+        table[:, 2] = np.cross(table[:, 0], table[:, 1])
+        position = -algebra.matmul(table.T, pose[:, 2:])[:, 0]
+        return table.T, position + [0.0, 0.0, self.cover_height_m]
+
     def upward(self) -> np.ndarray:
         """Return what a metre of height adds to the homogeneous image of a point, (3,).
 
