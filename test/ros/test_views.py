@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The layouts that ship for RViz and Foxglove name topics, fields and services that exist."""
+"""What ships for RViz, Foxglove and diagnostic_aggregator names what exists in the graph."""
 
 import json
 import re
@@ -8,8 +8,16 @@ from pathlib import Path
 import yaml
 from eol_msgs.msg import Block
 
+from eol_ros.ros.health import PERIOD_S
 from eol_ros.ros.topics import PUBLISHER_QOS, topic_class
-from eol_ros.streams.graph import TOPICS, frame_prefix, relative_name
+from eol_ros.streams.graph import (
+    NAMESPACE,
+    NODES,
+    TOPICS,
+    frame_prefix,
+    relative_name,
+    status_name,
+)
 from eol_ros.streams.requests import KINDS
 
 VIEWS = Path(__file__).parents[2] / 'config' / 'view'
@@ -63,3 +71,12 @@ def test_foxglove_panels_name_topics_fields_and_services():
                 assert hasattr(message, field), f'{panel}: {name}{fields}'
                 message = getattr(message, field)
                 message = Block() if field == 'blocks' else message
+
+
+def test_the_diagnostic_aggregator_takes_the_states_of_all_nodes():
+    data = yaml.safe_load((VIEWS / 'diagnostics.yaml').read_text())['/**']['ros__parameters']
+    (prefix,) = data['nodes']['startswith']
+    assert [prefix] == data['nodes']['remove_prefix']
+    for node in NODES:
+        assert status_name(node, NAMESPACE) == prefix + node
+    assert data['nodes']['timeout'] > 2 * PERIOD_S
