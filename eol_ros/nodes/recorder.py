@@ -23,6 +23,7 @@ from eol_ros.streams.slips import START
 
 IMAGES, INFO, SAMPLES = 'camera/image_raw', 'camera/camera_info', 'sound_samples'
 PREVIEW, MARKERS, POSES = 'camera/image_raw/compressed', 'markers', 'block_poses'
+FRAMES = '/tf_static'
 RHYTHM = (IMAGES, 'blocks', 'truth')  # topics with a message for every image
 READER_DEPTH = 600  # small messages of ten seconds: nobody waits for a recorder without a processor
 DISK_HUNG_S = 60.0  # a thread may wait up to this for a slow disk
@@ -97,8 +98,11 @@ class RecorderNode(EolNode):
             self._keep(item, now_ns, now_ns)
 
     def _wanted(self, topic: str) -> bool:
-        """What exists only because somebody subscribes is recorded only where asked for."""
-        if topic in (SAMPLES, MARKERS, POSES, READY, CLOCK):
+        """What exists only because somebody subscribes is recorded only where asked for.
+
+        Frames follow from `calibration`; on `/tf_static` are those of other graphs, too.
+        """
+        if topic in (SAMPLES, MARKERS, POSES, FRAMES, READY, CLOCK):
             return False
         images = self.settings.images
         if topic in (IMAGES, INFO):
