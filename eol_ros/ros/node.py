@@ -93,6 +93,8 @@ class EolNode(Node):
             self._follow_clock()
         self.health = Health(self)
         self.health.kept = dict(self.resumed)
+        if self.NAME in IMAGE_SOURCES:
+            self.publisher(READY)  # `ros2 doctor` warns of subscribers without a publisher
         self._stamps, self.time_jumps = StampWatch(), 0
         self._requests: RequestServer | None = None
         self.live_from_ns = 0  # the stamp from which the settings that change now count

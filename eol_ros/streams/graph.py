@@ -197,7 +197,7 @@ _TOPICS = (
               'what nodes made of it, and from which image on it counts'),
     TopicSpec('ready', 'std_msgs/msg/Empty', 'latched',
               'startup barrier, without data: a node subscribes once it has discovered its peers',
-              subscribers=(EVERY_NODE,)),
+              publishers=('twin', 'camera', 'replay'), subscribers=(EVERY_NODE,)),
     TopicSpec('node_states', 'eol_msgs/msg/NodeState', 'state',
               'state of each node, once a second and at each change of level',
               publishers=(EVERY_NODE,)),
