@@ -2,7 +2,8 @@
 """Quality of service of one node: `qos_overrides` parameters, and peers that do not match.
 
 ROS drops every message between two ends whose policies do not match, and only logs it. Here that is
-part of the node's state, which names both policies.
+part of the node's state, which names both policies. So is a publisher that has another definition
+of the type, whose messages would be read wrongly.
 """
 
 import copy
@@ -24,6 +25,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
 from eol_ros.errors import ConfigError
+from eol_ros.ros.definitions import type_hash
 from eol_ros.ros.topics import PUBLISHER_QOS, QOS, message_class, with_depth
 from eol_ros.said import Said, clauses, said
 from eol_ros.streams import graph
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
 
 OVERRIDES = 'qos_overrides.'
+NO_HASH = 'INVALID'  # of a peer that tells none
 LOOKS = 3  # seconds without a peer that does not match, until a mismatch is over
 _OVERRIDE = re.compile(r'qos_overrides\.(/.+)\.(publisher|subscription)\.(\w+)')
 _POLICIES = {k.lower(): v for k, v in QoSPolicyKind.__members__.items() if k != 'INVALID'}
@@ -53,7 +56,7 @@ class NodeQoS:
 
     def __init__(self, node: 'EolNode', overrides: dict[str, Any]):
         self._node = node
-        self._unmatched: list[_End] = []
+        self._unmatched: list[_End] = []  # or perhaps so: see `look`
         self._replaced: dict[Subscription, Subscription] = {}
         self._overrides = [name for name in overrides if name.startswith(OVERRIDES)]
         self._overridden: dict[tuple[str, str], list[QoSPolicyKind]] = {}
@@ -104,7 +107,9 @@ class NodeQoS:
 
         def make() -> Subscription:
             callbacks = SubscriptionEventCallbacks(
-                incompatible_qos=differs, use_default_callbacks=False
+                incompatible_qos=differs,
+                matched=lambda _event: self._differs(end),  # by its definition, maybe
+                use_default_callbacks=False,
             )
             create = self._node.create_subscription
             new: Subscription = self._make(end, callbacks, create, kind, topic, callback, raw=True)
@@ -148,6 +153,7 @@ class NodeQoS:
     def _differs(self, end: _End) -> None:
         end.looks = 0
         if end not in self._unmatched:
+            end.text = ''
             self._unmatched.append(end)
 
     def _key(self, end: _End) -> tuple[str, str]:
@@ -189,6 +195,9 @@ class NodeQoS:
                     theirs=_policies(theirs),
                     ours=_policies(ours),
                 )
+            told = str(peer.topic_type_hash)
+            if not end.publishes and told not in (NO_HASH, type_hash(peer.topic_type)):
+                return said('other_type', topic=full, peer=peer.node_name, type=peer.topic_type)
         return ''
 
 

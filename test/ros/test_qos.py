@@ -67,7 +67,8 @@ def test_images_of_a_best_effort_driver_come_and_those_of_a_reliable_one(ros, ex
         lens.publish(CameraInfo(width=3, height=2))
         nodes.until(lambda: images and infos)
         assert np.array_equal(images[0].pixels, np.arange(6).reshape(2, 3))
-        assert len(list(probe.subscriptions)) == 2 and not probe.qos.text
+        named = [s.topic_name for s in probe.subscriptions if 'camera' in s.topic_name]
+        assert len(named) == 2 and not probe.qos.text
         reliable = driver.create_publisher(Image, 'camera/image_raw', RELIABLE)
         nodes.until(reliable.get_subscription_count)
         reliable.publish(message)
@@ -94,6 +95,26 @@ def test_a_mismatch_is_a_state_that_names_both_policies_until_it_is_over(ros):
         assert '/eol/wall: stranger offers reliable volatile' in probe.health.status()['text']
         other.destroy_publisher(publisher)
         nodes.until(lambda: probe.health.status()['level'] == 1)
+
+
+def test_a_publisher_with_another_definition_of_the_type_is_an_error(ros, monkeypatch):
+    probe, other = Probe(), Node('stranger', namespace='eol')
+    probe.subscribe('wall', lambda message: None)
+    probe.health.ok('fine')
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    with Turned(EventsExecutor, probe, other) as nodes:
+        kind = qos.message_class(TOPICS['wall'].type_name)
+        first = other.create_publisher(kind, 'wall', latched)
+        nodes.until(lambda: probe.qos._unmatched)
+        nodes.until(lambda: not probe.qos._unmatched)  # the same definition
+        assert probe.health.status()['level'] == 0
+        other.destroy_publisher(first)
+        monkeypatch.setattr(qos, 'type_hash', lambda name: 'RIHS01_' + 64 * '0')
+        other.create_publisher(kind, 'wall', latched)
+        nodes.until(lambda: probe.health.status()['code'] == 'other_type')
+        status = probe.health.status()
+        assert status['level'] == 2
+        assert 'stranger has another definition of eol_msgs/msg/Wall' in status['text']
 
 
 def test_overrides_are_honoured_or_told(ros):
