@@ -87,6 +87,7 @@ def test_the_wheel_has_the_whole_package(clone, wheel):
     data = 'eol_ros-0.2.0.data/data/'
     shared = {f'{data}share/eol_ros/{path.relative_to(clone).as_posix()}'
               for path in (*clone.glob('config/*.yaml'), *clone.glob('launch/*.py'))}  # fmt: skip
+    shared |= {f'{data}share/eol_ros/view/{path.name}' for path in clone.glob('config/view/*')}
     shared |= {f'{data}share/eol_ros/eol_msgs/{path.relative_to(clone / "msg_defs" / "eol_msgs")}'
                for path in (clone / 'msg_defs').rglob('*') if path.is_file()}  # fmt: skip
     assert sorted(shared - set(have)) == []
