@@ -35,7 +35,7 @@ import yaml
 from eol_ros.errors import ConfigError, EolError
 from eol_ros.said import said
 from eol_ros.scene_secrets import SceneText, without
-from eol_ros.settings import FORMS, MASK, NotifySettings, masked, renamed, secrets
+from eol_ros.settings import FORMS, MASK, NotifySettings, by_today, masked, renamed, secrets
 from eol_ros.streams.graph import IMAGE_SOURCES, MAX_DOMAIN, NAMESPACE, NODES, providers
 
 _KEYS = (
@@ -311,7 +311,8 @@ class _Reader:
                 continue
             self.places[f'{name}.{key}'] = item.file, item.line, item.column
             try:
-                value = check_value(fields[key], _meant(item, fields[key].type))
+                meant = by_today(kind, {key: _meant(item, fields[key].type)})
+                value = check_value(fields[key], meant[key])
             except ConfigError as error:
                 self.wrong(item, where, f'{error}{_how_to_write(item)}')
                 continue

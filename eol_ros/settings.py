@@ -370,15 +370,21 @@ class LedsSettings:
     )
     baud: int = setting(1_000_000, 'baud rate of the serial port', '', 9600, 4_000_000)
     decay_s: float = setting(
-        0.35,
-        'time constant of a flash; at least 0.182 s if blocks flash by themselves',
+        0.1,
+        'time constant of a flash; at least 0.182 s with flash_limit: field or false',
         's',
         0.02,
         10,
         live=True,
     )
     peak: float = setting(1.0, 'peak light level of a flash', '', 0, 1, live=True)
-    flash_limit: bool = setting(True, 'limit the whole field to three flashes a second')
+    flash_limit: str = setting(
+        'field_of_view',
+        'area limited to three flashes a second: each field of view of 10 degrees, seen from at '
+        'least 0.8 m (docs/light.md), or the whole field of blocks; false: no limit. Firmware '
+        'before 2.3 limits the whole field',
+        choices=('field_of_view', 'field', 'false'),
+    )
     flash_limit_off_because: str = setting(
         '', 'written reason for flash_limit: false, which is refused without one'
     )
@@ -1102,6 +1108,10 @@ RENAMED = {
 }
 
 
+# The same of values; `true` was the limit of the whole field.
+REPLACED = {'LedsSettings': {'flash_limit': {'True': 'field', 'true': 'field', 'False': 'false'}}}
+
+
 def renamed(settings: type) -> dict[str, str]:
     """Return the names that fields of `settings` had before, each with the name of today."""
     return RENAMED.get(settings.__name__, {})
@@ -1109,5 +1119,8 @@ def renamed(settings: type) -> dict[str, str]:
 
 def by_today(settings: type, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return `values` of settings, as a bag or a scene has them, by the names of today."""
-    before = renamed(settings)
-    return {before.get(name, name): value for name, value in values.items()}
+    before, replaced = renamed(settings), REPLACED.get(settings.__name__, {})
+    return {
+        before.get(name, name): replaced[name].get(str(value), value) if name in replaced else value
+        for name, value in values.items()
+    }

@@ -33,7 +33,7 @@ enum {
 };
 
 enum { EOL_BRIDGE = 255, EOL_NOT_LIT = 0xFFFF };
-enum { EOL_BY_ITSELF = 1, EOL_LIMITED = 2 };             /* flags of EOL_LIGHTING */
+enum { EOL_BY_ITSELF = 1, EOL_LIMITED = 2, EOL_EACH_FIELD = 4 }; /* flags of EOL_LIGHTING */
 enum { EOL_WOKE = 1 };                                   /* of EOL_KNOCKED */
 enum { EOL_ANSWERS = 1 };                                /* of EOL_SELF_TESTED */
 enum { EOL_LINKED = 1, EOL_SENSOR_DEAD = 2, EOL_ASLEEP = 4, EOL_RADIO_DEAD = 8, EOL_TWICE = 16 }; /* of EOL_BLOCK_STATUS */

@@ -20,14 +20,16 @@ enum {
 #define EOL_TO_BLOCKS {0xC2, 0x4C, 0x6F, 0x45, 0xB1}
 
 enum { /* first byte of a frame */
-    EOL_FRAME_WORD = 0x57,    /* bridge to all: flags, peak, decay_ms u16, infrared u32, light u32, count, test */
+    EOL_FRAME_WORD = 0x57,    /* bridge to all: flags, peak, decay_ms u16, infrared u32, light u32, count, test, falls u24 */
     EOL_FRAME_FEELS = 0x46,   /* bridge to all: the body of EOL_DETECTOR */
     EOL_FRAME_KNOCK = 0x4B,   /* block: block, flags, age_us u16, strength u16, lit_us u16, number */
+    EOL_FRAME_LIT = 0x4C,     /* block: it lit itself, as at a knock that is not told: block, 7 unused, number */
     EOL_FRAME_STATUS = 0x53,  /* block: the body of EOL_BLOCK_STATUS */
     EOL_FRAME_TESTED = 0x54   /* block: the body of EOL_SELF_TESTED */
 };
 
-enum { EOL_WORD_BY_ITSELF = 1, EOL_WORD_FALLS = 4 }; /* flags of a word */
+/* Flags of a word. FALLS: the light of all may fall. EACH: those may of `falls`, and block 24 with LAST. */
+enum { EOL_WORD_BY_ITSELF = 1, EOL_WORD_FALLS = 4, EOL_WORD_EACH = 8, EOL_WORD_LAST = 16 };
 
 static inline uint16_t eol_link_get16(const uint8_t *from)
 {

@@ -2,6 +2,7 @@
 """The system clock is set in mid-run, back and forth: all that rests on stamps goes on."""
 
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support.flashes import changes
@@ -120,20 +121,23 @@ class SetClock:
         return self.steady_ns + self.offset_ns
 
 
-@given(JUMPS, st.integers(3, 60), st.integers(5, 35), st.integers(20, 100))
-@settings(max_examples=25)
-@example([3600.0], 6, 10, 60)
-@example([-3600.0], 35, 5, 20)
-@example([-3600.0], 40, 5, 20)
-@example([0.3, -0.3, 0.3], 6, 20, 60)
-def test_light_goes_on_and_flashes_no_more_than_three_times_a_second(jumps, gap, late_ms, span):
+@pytest.mark.parametrize('limit', ['field_of_view', 'field'])
+@given(jumps=JUMPS, gap=st.integers(3, 60), late_ms=st.integers(5, 35), span=st.integers(20, 100))
+@settings(max_examples=15)
+@example(jumps=[3600.0], gap=6, late_ms=10, span=60)
+@example(jumps=[-3600.0], gap=35, late_ms=5, span=20)
+@example(jumps=[-3600.0], gap=40, late_ms=5, span=20)
+@example(jumps=[0.3, -0.3, 0.3], gap=6, late_ms=20, span=60)
+def test_light_goes_on_and_flashes_no_more_than_three_times_a_second(
+    limit, jumps, gap, late_ms, span
+):
     """A slip every `gap` ticks of 10 ms; the clock is set every `span` ticks.
 
     It is what is told of the board's light.
     """
     clock, real = SetClock(), lights_module.time
     lights_module.time = clock
-    lights = Lights(LedsSettings(port='twin', decay_s=0.182))
+    lights = Lights(LedsSettings(port='twin', decay_s=0.182, flash_limit=limit))
     lights.board.light = lambda mask, stamp_us: 0
     try:
         times, shown, waiting = [], [], []
@@ -152,10 +156,11 @@ def test_light_goes_on_and_flashes_no_more_than_three_times_a_second(jumps, gap,
     finally:
         lights_module.time = real
         lights.close()
-    assert max(shown) == 1.0
+    assert max(shown) >= 0.74
     found = changes(times, shown)
     assert max(((found >= t) & (found <= t + 1)).sum() // 2 for t in found) <= 3
-    assert gap < 40 or min(shown[-100:]) < 0.75  # light dies away, but for the limit's sake
+    # light dies away, but for the limit's sake
+    assert gap < 40 or min(shown[-100:]) < 0.75 * max(shown)
 
 
 def test_triggers_after_a_jump_are_of_the_corpus_before_it(monkeypatch):

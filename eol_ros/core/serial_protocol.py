@@ -25,12 +25,13 @@ MAX_ENCODED = MAX_PACKET + 1  # COBS adds one byte to fewer than 255
 ALL_BLOCKS = (1 << N_BLOCKS) - 1
 STRENGTH_UNIT = 0.01  # m/s^2 for each count of the strength in a Knock
 BRIDGE = 255  # as the block of a BlockStatus
-BY_ITSELF, LIMITED = 1, 2  # flags of Lighting
+BY_ITSELF, LIMITED, EACH_FIELD = 1, 2, 4  # flags of Lighting
 WOKE = 1  # flag of Knock
 LINKED, SENSOR_DEAD, ASLEEP, RADIO_DEAD, TWICE = 1, 2, 4, 8, 16  # flags of BlockStatus
 ANSWERS = 1  # flag of SelfTested
 NOT_LIT = 0xFFFF  # as Knock.lit_us
-FIRMWARE = (2, 2)  # of firmware/: major and minor; from 2.1 on blocks test themselves
+FIRMWARE = (2, 3)  # of firmware/: major and minor; from 2.1 on blocks test themselves
+EACH_FIELD_FROM = (2, 3)  # the firmware of bridge and blocks that knows EACH_FIELD
 
 _HEAD = struct.Struct('<BB')
 _CRC = struct.Struct('<H')
@@ -81,8 +82,8 @@ class Ping:
 class Lighting:
     """Host to bridge: how blocks flash, from `peak` on, dying within `decay_ms`.
 
-    `flags`: BY_ITSELF, a knock lights its block; LIMITED, the field flashes three times a second at
-    most.
+    `flags`: BY_ITSELF, a knock lights its block; LIMITED, the whole field flashes three times a
+    second at most, or with EACH_FIELD, from EACH_FIELD_FROM on, each field of view of 10 degrees.
     """
 
     KIND: ClassVar[int] = 0x06

@@ -110,6 +110,7 @@ class LedsNode(EolNode):
         self.fade()
 
     def on_second(self) -> None:
+        self.lights.follow_firmware()
         self.health.values.update(self.lights.values())
         if self.lights.board.ready:
             self.on_state(self.lights.board.state)

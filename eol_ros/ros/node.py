@@ -44,7 +44,7 @@ from eol_ros.ros.topics import (
 )
 from eol_ros.said import clauses, said
 from eol_ros.scene import Scene, check_namespace, check_value
-from eol_ros.settings import live_fields, masked, renamed
+from eol_ros.settings import by_today, live_fields, masked, renamed
 from eol_ros.streams.checks import ANY_TIME, PLAYED_SPAN_NS, SPAN_NS
 from eol_ros.streams.graph import IMAGE_SOURCES, NODES, TOPICS, frame_prefix
 from eol_ros.streams.requests import SET, Asked, server_of
@@ -347,7 +347,7 @@ class EolNode(Node):
         for name in overrides:
             if name not in known and not name.startswith(OVERRIDES):
                 self.get_logger().warning(f'parameter {no_setting(self.NAME, name, fields)}')
-        given = {n: v for n, v in overrides.items() if n in fields}
+        given = by_today(type(settings), {n: v for n, v in overrides.items() if n in fields})
         settings = dataclasses.replace(settings, **checked(type(settings), given))
         self._at_start = settings
         settings = dataclasses.replace(settings, **self._resumed_settings(fields))

@@ -342,7 +342,7 @@ def _warnings(scene: Scene) -> Iterator[str]:
 
         folder = MediaFolder(montage.pairs)
         yield from (f'{folder.path}: {skipped}: this pair is skipped' for skipped in folder.skipped)
-    if (leds := scene.nodes.get('leds')) and not leds.flash_limit:
+    if (leds := scene.nodes.get('leds')) and leds.flash_limit == 'false':
         yield f'leds.flash_limit is off: {leds.flash_limit_off_because}'
     if recorder := scene.nodes.get('recorder'):
         there = folders.nearest(Path(recorder.folder))

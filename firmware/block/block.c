@@ -12,12 +12,21 @@ void eol_block_begin(eol_block *b, uint8_t number)
     b->infrared = 1;
     b->by_itself = 1;
     b->peak = 255;
-    b->decay_ms = 350;
+    b->decay_ms = 100;
     b->silent_ms = EOL_BLOCK_ALONE_MS;
     b->due = 1;
     b->test_ms = EOL_BLOCK_TEST_MS;
     eol_knock_begin(&b->knock, &EOL_KNOCK_DEFAULTS);
-    eol_light_begin(&b->light, b->by_itself, b->peak, b->decay_ms);
+    eol_light_begin(&b->light, b->by_itself, b->peak, b->decay_ms, b->each);
+}
+
+static void tell(eol_block *b, uint8_t only_lit)
+{
+    b->tries = EOL_BLOCK_TRIES;
+    b->pause_ms = 0;
+    b->knocks++;
+    b->untold = 0;
+    b->only_lit = only_lit;
 }
 
 uint8_t eol_block_sample(eol_block *b, uint32_t now_us, int16_t x, int16_t y)
@@ -26,6 +35,7 @@ uint8_t eol_block_sample(eol_block *b, uint32_t now_us, int16_t x, int16_t y)
     if (what == EOL_KNOCK_FELT) {
         b->flags = eol_light_felt(&b->light);
         b->lit_us = now_us;
+        if (b->flags) b->uncounted = b->untold = 1;
     } else if (what == EOL_KNOCK_TOLD) {
         uint32_t lit_us, age_us = ((uint32_t)b->knock.age * EOL_BLOCK_PERIOD_US) >> 4;
         if (b->knock.first) age_us += EOL_BLOCK_WAKE_LATE_US;
@@ -33,9 +43,7 @@ uint8_t eol_block_sample(eol_block *b, uint32_t now_us, int16_t x, int16_t y)
         b->strength = (uint16_t)((uint32_t)b->knock.strength * 4017u >> 16); /* 0.01 m/s^2 */
         lit_us = b->flags ? b->lit_us - b->onset_us : NOT_LIT;
         b->lit_us = lit_us < NOT_LIT ? lit_us : b->flags ? NOT_LIT - 1u : NOT_LIT;
-        b->tries = EOL_BLOCK_TRIES;
-        b->pause_ms = 0;
-        b->knocks++;
+        tell(b, 0);
     }
     if (b->knock.dead != b->was_dead) {
         b->was_dead = b->knock.dead;
@@ -61,26 +69,36 @@ void eol_block_shines(eol_block *b, uint32_t now_us)
 static void relight(eol_block *b)
 {
     uint32_t level = b->light.level;
-    eol_light_begin(&b->light, b->by_itself, b->peak, b->decay_ms);
+    eol_light_begin(&b->light, b->by_itself, b->peak, b->decay_ms, b->each);
     b->light.level = level;
 }
 
 static void take_word(eol_block *b, const uint8_t *frame)
 {
     uint8_t by_itself = frame[1] & EOL_WORD_BY_ITSELF ? 1 : 0, peak = frame[2], count = frame[13];
+    uint8_t each = frame[1] & EOL_WORD_EACH ? 1 : 0, falls = (frame[1] & EOL_WORD_FALLS) != 0;
     uint16_t decay_ms = eol_link_get16(frame + 3);
     uint32_t own = b->number < EOL_BLOCK_NUMBERS ? (uint32_t)1 << b->number : 0;
-    if (by_itself != b->by_itself || peak != b->peak || decay_ms != b->decay_ms) {
+    if (each) {
+        falls = b->number < EOL_BLOCK_NUMBERS - 1 ? frame[15 + b->number / 8] >> b->number % 8 & 1
+                                                  : own && frame[1] & EOL_WORD_LAST;
+        if (b->uncounted || b->settle_ms) falls = 0;
+    }
+    if (by_itself != b->by_itself || peak != b->peak || decay_ms != b->decay_ms || each != b->each) {
+        b->each = each;
         b->by_itself = by_itself;
         b->peak = peak;
         b->decay_ms = decay_ms;
         relight(b);
     }
     b->infrared = own ? (eol_link_get32(frame + 5) & own) != 0 : 1;
-    eol_light_told(&b->light, (frame[1] & EOL_WORD_FALLS) != 0);
+    eol_light_told(&b->light, falls);
     /* the order is in every word until the next one; to a block that has just come it is old */
-    if (b->words && count != b->light_count && (eol_link_get32(frame + 9) & own))
+    if (b->words && count != b->light_count && (eol_link_get32(frame + 9) & own) && !b->order_ms) {
+        b->order_ms = EOL_BLOCK_ORDER_MS;
         eol_light_flash(&b->light);
+        if (each) eol_light_told(&b->light, falls); /* this word knows of the flash */
+    }
     b->light_count = count;
     b->words = 1;
     b->silent_ms = 0;
@@ -106,16 +124,18 @@ void eol_block_heard(eol_block *b, const uint8_t *frame)
 uint8_t eol_block_says(eol_block *b, uint32_t now_us, uint8_t *frame)
 {
     if (b->number >= EOL_BLOCK_NUMBERS || b->pause_ms) return 0;
+    if (b->untold && !b->tries && b->knock.state != EOL_KNOCK_FEELS) tell(b, 1);
     if (b->tries) {
         uint32_t age_us = now_us - b->onset_us;
         memset(frame, 0, EOL_FRAME);
-        frame[0] = EOL_FRAME_KNOCK;
+        frame[0] = b->only_lit ? EOL_FRAME_LIT : EOL_FRAME_KNOCK;
         frame[1] = b->number;
+        frame[9] = b->knocks;
+        if (b->only_lit) return 1;
         frame[2] = b->knock.first ? FLAG_WOKE : 0;
         eol_link_put16(frame + 3, (uint16_t)(age_us > UINT16_MAX ? UINT16_MAX : age_us));
         eol_link_put16(frame + 5, b->strength);
         eol_link_put16(frame + 7, (uint16_t)b->lit_us);
-        frame[9] = b->knocks;
         return 1;
     }
     memset(frame, 0, EOL_FRAME);
@@ -144,10 +164,15 @@ void eol_block_told(eol_block *b, uint8_t heard)
 {
     if (b->tries) {
         b->tries = heard ? 0 : (uint8_t)(b->tries - 1);
+        if (heard && !b->untold) {
+            b->uncounted = 0;
+            b->settle_ms = EOL_BLOCK_SETTLE_MS;
+        }
     } else if (b->test_tries) {
         b->test_tries = heard ? 0 : (uint8_t)(b->test_tries - 1);
     } else {
         b->due = 0; /* the next one comes anyway */
+        if (heard && b->uncounted) b->untold = 1; /* it was told in vain */
         b->status_ms = 0;
     }
     /* two blocks that spoke at once must not do so again: each waits its own way */
@@ -173,6 +198,8 @@ void eol_block_tick(eol_block *b)
 {
     eol_light_tick(&b->light);
     if (b->pause_ms) b->pause_ms--;
+    if (b->settle_ms) b->settle_ms--;
+    if (b->order_ms) b->order_ms--;
     if (b->test_ms < EOL_BLOCK_TEST_MS) b->test_ms++;
     if (b->silent_ms < EOL_BLOCK_ALONE_MS) b->silent_ms++;
     if (++b->status_ms >= EOL_BLOCK_STATUS_MS) {

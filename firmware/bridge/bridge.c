@@ -2,9 +2,11 @@
 #include "bridge.h"
 
 static const double HOLD_AT_FIRST_S = 1.001 / 3;
+static const double HANDOVER_S = 1.02; /* from one limit to another */
 static const double FOR_EVER_S = 1e30;
 enum {
-    SHORTEST_MS = 182,   /* as EOL_LIGHT_SHORTEST_MS of a block */
+    EACH = EOL_LIMITED | EOL_EACH_FIELD,
+    SHORTEST_MS = 182, SHORTEST_EACH_MS = 20, /* as in a block */
     OLD_ORDER_US = 100000, /* who has not heard it by then is not to flash */
     VERSION = 4, FLAGS = 6 /* in the body of a status */
 };
@@ -36,15 +38,36 @@ uint8_t eol_bridge_sends(eol_bridge *b, uint8_t *byte)
     return 1;
 }
 
+static uint8_t each_field(const eol_bridge *b)
+{
+    return (b->flags & EACH) == EACH;
+}
+
+/* Begin with the limit of `flags`; what shines is not known. */
+static void limit(eol_bridge *b, uint64_t now_us)
+{
+    eol_local_begin(&b->local, b->decay_ms * 1e-3, b->peak / 255.0);
+    for (uint8_t k = 0; k < EOL_BLOCKS; k++) eol_local_unknown(&b->local, seconds(now_us), k);
+    eol_flash_begin(&b->field, b->decay_ms * 1e-3, b->peak / 255.0, (b->flags & EOL_LIMITED) != 0);
+    eol_flash_hold(&b->field, seconds(now_us), seconds(now_us) + HANDOVER_S);
+}
+
+static void lit(eol_bridge *b, uint64_t now_us, uint8_t number)
+{
+    if (each_field(b))
+        eol_local_slip(&b->local, seconds(now_us), number);
+    else
+        eol_flash_slip(&b->field, seconds(now_us), number);
+}
+
 void eol_bridge_begin(eol_bridge *b, uint64_t now_us)
 {
     memset(b, 0, sizeof *b);
-    b->flags = EOL_BY_ITSELF | EOL_LIMITED;
+    b->flags = EOL_BY_ITSELF | EACH;
     b->peak = 255;
-    b->decay_ms = 350;
+    b->decay_ms = 100;
     b->infrared = ((uint32_t)1 << EOL_BLOCKS) - 1;
-    eol_flash_begin(&b->field, b->decay_ms * 1e-3, 1.0, 1);
-    eol_flash_hold(&b->field, seconds(now_us), seconds(now_us) + HOLD_AT_FIRST_S);
+    limit(b, now_us);
     b->word_us = now_us;
 }
 
@@ -90,9 +113,15 @@ static uint8_t counted(eol_bridge_block *one, uint64_t now_us)
     return one->twice != was;
 }
 
-/* While a block is silent that was heard and does not sleep, nothing falls: it might flash. */
-static void relink(eol_bridge *b, uint64_t now_us)
+/* A block is heard that was silent, or no longer, and does not sleep. It does not fall while it is
+ * silent; under the limit of the whole field nothing does, for it might flash. */
+static void relink(eol_bridge *b, uint64_t now_us, uint8_t number)
 {
+    if (each_field(b)) {
+        eol_local_unknown(&b->local, seconds(now_us), number);
+        if (!b->blocks[number].linked) eol_local_hold(&b->local, seconds(now_us), FOR_EVER_S, number);
+        return;
+    }
     double until_s = seconds(now_us) + HOLD_AT_FIRST_S;
     for (int k = 0; k < EOL_BLOCKS; k++)
         if (b->blocks[k].heard && !b->blocks[k].linked) until_s = FOR_EVER_S;
@@ -105,7 +134,7 @@ static void take(eol_bridge *b, uint64_t now_us, uint8_t kind, const uint8_t *bo
     if (kind == EOL_HELLO && size == 1) {
         out[0] = EOL_VERSION;
         out[1] = EOL_BLOCKS;
-        memcpy(out + 2, "eol bridge 2.2", 14);
+        memcpy(out + 2, "eol bridge 2.3", 14);
         if (body[0] == EOL_VERSION) {
             send(b, EOL_WELCOME, out, 18);
         } else {
@@ -121,14 +150,21 @@ static void take(eol_bridge *b, uint64_t now_us, uint8_t kind, const uint8_t *bo
         eol_link_put16(out + 12, b->line.bad);
         send(b, EOL_PONG, out, 14);
     } else if (kind == EOL_LIGHTING && size == 4) {
-        uint16_t decay_ms = eol_link_get16(body + 2);
+        uint16_t decay_ms = eol_link_get16(body + 2), shortest_ms;
+        uint8_t other = ((b->flags ^ body[0]) & EACH) != 0;
         b->flags = body[0];
         b->peak = body[1];
-        b->decay_ms = decay_ms < SHORTEST_MS ? SHORTEST_MS : decay_ms;
+        shortest_ms = each_field(b) ? SHORTEST_EACH_MS : SHORTEST_MS;
+        b->decay_ms = decay_ms < shortest_ms ? shortest_ms : decay_ms;
+        if (other) {
+            limit(b, now_us);
+            for (uint8_t k = 0; k < EOL_BLOCKS; k++)
+                if (b->blocks[k].heard && !b->blocks[k].linked) relink(b, now_us, k);
+        }
+        eol_local_set(&b->local, seconds(now_us), b->decay_ms * 1e-3, b->peak / 255.0);
         eol_flash_hold(&b->field, seconds(now_us), b->field.fall_at_s); /* until now as it was */
         b->field.decay_s = b->decay_ms * 1e-3;
         b->field.peak = b->peak / 255.0;
-        b->field.limited = (body[0] & EOL_LIMITED) != 0;
         report_self(b);
         for (uint8_t k = 0; k < EOL_BLOCKS; k++) report(b, now_us, k);
     } else if (kind == EOL_DETECTOR && size == 16) {
@@ -140,12 +176,16 @@ static void take(eol_bridge *b, uint64_t now_us, uint8_t kind, const uint8_t *bo
         b->test_us = now_us;
     } else if (kind == EOL_LIGHT && size == 8) {
         uint32_t mask = eol_get32(body + 4);
-        b->order = now_us - b->order_us < EOL_BRIDGE_ORDER_US ? b->order | mask : mask;
+        for (uint8_t k = 0; k < EOL_BLOCKS; k++) {
+            if (now_us - b->ordered_us[k] >= EOL_BRIDGE_ORDER_US) b->order &= ~((uint32_t)1 << k);
+            if (mask >> k & 1) b->ordered_us[k] = now_us;
+        }
+        b->order |= mask;
         b->order_us = now_us;
         b->orders++;
         b->word_us = now_us;
         for (uint8_t k = 0; k < EOL_BLOCKS; k++)
-            if (mask >> k & 1) eol_flash_slip(&b->field, seconds(now_us), k);
+            if (mask >> k & 1) lit(b, now_us, k);
     }
 }
 
@@ -161,14 +201,15 @@ void eol_bridge_heard(eol_bridge *b, uint64_t now_us, const uint8_t *frame)
 {
     uint8_t number = frame[1], body[10];
     eol_bridge_block *one = &b->blocks[number % EOL_BLOCKS];
-    if ((frame[0] != EOL_FRAME_KNOCK && frame[0] != EOL_FRAME_STATUS && frame[0] != EOL_FRAME_TESTED) ||
+    if ((frame[0] != EOL_FRAME_KNOCK && frame[0] != EOL_FRAME_LIT && frame[0] != EOL_FRAME_STATUS &&
+         frame[0] != EOL_FRAME_TESTED) ||
         number >= EOL_BLOCKS)
         return;
     one->heard_us = now_us;
     if (!one->linked) {
         uint8_t was = one->heard;
         one->linked = one->heard = 1;
-        if (was) relink(b, now_us);
+        if (was) relink(b, now_us, number);
         one->said_us = now_us - EOL_BRIDGE_SAID_US; /* with its next status */
     }
     if (frame[0] == EOL_FRAME_STATUS) {
@@ -187,10 +228,11 @@ void eol_bridge_heard(eol_bridge *b, uint64_t now_us, const uint8_t *frame)
     if (one->knocked && one->knocks == frame[9]) return; /* said again, for its answer was lost */
     one->knocked = 1;
     one->knocks = frame[9];
-    if (eol_link_get16(frame + 7) != EOL_NOT_LIT) {
-        eol_flash_slip(&b->field, seconds(now_us), number);
-        if (b->decided && eol_flash_holds(&b->field, seconds(now_us))) b->word_us = now_us; /* at once */
+    if (frame[0] == EOL_FRAME_LIT || eol_link_get16(frame + 7) != EOL_NOT_LIT) {
+        lit(b, now_us, number);
+        if (!each_field(b) && b->decided && eol_flash_holds(&b->field, seconds(now_us))) b->word_us = now_us; /* at once */
     }
+    if (frame[0] == EOL_FRAME_LIT) return;
     eol_put32(body, (uint32_t)now_us - eol_link_get16(frame + 3) - EOL_AIR_US);
     body[4] = number;
     memcpy(body + 5, frame + 5, 4); /* strength, lit */
@@ -206,7 +248,7 @@ static void miss(eol_bridge *b, uint64_t now_us)
         uint64_t longest = one->body[FLAGS] & EOL_ASLEEP ? UINT64_MAX : EOL_BRIDGE_SILENT_US;
         if (one->linked && now_us - one->heard_us > longest) {
             one->linked = 0;
-            relink(b, now_us);
+            relink(b, now_us, k);
             report(b, now_us, k);
         }
     }
@@ -221,7 +263,16 @@ uint8_t eol_bridge_says(eol_bridge *b, uint64_t now_us, uint8_t *frame)
         if (now_us - b->order_us > OLD_ORDER_US) b->order = 0;
         b->decided = !eol_flash_holds(&b->field, seconds(now_us));
         frame[0] = EOL_FRAME_WORD;
-        frame[1] = (uint8_t)((b->flags & EOL_BY_ITSELF) | (b->decided ? EOL_WORD_FALLS : 0));
+        frame[1] = (uint8_t)(b->flags & EOL_BY_ITSELF);
+        if (each_field(b)) {
+            uint32_t falls = eol_local_falls(&b->local, seconds(now_us));
+            frame[1] = (uint8_t)(frame[1] | EOL_WORD_EACH | (falls >> 24 ? EOL_WORD_LAST : 0));
+            frame[15] = (uint8_t)falls;
+            frame[16] = (uint8_t)(falls >> 8);
+            frame[17] = (uint8_t)(falls >> 16);
+        } else if (b->decided) {
+            frame[1] |= EOL_WORD_FALLS;
+        }
         frame[2] = b->peak;
         eol_link_put16(frame + 3, b->decay_ms);
         eol_link_put32(frame + 5, b->infrared);

@@ -18,7 +18,7 @@
 
 #include "../eol_serial.h"
 #include "../link.h"
-#include "flash.h"
+#include "local.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -26,10 +26,10 @@ extern "C" {
 
 enum {
     EOL_BRIDGE_MAJOR = 2,
-    EOL_BRIDGE_MINOR = 2,
+    EOL_BRIDGE_MINOR = 3,
     EOL_BRIDGE_ROOM = 1024,           /* bytes that wait for the host; a power of two */
     EOL_BRIDGE_SILENT_US = 3000000,   /* a block that was heard and now is not */
-    EOL_BRIDGE_ORDER_US = 20000,      /* orders so near to each other are one */
+    EOL_BRIDGE_ORDER_US = 20000,      /* an order is told again with one that follows so soon */
     EOL_BRIDGE_DETECTOR_US = 1000000, /* from one telling of the detector's numbers to the next */
     EOL_BRIDGE_SAID_US = 10000000,    /* a status is told again after that, changed or not */
     EOL_BRIDGE_COUNT_US = 10000000,   /* statuses are counted for so long */
@@ -50,7 +50,8 @@ typedef struct {
 
 typedef struct {
     eol_decoder line;
-    eol_flash_field field;
+    eol_flash_field field;        /* of both the one that `flags` says */
+    eol_local_field local;
     eol_bridge_block blocks[EOL_BLOCKS];
     uint8_t flags, peak, decided; /* of Lighting; `decided`: light may fall, as it was said last */
     uint16_t decay_ms;
@@ -60,6 +61,7 @@ typedef struct {
     uint8_t mute;                 /* 1: its radio does not work */
     uint8_t test;                 /* number of the block that is to test itself, plus 1; 0: none */
     uint64_t word_us, order_us, feels_us, test_us;
+    uint64_t ordered_us[EOL_BLOCKS];
     uint8_t sequence;
     uint16_t begin, count;        /* of the ring */
     uint8_t ring[EOL_BRIDGE_ROOM];

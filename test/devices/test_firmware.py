@@ -296,7 +296,7 @@ def test_a_million_bytes_make_the_bridge_do_nothing_undefined(tmp_path):
     (tmp_path / 'storm.c').write_text(BRIDGE_STORM)
     trap = ['-fsanitize=undefined,bounds', '-fsanitize-undefined-trap-on-error']
     bridge = FIRMWARE / 'bridge'
-    sources = [bridge / 'bridge.c', bridge / 'flash.c']
+    sources = [bridge / 'bridge.c', bridge / 'flash.c', bridge / 'local.c']
     words = ['-std=c99', '-O1', *trap, '-I', bridge]
     compiled(tmp_path, *words, 'storm.c', *sources, '-lm', '-o', 'storm')
     done = subprocess.run([tmp_path / 'storm'], capture_output=True, text=True, check=False)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""firmware/bridge/flash.c, compiled, against core/light/flash.py: one limit in two languages.
+"""firmware/bridge/flash.c and local.c against core/light/flash.py and local.py, to the level.
 
-And with firmware/block/light.c: 25 blocks that flash by themselves, and the bridge that holds them.
+And with the firmware of blocks: 25 that flash by themselves, and the bridge that holds them.
 """
 
 import ctypes
@@ -11,19 +11,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.fields_of_view import RATE_HZ, fields, most_in_a_second
 from support.flashes import most_flashes_in_a_second
 
-from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.light.bridge import Bridge
 from eol_ros.core.light.flash import FLASHES_PER_S, HOLD_RATE, MIN_PERIOD_S, FlashField
+from eol_ros.core.light.local import LocalField
 
 BRIDGE = Path(__file__).parents[2] / 'firmware' / 'bridge'
 BLOCK = BRIDGE.parent / 'block'
 GLUE = """
 #include <stdlib.h>
-#include "flash.h"
-#include "light.h"
+#include "block.h"
+#include "bridge.h"
 size_t flash_size(void) { return sizeof(eol_flash_field); }
+size_t local_size(void) { return sizeof(eol_local_field); }
 
 enum { B = EOL_FLASH_BLOCKS, WAY_MS = 1, BEACON_MS = 2 };
 
@@ -37,7 +40,7 @@ void show(int ms, const uint8_t *felt, int decay_ms, int lost, int gone_ms, int 
     eol_light light[B];
     eol_flash_begin(&field, decay_ms * 1e-3, 1.0, (uint8_t)limited);
     eol_flash_hold(&field, 0.0, 1.001 / 3);
-    for (int b = 0; b < B; b++) eol_light_begin(&light[b], 1, 255, (uint16_t)decay_ms);
+    for (int b = 0; b < B; b++) eol_light_begin(&light[b], 1, 255, (uint16_t)decay_ms, 0);
     int said = 0, beacon = 0, words[B];
     srand(1);
     for (int b = 0; b < B; b++) words[b] = -1;
@@ -61,6 +64,78 @@ void show(int ms, const uint8_t *felt, int decay_ms, int lost, int gone_ms, int 
         for (int b = 0; b < B; b++) shown[t * B + b] = eol_light_tick(&light[b]);
     }
 }
+
+/* What a sample says is what the detector says: 1 felt, 2 told, 3 too weak to be told. */
+const eol_knock_config EOL_KNOCK_DEFAULTS;
+void eol_knock_begin(eol_knock *k, const eol_knock_config *c) { k->config = *c; }
+void eol_knock_wake(eol_knock *k) { k->woken = 0; }
+uint8_t eol_knock_sample(eol_knock *k, int16_t x, int16_t y)
+{
+    k->state = x == 1 ? EOL_KNOCK_FEELS : x ? EOL_KNOCK_MOVES : k->state;
+    k->strength = (uint16_t)(1000 + y);
+    return x == 3 ? EOL_KNOCK_NONE : (uint8_t)x;
+}
+
+static void host(eol_bridge *bridge, int t, uint8_t kind, uint8_t *body, size_t size)
+{
+    uint8_t wire[EOL_MAX_WIRE];
+    size_t length = eol_encode(wire, kind, 0, body, size);
+    for (size_t k = 0; k < length; k++) eol_bridge_byte(bridge, 1000u * (uint64_t)t, wire[k]);
+}
+
+/* As `show`, with the whole firmware of both: felt 1 a knock, 2 a weak one, 3 an order of the host.
+ * Of 1000 frames `lost` are lost either way, and so many answers. The bridge is started again at
+ * `gone_ms`, after 0.1 s, and block 12 at `reset_ms`. */
+void table(int ms, const uint8_t *felt, int decay_ms, int lost, int gone_ms, int reset_ms,
+           uint8_t *shown)
+{
+    static eol_bridge bridge;
+    static eol_block block[B];
+    static int measured[B];
+    uint8_t frame[EOL_FRAME], word[EOL_FRAME] = {0}, byte;
+    uint8_t lighting[4] = {7, 255, (uint8_t)decay_ms, (uint8_t)(decay_ms >> 8)};
+    srand(1);
+    eol_bridge_begin(&bridge, 0);
+    host(&bridge, 0, EOL_LIGHTING, lighting, 4);
+    for (int b = 0; b < B; b++) eol_block_begin(&block[b], (uint8_t)b), measured[b] = -1;
+    for (int t = 0; t < ms; t++) {
+        uint32_t now_us = 1000u * (uint32_t)t, mask = 0;
+        int there = t < gone_ms || t >= gone_ms + 100;
+        if (t == gone_ms + 100) eol_bridge_begin(&bridge, now_us);
+        if (t == gone_ms + 300) host(&bridge, t, EOL_LIGHTING, lighting, 4);
+        if (t == reset_ms) eol_block_begin(&block[12], 12);
+        for (int b = 0; b < B; b++) {
+            uint8_t kind = felt[t * B + b];
+            int busy = measured[b] >= 0;
+            if (word[0] && rand() % 1000 >= lost) eol_block_heard(&block[b], word);
+            if (kind == 3) mask |= (uint32_t)1 << b;
+            if ((kind == 1 || kind == 2) && !busy && t > reset_ms + (b == 12 ? 380 : 0)) {
+                eol_block_sample(&block[b], now_us, 1, 0);
+                measured[b] = 3 + 100 * kind;
+            } else if (busy && --measured[b] % 100 == 0) {
+                eol_block_sample(&block[b], now_us, measured[b] / 100 == 1 ? 2 : 3, 0);
+                measured[b] = -1;
+            }
+            if (eol_block_says(&block[b], now_us, frame)) {
+                uint8_t heard = there && rand() % 1000 >= lost;
+                if (heard) eol_bridge_heard(&bridge, now_us, frame);
+                eol_block_told(&block[b], heard && rand() % 1000 >= lost);
+            }
+            eol_block_tick(&block[b]);
+            shown[t * B + b] = eol_block_level(&block[b]);
+        }
+        word[0] = 0;
+        if (!there) continue;
+        if (mask) {
+            uint8_t light[8] = {0};
+            for (int k = 0; k < 4; k++) light[4 + k] = (uint8_t)(mask >> 8 * k);
+            host(&bridge, t, EOL_LIGHT, light, 8);
+        }
+        if (eol_bridge_says(&bridge, now_us, frame) && frame[0] == EOL_FRAME_WORD)
+            memcpy(word, frame, EOL_FRAME);
+        while (eol_bridge_sends(&bridge, &byte)) {}
+    }
+}
 """
 
 
@@ -74,13 +149,21 @@ def bridge(tmp_path_factory):
     library = folder / 'flash.so'
     strict = ['-std=c99', '-O2', '-Wall', '-Wextra', '-Werror', '-shared', '-fPIC']
     subprocess.run(
-        [compiler, *strict, '-I', BRIDGE, '-I', BLOCK, BRIDGE / 'flash.c', BLOCK / 'light.c',
-         'glue.c', '-o', library, '-lm'],
+        [compiler, *strict, '-I', BRIDGE, '-I', BLOCK, 'glue.c', BRIDGE / 'bridge.c',
+         BRIDGE / 'flash.c', BRIDGE / 'local.c', BLOCK / 'block.c', BLOCK / 'light.c',
+         '-o', library, '-lm'],
         cwd=folder, check=True,
     )  # fmt: skip
     lib = ctypes.CDLL(str(library))
     number, memory = ctypes.c_double, ctypes.c_void_p
-    lib.flash_size.restype = ctypes.c_size_t
+    lib.flash_size.restype = lib.local_size.restype = ctypes.c_size_t
+    lib.table.argtypes = [ctypes.c_int, memory, *[ctypes.c_int] * 4, memory]
+    lib.eol_local_begin.argtypes = [memory, number, number]
+    lib.eol_local_slip.argtypes = [memory, number, ctypes.c_uint8]
+    lib.eol_local_hold.argtypes = [memory, number, number, ctypes.c_uint8]
+    lib.eol_local_levels.argtypes = [memory, number, memory]
+    lib.eol_local_falls.argtypes = [memory, number]
+    lib.eol_local_falls.restype = ctypes.c_uint32
     lib.eol_flash_begin.argtypes = [memory, number, number, ctypes.c_uint8]
     lib.eol_flash_slip.argtypes = [memory, number, ctypes.c_uint8]
     lib.eol_flash_levels.argtypes = [memory, number, memory]
@@ -112,6 +195,55 @@ class Field:
         return self.out.raw
 
 
+class Local:
+    """The firmware's limit within each field of view, with the methods of LocalField."""
+
+    def __init__(self, lib, decay_s, peak=1.0):
+        self.lib, self.memory = lib, ctypes.create_string_buffer(lib.local_size())
+        self.out = ctypes.create_string_buffer(N_BLOCKS)
+        lib.eol_local_begin(self.memory, decay_s, peak)
+
+    def slip(self, now_s, block):
+        self.lib.eol_local_slip(self.memory, now_s, block)
+
+    def hold(self, now_s, until_s, block):
+        self.lib.eol_local_hold(self.memory, now_s, until_s, block)
+
+    def level_bytes(self, now_s):
+        self.lib.eol_local_levels(self.memory, now_s, self.out)
+        return self.out.raw
+
+    def falls(self, now_s):
+        mask = self.lib.eol_local_falls(self.memory, now_s)
+        return (mask >> np.arange(N_BLOCKS) & 1).astype(bool)
+
+
+def furthest_local(lib, seed, sequences):
+    """As `furthest`, of the limit within each field of view, in storms that it has to hold."""
+    random, most, held = np.random.default_rng(seed), 0, 0
+    for _ in range(sequences):
+        decay_s, peak = 10 ** random.uniform(-1.7, 0), random.uniform(0.1, 1)
+        ours, theirs = Local(lib, decay_s, peak), LocalField(decay_s, peak)
+        some = random.permutation(N_BLOCKS)[: random.integers(1, 9)]
+        now_s = random.uniform(0, 1e4)
+        for step in random.exponential(10 ** random.uniform(-2.5, -1), 60):
+            now_s += step if random.uniform() < 0.98 else -step
+            block = int(random.choice(some))
+            if random.uniform() < 0.98:
+                ours.slip(now_s, block)
+                theirs.slip(now_s, block)
+            else:
+                until_s = now_s + random.choice([0.0, 2.0])
+                ours.hold(now_s, until_s, block)
+                theirs.hold(now_s, until_s, block)
+            assert (ours.falls(now_s) == theirs.falls(now_s)).all()
+        one = np.frombuffer(ours.level_bytes(now_s), np.uint8).astype(int)
+        other = np.frombuffer(theirs.level_bytes(now_s), np.uint8).astype(int)
+        most, held = max(most, int(np.abs(one - other).max())), held + theirs.lengthened
+    assert held
+    return most
+
+
 def furthest(lib, seed, sequences):
     """The greatest difference, in levels, over random sequences of slips, looks and settings."""
     random, most = np.random.default_rng(seed), 0
@@ -138,11 +270,13 @@ def furthest(lib, seed, sequences):
 
 def test_the_bridge_limits_as_the_host_does(bridge):
     assert furthest(bridge, 1, 1500) <= 1
+    assert furthest_local(bridge, 1, 200) <= 1
 
 
 @pytest.mark.soak
 def test_the_bridge_limits_as_the_host_does_in_1e5_sequences(bridge):
     assert furthest(bridge, 2, 100_000) <= 1
+    assert furthest_local(bridge, 2, 20_000) <= 1
 
 
 def test_it_says_when_blocks_must_hold_and_how_they_fall(bridge):
@@ -217,7 +351,7 @@ def test_blocks_that_flash_by_themselves_are_no_strobe(bridge, decay_ms):
 @pytest.mark.parametrize('decay_ms', [20, 182, 350, 2000])
 def test_a_block_that_no_word_reaches_falls_by_1_1_percent_and_then_holds(bridge, decay_ms):
     light = ctypes.create_string_buffer(64)
-    bridge.eol_light_begin(light, 1, 255, ctypes.c_uint16(decay_ms))
+    bridge.eol_light_begin(light, 1, 255, ctypes.c_uint16(decay_ms), 0)
     assert bridge.eol_light_felt(light) == 1
     level = lambda: int.from_bytes(light.raw[:4], 'little') / (255 << 16)  # noqa: E731
     bridge.eol_light_told(light, 1)
@@ -236,7 +370,7 @@ def test_a_block_that_no_word_reaches_falls_by_1_1_percent_and_then_holds(bridge
 def test_the_twins_blocks_and_bridge_are_those_of_the_firmware(bridge, seed):
     """core/light/bridge.py has no link that takes a millisecond: 1 % of the light, after a slip."""
     felt, model = storm(seed, 6), Bridge()
-    model.configure(True, True, 1.0, 0.35)
+    model.configure(-9.0, True, 'field', 1.0, 0.35)
     model.link(0.0, False)
     model.link(0.0, True)
     theirs = np.zeros((MS, N_BLOCKS))
@@ -247,6 +381,68 @@ def test_the_twins_blocks_and_bridge_are_those_of_the_firmware(bridge, seed):
     ours = shown(bridge, felt, 350, lost=0)
     assert np.abs(ours - theirs).max() < 0.03
     assert theirs.min() < 0.5 * theirs.max()  # much has fallen
+
+
+NEVER = -1000
+
+
+def each_shown(bridge, felt, decay_ms=100, lost=0, gone_ms=PLENTY - 1000, reset_ms=NEVER):
+    """Light (ms, 25) in 0..1 of the whole firmware, of what `table` takes."""
+    felt, out = np.ascontiguousarray(felt, np.uint8), np.zeros(felt.shape, np.uint8)
+    settings = decay_ms, lost, gone_ms, reset_ms
+    bridge.table(len(felt), felt.ctypes.data, *settings, out.ctypes.data)
+    return out / 255
+
+
+def of_all_kinds(seed, hz):
+    """A storm of knocks, of weak ones, and of orders by the host."""
+    felt = storm(seed, hz).astype(np.uint8)
+    felt[felt > 0] = np.random.default_rng(seed).choice([1, 1, 2, 3], int(felt.sum()))
+    return felt
+
+
+@pytest.fixture(scope='module')
+def areas_sr():
+    eyes = (0.0, 0.0, 0.8), (0.0, -0.9, 0.6), (0.0, -1.0, 1.1), (1.0, -1.0, 0.9)
+    return np.concatenate([fields(rest_lattice(), eye) for eye in eyes])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('decay_ms', [20, 100, 350])
+def test_no_field_of_view_of_the_firmware_flashes_four_times(bridge, areas_sr, decay_ms):
+    """Over links that lose much, while the bridge or a block is started again."""
+    at = np.round(np.arange(MS * RATE_HZ / 1000 - 1) * 1000 / RATE_HZ).astype(int)
+    cases = [(8, 0, 0), (60, 0, 0), (60, 300, 0), (150, 300, 0), (60, 600, 0), (60, 300, 1500)]
+    for seed, (hz, lost, gone_ms) in enumerate(cases):
+        more = {'gone_ms': gone_ms, 'reset_ms': 2500} if gone_ms else {}
+        levels = each_shown(bridge, of_all_kinds(seed, hz), decay_ms, lost, **more)
+        assert most_in_a_second(levels[at], areas_sr) <= 3, (hz, lost, gone_ms)
+
+
+@pytest.mark.parametrize(('hz', 'seed'), [(6, 1), (6, 2), (40, 3)])
+def test_each_block_of_the_firmware_shines_as_that_of_the_model(bridge, hz, seed):
+    felt, model = of_all_kinds(seed, hz), Bridge()
+    felt[:1100] = 0  # while the bridge does not know what shines
+    theirs = np.zeros((MS, N_BLOCKS))
+    for ms in range(MS):
+        for block in np.flatnonzero(felt[ms]).tolist():
+            model.felt(ms * 1e-3, block)
+        theirs[ms] = model.levels((ms + 1) * 1e-3)
+    ours = each_shown(bridge, felt)
+    # it falls some 10 ms later, when the bridge is known to know
+    late = np.abs(ours[10:] - theirs[:-10])
+    if hz < 10:  # in a storm 10 ms decide which flash is the one that waits
+        assert np.quantile(late[theirs[:-10] > 0.1], 0.9) < 0.06
+    assert (ours[1200:] > 0.1).mean() == pytest.approx((theirs[1200:] > 0.1).mean(), rel=0.06)
+
+
+def test_a_block_that_the_bridge_does_not_hear_holds_and_falls_when_it_is_heard(bridge):
+    felt = np.zeros((MS, N_BLOCKS), np.uint8)
+    felt[1100, 3], felt[1700, 4] = 1, 2
+    light = each_shown(bridge, felt, gone_ms=1050)  # until 1150
+    assert light[1140, 3] == light[1700, 4] == pytest.approx(0.75, abs=0.01)
+    assert light[1140 + 1000, 3] > 0.65  # the new bridge holds for a second
+    assert light[3900].max() == 0
 
 
 def test_a_storm_that_nobody_holds_is_a_strobe(bridge):

@@ -15,6 +15,7 @@ from support.emulated import (
     FEELS,
     INFRARED,
     LEVEL,
+    LIT,
     MS,
     STATUS,
     TESTED,
@@ -46,11 +47,11 @@ NUMBER = 7
 
 def word(
     falls=False, by_itself=True, peak=255, decay_ms=350, infrared=2**25 - 1, light=0, count=0,
-    test=-1,
+    test=-1, each=None,
 ):  # fmt: skip
-    flags = 1 * by_itself + 4 * falls
+    flags = 1 * by_itself + 4 * falls + 8 * (each is not None)
     frame = struct.pack('<BBBHIIBB', WORD, flags, peak, decay_ms, infrared, light, count, test + 1)
-    return frame.ljust(FRAME, b'\0')
+    return frame + (each or 0).to_bytes(3, 'little')
 
 
 def detector(*fields):
@@ -266,6 +267,23 @@ def test_light_dies_away_as_the_bridge_says(block):
     assert level == pytest.approx(on * np.exp(-0.35 / 0.35), rel=0.05)
     block.run(300 * MS)  # no word: it holds
     assert block.counts.level == pytest.approx(level * np.exp(-0.3 / 4.003), abs=2)
+
+
+def test_limited_by_itself_it_falls_when_its_own_bit_says_so_and_its_flash_was_heard(block):
+    last = block.feel(slips(np.random.default_rng(4), 2, every=2000))
+    mine, lit = word(decay_ms=100, each=1 << NUMBER), last - 4000 * SAMPLE
+    talking(block, lit + 200 * MS - block.cycle, word(decay_ms=100, each=1 << 3))  # not its own
+    before = block.counts.level
+    assert before > 180
+    talking(block, 100 * MS, mine)
+    assert block.counts.level == pytest.approx(before / np.e, rel=0.1)
+    block.surround(acknowledged=False)
+    talking(block, last - 2000 * SAMPLE + 200 * MS - block.cycle, mine)
+    assert block.counts.level > 180  # it holds, whatever its bit says: the bridge does not know
+    block.surround(acknowledged=True)
+    events = talking(block, 1500 * MS, mine)
+    assert [e.frame[9] for e in sent(events, LIT)] == [3]
+    assert block.counts.level == 0
 
 
 def test_the_bridge_lights_a_block_once_an_order(block):

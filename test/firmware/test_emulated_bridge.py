@@ -13,13 +13,13 @@ import tty
 
 import pytest
 from support import needs
-from support.emulated import STATUS, TESTED, WORD
+from support.emulated import LIT, STATUS, TESTED, WORD
 from support.emulated_bluepill import LiveBluePill
 from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.serial_protocol import FIRMWARE
-from eol_ros.devices.board.bluepill import KNOCK
+from eol_ros.devices.board.bluepill import FRAME, KNOCK
 from eol_ros.devices.board.board import Board
 from eol_ros.settings import LedsSettings, MotionSettings
 
@@ -196,6 +196,7 @@ def test_an_order_to_light_is_in_the_words_for_a_while_only(bridge, host):
 
 def test_what_blocks_flash_by_themselves_counts_for_the_limit(bridge, host):
     """Light falls, a block flashes: nothing falls for a third of a second."""
+    host.ask(protocol.Lighting(3, 255, 350), protocol.BlockStatus)
     words(bridge, falls)
     bridge.say(knock(7, 1))
     wait_until(lambda: host.of(protocol.Knock))
@@ -208,10 +209,39 @@ def test_what_blocks_flash_by_themselves_counts_for_the_limit(bridge, host):
     assert after - before >= HELD_US
 
 
+def of_each(word):
+    """Return a mask of the blocks that may fall by themselves."""
+    return int.from_bytes(word[15:18], 'little') | (word[1] & 16) << 20 if word[1] & 8 else 0
+
+
+def test_each_block_is_limited_by_itself(bridge, host):
+    words(bridge, lambda w: of_each(w) == 2**25 - 1)  # it has held, and knows nothing of light
+    for number in range(4):
+        bridge.say(knock(24, number))
+        wait_until(lambda: host.of(protocol.Knock))
+        host.ask(protocol.Ping(1), protocol.Pong)
+    words(bridge, lambda w: of_each(w) == 2**24 - 1)
+    bridge.say(bytes([LIT, 3, *bytes(7), 1]).ljust(FRAME, b'\0'))  # a weak knock that is not told
+    words(bridge, lambda w: of_each(w) == 2**25 - 1)
+    assert not [k for k in host.of(protocol.Knock) if k.block == 3]
+    bridge.say(status(5))
+    words(
+        bridge, lambda w: not of_each(w) >> 5 & 1 and of_each(w) & 1
+    )  # it holds, for it is silent
+    for number in (3, 5, 24):
+        bridge.say(status(number))
+    words(bridge, lambda w: of_each(w) == 2**25 - 1)
+
+
 def test_while_a_block_is_silent_nothing_falls(bridge, host):
+    host.ask(protocol.Lighting(3, 255, 350), protocol.BlockStatus)
+    wait_until(lambda: len(host.of(protocol.BlockStatus)) == 26)
+    host.heard.clear()
     words(bridge, falls)
     bridge.say(status(5))
-    heard = wait_until(lambda: [s for s in host.of(protocol.BlockStatus) if s.block == 5])
+    heard = wait_until(
+        lambda: [s for s in host.of(protocol.BlockStatus) if s.block == 5 and s.flags]
+    )
     assert heard[-1] == protocol.BlockStatus(5, 3700, 24, *FIRMWARE, protocol.LINKED)
     bridge.say(status(6, flags=protocol.LINKED | protocol.ASLEEP))
     words(bridge, falls)

@@ -51,7 +51,7 @@ def bridge(tmp_path):
     (tmp_path / 'driver.c').write_text(DRIVER)
     compiler = shutil.which('cc') or shutil.which('gcc')
     folder = ROOT / 'firmware' / 'bridge'
-    sources = [tmp_path / 'driver.c', folder / 'bridge.c', folder / 'flash.c']
+    sources = [tmp_path / 'driver.c', *(folder / f'{n}.c' for n in ('bridge', 'flash', 'local'))]
     words = [compiler, '-Wall', '-Wextra', '-Werror', '-std=c99', '-shared', '-fPIC', '-I', folder]
     subprocess.run([*words, *sources, '-lm', '-o', tmp_path / 'bridge.so'], check=True)
     library = ctypes.CDLL(str(tmp_path / 'bridge.so'))

@@ -21,6 +21,8 @@ from eol_ros.ros.stamps import now_ns, to_msg, to_ns
 from eol_ros.settings import LedsSettings, MotionSettings
 from eol_ros.streams.requests import Asked
 
+LIT = 191  # a slip after rest: three quarters of full light
+
 
 class Around(EolNode):
     """The nodes around leds, in one: it gives slips and keeps what comes."""
@@ -87,7 +89,7 @@ def test_a_slip_is_light_on_the_wire_with_the_stamp_of_its_image(rig):
     assert rig.until(lambda: rig.around.commands)
     command = rig.around.commands[0]
     assert to_ns(command.header.stamp) == stamp_ns
-    assert command.white[7] == 255 and np.count_nonzero(command.white) == 1
+    assert command.white[7] == LIT and np.count_nonzero(command.white) == 1
     assert command.infrared
     assert to_ns(command.sent) > stamp_ns
     assert rig.until(lambda: any(a.stamp_us for a in list(fake.log)))
@@ -104,7 +106,7 @@ def test_the_light_dies_away_and_then_the_line_is_quiet(rig):
     rig.until(lambda: not rig.around.commands[-1].white[3])
     levels = [c.white[3] for c in rig.around.commands]
 
-    assert levels[0] == 255 and levels[-1] == 0
+    assert levels[0] == LIT and levels[-1] == 0
     assert max(np.diff(np.array(levels, int))) <= 0
     assert {c.sequence for c in rig.around.commands} == {rig.around.commands[0].sequence}
     assert len(levels) > 20
@@ -123,11 +125,11 @@ def test_light_goes_on_when_the_clock_is_set(rig, monkeypatch, any_stamp, jump_s
     monkeypatch.setattr('eol_ros.devices.board.lights.time', clock)
     assert rig.until(lambda: not rig.leds.lights.glows, 3.0)  # what shone dies away
     stamp_ns = rig.around.slip(4, ahead_s=jump_s)
-    assert rig.until(lambda: any(c.white[4] == 255 for c in rig.around.commands))
+    assert rig.until(lambda: any(c.white[4] == LIT for c in rig.around.commands))
     assert rig.until(lambda: not rig.leds.lights.glows, 3.0)
     levels = [c.white[4] for c in rig.around.commands]
-    assert len(set(levels[levels.index(255) :])) > 10  # frame by frame, not all together
-    shown = [to_ns(c.header.stamp) for c in rig.around.commands if c.white[4] == 255]
+    assert len(set(levels[levels.index(LIT) :])) > 10  # frame by frame, not all together
+    shown = [to_ns(c.header.stamp) for c in rig.around.commands if c.white[4] == LIT]
     assert stamp_ns in shown
     assert rig.leds.health.values['time_jumps'] == 1
 
@@ -236,8 +238,8 @@ def test_a_board_of_another_version_is_an_error_in_one_line(make_rig):
 
 def test_the_limit_goes_off_only_with_a_reason(ros, make_rig):
     with pytest.raises(ConfigError, match='needs a written reason'):
-        LedsNode(LedsSettings(port='twin', flash_limit=False))
-    rig = make_rig(port='twin', flash_limit=False, flash_limit_off_because='a video of one slip')
+        LedsNode(LedsSettings(port='twin', flash_limit='false'))
+    rig = make_rig(port='twin', flash_limit='false', flash_limit_off_because='a video of one slip')
     assert rig.leds.lights.values()['flash_limit'] == 'off: a video of one slip'
 
 

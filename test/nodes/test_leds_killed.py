@@ -10,15 +10,18 @@ import time
 import numpy as np
 import pytest
 from eol_msgs.msg import Slip
+from support.fields_of_view import RATE_HZ, fields, most_in_a_second
 from support.flashes import changes
 from support.spinning import Nodes
 
+from eol_ros.core.geometry import rest_lattice
 from eol_ros.devices.board.fake import FakeBoard
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.settings import MotionSettings
 
 LEDS = [sys.executable, '-m', 'eol_ros.nodes.leds', '--ros-args', '-p', 'decay_s:=0.182', '-p']
+EYES = (0.0, 0.0, 0.8), (0.0, -0.9, 0.6), (1.0, -1.0, 0.9)
 SLIP_S = 0.06  # from slip to slip: without the limit more than ten flashes a second
 
 
@@ -40,7 +43,7 @@ class Motion(EolNode):
 
 
 class Eye(threading.Thread):
-    """Looks at the blocks every 2 ms: at each, and at all together."""
+    """Looks at the blocks every 2 ms."""
 
     def __init__(self, fake):
         super().__init__(daemon=True)
@@ -52,15 +55,22 @@ class Eye(threading.Thread):
             self.times.append(time.monotonic())
             self.shown.append(bytes(self.fake.levels()))
 
-    def most_flashes_in_a_second(self):
+    def most_flashes_in_a_second(self, limit):
+        """Of each block; and of all together, or of any field of view of 10 degrees."""
         each = np.frombuffer(b''.join(self.shown), np.uint8).reshape(-1, 25).T / 255
-        most = 0
-        for light in (*each, each.mean(axis=0), each.max(axis=0)):
+        most, together = 0, [each.mean(axis=0), each.max(axis=0)]
+        if limit == 'field_of_view':
+            at = np.arange(self.times[0], self.times[-1], 1 / RATE_HZ)
+            levels = np.array([np.interp(at, self.times, light) for light in each]).T
+            areas_sr = np.concatenate([fields(rest_lattice(), eye) for eye in EYES])
+            most, together = most_in_a_second(levels, areas_sr), []
+        for light in (*each, *together):
             found = changes(self.times, light)
             most = max([most, *(((found >= t) & (found <= t + 1)).sum() // 2 for t in found)])
         return most
 
 
+@pytest.mark.parametrize('limit', ['field_of_view', 'field'])
 @pytest.mark.parametrize(
     'kills',
     [
@@ -68,7 +78,7 @@ class Eye(threading.Thread):
         pytest.param(200, marks=[pytest.mark.soak, pytest.mark.timeout(3600)]),
     ],
 )
-def test_killing_leds_breaks_no_limit(ros, kills):
+def test_killing_leds_breaks_no_limit(ros, kills, limit):
     """Blocks knock by themselves all the while, and what they hold is bright at each kill."""
     rng, lit = random.Random(kills), 0
     with FakeBoard() as fake, Nodes(Motion()) as nodes:
@@ -76,7 +86,10 @@ def test_killing_leds_breaks_no_limit(ros, kills):
         eye.start()
         for _ in range(kills):
             fake.log.clear()
-            leds = subprocess.Popen([*LEDS, f'port:={fake.port}'], stderr=subprocess.DEVNULL)
+            leds = subprocess.Popen(
+                [*LEDS, f'port:={fake.port}', '-p', f'flash_limit:={limit}'],
+                stderr=subprocess.DEVNULL,
+            )
             try:
                 nodes.until(lambda: sum(a.kind == 'Light' for a in list(fake.log)) > 3)
                 end = time.monotonic() + rng.uniform(0, 0.5)
@@ -89,4 +102,4 @@ def test_killing_leds_breaks_no_limit(ros, kills):
         eye.done.set()
         eye.join()
     assert lit == kills
-    assert 1 <= eye.most_flashes_in_a_second() <= 3
+    assert 1 <= eye.most_flashes_in_a_second(limit) <= 3

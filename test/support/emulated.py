@@ -15,7 +15,7 @@ from eol_ros.devices.board.firmware import HZ, RATE_HZ, SENT, EmulatorEvent
 FIRMWARE = Path(__file__).parents[2] / 'firmware'
 MS = HZ // 1000
 LEVEL, INFRARED = 1, 2  # of an event; and SENT
-WORD, FEELS, STATUS, TESTED = 0x57, 0x46, 0x53, 0x54
+WORD, FEELS, LIT, STATUS, TESTED = 0x57, 0x46, 0x4C, 0x53, 0x54
 RUNS, SLEEPS = 2, 3
 
 

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The white LEDs of blocks that flash by themselves, and the bridge that counts them together.
 
-What firmware/block/light.c and firmware/bridge/flash.c do, over a link without loss: a block lights
-itself when it feels a knock, or is told to; all fall together, and only while the bridge is there
-and the limit of flashes allows it.
+What firmware/block/light.c and firmware/bridge do, over a link without loss: a block lights itself
+when it feels a knock, or is told to. It falls only while the bridge is there and the limit of
+flashes allows it: under that of the whole field all fall together, under that of each field of view
+each by itself.
 """
 
 import math
@@ -11,9 +12,10 @@ import math
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.light.flash import MIN_PERIOD_S, FlashField
+from eol_ros.core.light.flash import MIN_PERIOD_S
+from eol_ros.core.light.local import FIELD_OF_VIEW, new_field
 
-SHORTEST_S = 0.182  # of a decay: the blocks then obey within 0.022 of it, over a link of 2 ms
+DECAY_S = 0.1  # until the host says another one
 
 
 class Bridge:
@@ -23,22 +25,29 @@ class Bridge:
     --------
     >>> bridge = Bridge()
     >>> bridge.felt(0.0, 7), float(bridge.levels(0.0)[7])
-    (True, 1.0)
+    (True, 0.75)
     >>> bridge.link(0.0, False)
     >>> round(float(bridge.levels(1.0)[7]), 2)
-    0.78
+    0.71
     """
 
     def __init__(self) -> None:
-        self.field = FlashField(0.35)
+        self.limit, self.field = FIELD_OF_VIEW, new_field(FIELD_OF_VIEW, DECAY_S)
         self.by_itself = True
         self.linked = True
         self._silent: set[int] = set()  # blocks that might flash uncounted
 
-    def configure(self, by_itself: bool, limited: bool, peak: float, decay_s: float) -> None:
+    def configure(
+        self, now_s: float, by_itself: bool, limit: str, peak: float, decay_s: float
+    ) -> None:
         """Take what the host says of flashes."""
-        self.by_itself, self.field.limited, self.field.peak = by_itself, limited, peak
-        self.field.decay_s = max(decay_s, SHORTEST_S)
+        self.by_itself = by_itself
+        if limit != self.limit:
+            before, self.field, self.limit = self.field, new_field(limit, decay_s, peak), limit
+            self.field.take_over(before, now_s)
+            if not self.linked or self._silent:
+                self._hold(now_s)
+        self.field.peak, self.field.decay_s = peak, max(decay_s, self.field.SHORTEST_S)
 
     def felt(self, now_s: float, block: int) -> bool:
         """A block feels a knock; return whether that lights it."""
@@ -62,14 +71,20 @@ class Bridge:
             self._hold(now_s)
 
     def hear(self, now_s: float, block: int, heard: bool) -> None:
-        """The bridge hears a block, or no longer: then that might flash, so nothing may fall."""
+        """The bridge hears a block, or no longer: then that must not fall."""
         if heard == (block in self._silent):
             self._silent ^= {block}
-            self._hold(now_s)
+            if self.linked:
+                self._hold(now_s, block)
 
-    def _hold(self, now_s: float) -> None:
-        alone = not self.linked or bool(self._silent)
-        self.field.hold(now_s, math.inf if alone else now_s + MIN_PERIOD_S)
+    def _hold(self, now_s: float, block: int | None = None) -> None:
+        if self.limit == FIELD_OF_VIEW:
+            for one in range(N_BLOCKS) if block is None else (block,):
+                alone = not self.linked or one in self._silent
+                self.field.hold(now_s, math.inf if alone else now_s, one)
+        else:  # the silent one might flash, so nothing falls
+            alone = not self.linked or bool(self._silent)
+            self.field.hold(now_s, math.inf if alone else now_s + MIN_PERIOD_S)
 
     def levels(self, now_s: float) -> np.ndarray:
         """Return the light of each block at `now_s`, shape (25,), 0..1."""

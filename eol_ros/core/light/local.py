@@ -9,10 +9,9 @@ of every viewer to three (derived from the geometry of the table in `test/suppor
     a square of 2 x 2     at most SQUARE_FALLS falls of its blocks in any second
 
 A slip always lights its block at once. It reserves the next fall of that light, and the light is
-held until both rules allow the fall. Held light loses 6 % in PERIOD_S, no opposing change of 10 %
-even with the 3.3 % that a block loses before it obeys the bridge. So each such change of a block
-shares some moment with a fall, and a closed second contains moments of at most three falls of a
-block: the fourth begins PERIOD_S after the end of the first.
+held until both rules allow the fall. Held light loses 6 % in PERIOD_S, no opposing change of 10 %.
+So each such change of a block shares some moment with a fall, and a closed second contains moments
+of at most three falls of a block: the fourth begins PERIOD_S after the end of the first.
 """
 
 import math
@@ -24,8 +23,9 @@ from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS
 from eol_ros.core.light.flash import DARK, FlashField
 
 BLOCK_FALLS, SQUARE_FALLS = 3, 11
-PERIOD_S = 1.001  # the thousandth keeps one fall more out of a closed second
+PERIOD_S = 1.02  # a closed second, and 20 ms in which a falling block may miss words of the bridge
 HOLD_RATE = -elementary.log(0.94) / PERIOD_S  # 1/s
+FIELD_OF_VIEW, FIELD, OFF = LIMITS = ('field_of_view', 'field', 'false')
 FIRST = 0.75  # of `peak`, the level of a slip after rest; one that meets light adds the rest
 
 
@@ -37,6 +37,12 @@ def squares() -> np.ndarray:
 
 SQUARES = squares()
 SQUARES_OF = tuple(SQUARES[np.isin(SQUARES, block).any(axis=1)] for block in range(N_BLOCKS))
+
+
+def new_field(limit: str, decay_s: float, peak: float = 1.0) -> FlashField:
+    """Return dark blocks under one of LIMITS."""
+    make = LocalField if limit == FIELD_OF_VIEW else FlashField
+    return make(max(decay_s, make.SHORTEST_S), peak, limit != OFF)
 
 
 class LocalField(FlashField):
@@ -51,7 +57,7 @@ class LocalField(FlashField):
     [0.276, 0.75]
     """
 
-    PERIOD_S = PERIOD_S
+    SHORTEST_S = 0.02  # a block obeys nobody but itself when it stops to fall
 
     def __init__(self, decay_s: float, peak: float = 1.0, limited: bool = True):
         super().__init__(decay_s, peak, limited)
@@ -70,15 +76,17 @@ class LocalField(FlashField):
             self._ended(block, self._now_s)
         self._fall_s[block] = self._now_s
         if self.limited:
-            self._fall_s[block] = self._allowed_s(block)
+            self._fall_s[block] = self._allowed_s(block, self._now_s)
             self.lengthened += self._fall_s[block] > self._now_s
 
-    def hold(self, now_s: float, until_s: float) -> None:
-        """Let nothing fall before `until_s`, nor within PERIOD_S, whatever the limit says."""
+    def hold(self, now_s: float, until_s: float, block: int | None = None) -> None:
+        """Let `block`, or none, fall before `until_s`, nor within PERIOD_S, whatever the limit
+        says."""
         self._advance(now_s)
-        for block in np.flatnonzero((self._level > 0) & (self._fall_s < self._now_s)).tolist():
-            self._ended(block, self._now_s)
-        self._fall_s[:] = max(until_s, self._now_s + PERIOD_S)
+        for one in range(N_BLOCKS) if block is None else (block,):
+            if self._level[one] > 0 and self._fall_s[one] < self._now_s:
+                self._ended(one, self._now_s)
+            self._fall_s[one] = self._allowed_s(one, max(until_s, self._now_s + PERIOD_S))
 
     def shift(self, by_s: float) -> None:
         """Count from now on in times that are `by_s` greater: the clock was set."""
@@ -94,9 +102,9 @@ class LocalField(FlashField):
         self._ends_s[block, :-1] = self._ends_s[block, 1:]
         self._ends_s[block, -1] = at_s
 
-    def _allowed_s(self, block: int) -> float:
-        """Return the first time from now on when both rules allow one fall more of `block`."""
-        at_s = max(self._now_s, float(self._ends_s[block, 0]) + PERIOD_S)
+    def _allowed_s(self, block: int, from_s: float) -> float:
+        """Return the first time from `from_s` on when both rules allow one fall more of `block`."""
+        at_s = max(from_s, float(self._ends_s[block, 0]) + PERIOD_S)
         before_s = -math.inf
         while before_s < at_s:  # until all squares agree
             before_s = at_s

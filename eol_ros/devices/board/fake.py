@@ -21,12 +21,14 @@ import time
 import tty
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.light.bridge import Bridge
+from eol_ros.core.light.local import FIELD, FIELD_OF_VIEW, OFF
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import UsageError
@@ -58,8 +60,10 @@ def obey(bridge: Bridge, now_s: float, message: protocol.Message) -> None:
     """Let `bridge` do what the host says."""
     if isinstance(message, protocol.Lighting):
         flags = message.flags
-        by_itself, limited = bool(flags & protocol.BY_ITSELF), bool(flags & protocol.LIMITED)
-        bridge.configure(by_itself, limited, message.peak / 255, message.decay_ms * 1e-3)
+        limit = FIELD_OF_VIEW if flags & protocol.EACH_FIELD else FIELD
+        limit = limit if flags & protocol.LIMITED else OFF
+        by_itself = bool(flags & protocol.BY_ITSELF)
+        bridge.configure(now_s, by_itself, limit, message.peak / 255, message.decay_ms * 1e-3)
     elif isinstance(message, protocol.Light):
         bridge.light(now_s, message.mask)
 
@@ -287,6 +291,9 @@ class FakeBoard:
             counters = (self._decoder.good & 0xFFFFFFFF, min(self._decoder.bad, 0xFFFF))
             self._send(protocol.Pong(message.host_us, self.clock_us(), *counters))
         else:
+            if isinstance(message, protocol.Lighting) and self.firmware < protocol.EACH_FIELD_FROM:
+                known = protocol.BY_ITSELF | protocol.LIMITED
+                message = replace(message, flags=message.flags & known)
             with self._field:
                 obey(self.bridge, time.monotonic(), message)
             if isinstance(message, protocol.Detector):

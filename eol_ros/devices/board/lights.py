@@ -8,7 +8,7 @@ this light, for viewers and bags.
 Levels are a function of the slips' stamps (core/light/frames.py), so that a replay shows the same
 light again. But behind a replay a real board is in front of real eyes, while recorded time may run
 four times as fast, stand still or begin again: there a slip counts from its arrival, on the wall
-clock, and the limit of three flashes a second holds in that.
+clock, and the limit of flashes holds in that.
 """
 
 import time
@@ -18,9 +18,8 @@ from typing import Any, NamedTuple
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.light.bridge import SHORTEST_S
-from eol_ros.core.light.flash import FlashField
 from eol_ros.core.light.frames import FELT_NS, Frames
+from eol_ros.core.light.local import FIELD, FIELD_OF_VIEW, OFF, new_field
 from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.devices.board.board import Board, State, TapReport
 from eol_ros.errors import ConfigError
@@ -80,7 +79,7 @@ class Played(NamedTuple):
 
 def check_settings(settings: LedsSettings) -> None:
     """Raise ConfigError when the limit of flashes is switched off without a reason."""
-    if not settings.flash_limit and not settings.flash_limit_off_because.strip():
+    if settings.flash_limit == OFF and not settings.flash_limit_off_because.strip():
         raise ConfigError(
             'leds.flash_limit: false needs a written reason in leds.flash_limit_off_because'
         )
@@ -127,6 +126,7 @@ class Lights:
         s = settings
         check_settings(s)
         self._settings, self._played = settings, played
+        self._limit = s.flash_limit  # as the board can keep it
         self.frames = self._new_frames()
         self._clock = StampWatch(SET_S, SET_S)
         self._asleep = False
@@ -146,7 +146,6 @@ class Lights:
             from eol_ros.devices.board.firmware import FirmwareBoard
 
             self.firmware = FirmwareBoard(namespace, s.radio_loss)
-        self.limit = 'on' if s.flash_limit else f'off: {s.flash_limit_off_because}'
         board = self.twin or self.firmware
         line = self.twin.fake.open_line if self.twin else None
         port = board.port if board else s.port
@@ -201,7 +200,7 @@ class Lights:
     @property
     def _decay_s(self) -> float:
         """As the board has it."""
-        return max(self._settings.decay_s, SHORTEST_S)
+        return max(self._settings.decay_s, self.frames.field.SHORTEST_S)
 
     @property
     def by_themselves(self) -> bool:
@@ -261,6 +260,18 @@ class Lights:
             return []
         return [Sent(sequence, self._white, self.board.infrared_on, 0, time.time_ns())]
 
+    def follow_firmware(self) -> None:
+        """Limit the whole field while the bridge or a block has firmware that knows no other."""
+        each = self._settings.flash_limit == FIELD_OF_VIEW
+        found = [(b.major, b.minor) for b in dict(self.board.blocks).values()]
+        old = any((0, 0) < version < protocol.EACH_FIELD_FROM for version in found)
+        limit = FIELD if each and old else self._settings.flash_limit
+        if limit != self._limit and found:
+            before, self._limit = self.frames.field, limit
+            self.frames.field = new_field(limit, self._settings.decay_s, self._settings.peak)
+            self.frames.field.take_over(before)
+            self._configure()
+
     def values(self) -> dict[str, Any]:
         """Return counters for the health report."""
         board = self.board
@@ -272,7 +283,9 @@ class Lights:
             'connections': board.connections,
             'damaged': board.decoder.bad + board.reported_bad,
             'rejected_reports': board.rejected,
-            'flash_limit': self.limit,
+            'flash_limit': self._limit
+            if self._limit != OFF
+            else f'off: {self._settings.flash_limit_off_because}',
             'lengthened': self.frames.field.lengthened,
             'late_slips': self.frames.late,
         }
@@ -293,7 +306,8 @@ class Lights:
 
     def _configure(self) -> None:
         s = self._settings
-        flags = protocol.LIMITED * s.flash_limit
+        flags = protocol.LIMITED * (self._limit != OFF)
+        flags |= protocol.EACH_FIELD * (self._limit == FIELD_OF_VIEW)
         if s.trigger != 'slips' and not self._asleep and self._played is None:
             flags |= protocol.BY_ITSELF
         self.board.configure(
@@ -335,7 +349,7 @@ class Lights:
 
     def _new_frames(self) -> Frames:
         s = self._settings
-        return Frames(FlashField(s.decay_s, s.peak, s.flash_limit), s.frame_hz)
+        return Frames(new_field(self._limit, s.decay_s, s.peak), s.frame_hz)
 
     def _tap(self, tap: TapReport) -> None:
         ago_ns = time.monotonic_ns() - round(tap.time.time_s * 1e9)

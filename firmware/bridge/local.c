@@ -1,0 +1,175 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "local.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { SQUARE_FALLS = 11, SIDE = 5, SQUARE = 4 };
+static const double PERIOD_S = 1.02;
+static const double HOLD_RATE = 0.06187540371808753 / 1.02; /* 6 % in a period */
+static const double FIRST = 0.75;                           /* of `peak`, after rest */
+static const double DARK = 0.5 / 255;
+static const double LONG_AGO_S = -1e30;
+
+static double level(const eol_local_block *one)
+{
+    return one->height > 0.0 ? DARK * exp(one->height) : 0.0;
+}
+
+static void ended(eol_local_block *one, double at_s)
+{
+    memmove(one->free_s, one->free_s + 1, (EOL_LOCAL_FALLS - 1) * sizeof at_s);
+    one->free_s[EOL_LOCAL_FALLS - 1] = at_s + PERIOD_S;
+}
+
+static void carry(eol_local_field *field, int block)
+{
+    eol_local_block *one = &field->block[block];
+    double from_s = one->fall_s < field->now_s ? one->fall_s : field->now_s, held_s, fell_s;
+    if (from_s < one->at_s) from_s = one->at_s;
+    held_s = from_s - one->at_s;
+    fell_s = field->now_s - from_s;
+    one->at_s = field->now_s;
+    if (one->height <= 0.0) return;
+    if (held_s > 0.0) one->height -= HOLD_RATE * held_s;
+    if (fell_s > 0.0) {
+        double visible_s = one->height > 0.0 ? field->decay_s * one->height : 0.0;
+        one->height -= fell_s / field->decay_s;
+        if (one->height < 0.0) ended(one, from_s + (fell_s < visible_s ? fell_s : visible_s));
+    }
+}
+
+/* Carry `block` and its neighbours on to `now_s`, or all with a block that is none. */
+static void advance(eol_local_field *field, double now_s, int block)
+{
+    field->next_s = LONG_AGO_S;
+    if (now_s > field->now_s) field->now_s = now_s; /* times that run backwards are no time at all */
+    for (int b = 0; b < EOL_FLASH_BLOCKS; b++)
+        if (block >= EOL_FLASH_BLOCKS || (abs(b / SIDE - block / SIDE) < 2 && abs(b % SIDE - block % SIDE) < 2))
+            carry(field, b);
+}
+
+/* The first time from `at_s` on when the square with this corner allows one fall more of `block`. */
+static double square_allows(const eol_local_field *field, int corner, int block, double at_s)
+{
+    const int members[SQUARE] = {corner, corner + 1, corner + SIDE, corner + SIDE + 1};
+    double latest_s = INFINITY;
+    for (;;) { /* the moments at which others begin to fall, the last one first; then at_s */
+        double moment_s = at_s, first_s = INFINITY;
+        int count = 0, may_count = 0;
+        for (int k = 0; k < SQUARE; k++) {
+            const eol_local_block *one = &field->block[members[k]];
+            if (members[k] == block || one->height <= 0.0) continue;
+            may_count++;
+            if (one->fall_s < latest_s && one->fall_s > moment_s) moment_s = one->fall_s;
+        }
+        for (int k = 0; k < SQUARE; k++) {
+            const eol_local_block *one = &field->block[members[k]];
+            if (members[k] != block && one->height > 0.0 && one->fall_s <= moment_s) count++;
+            for (int n = 0; n < EOL_LOCAL_FALLS; n++) {
+                may_count += one->free_s[n] > at_s;
+                if (one->free_s[n] <= moment_s) continue;
+                count++;
+                if (one->free_s[n] < first_s) first_s = one->free_s[n];
+            }
+        }
+        if (may_count < SQUARE_FALLS) return at_s;
+        if (count >= SQUARE_FALLS) { /* then again, from when the first of them is over */
+            at_s = first_s;
+            latest_s = INFINITY;
+        } else if (moment_s > at_s) {
+            latest_s = moment_s;
+        } else {
+            return at_s;
+        }
+    }
+}
+
+/* The first time from `from_s` on when one fall more of `block` is allowed. */
+static double allowed(const eol_local_field *field, int block, double from_s)
+{
+    double next_s = field->block[block].free_s[0], before_s;
+    double at_s = next_s > from_s ? next_s : from_s;
+    do {
+        before_s = at_s;
+        for (int row = block / SIDE - 1; row <= block / SIDE; row++)
+            for (int column = block % SIDE - 1; column <= block % SIDE; column++)
+                if (row >= 0 && column >= 0 && row < SIDE - 1 && column < SIDE - 1)
+                    at_s = square_allows(field, row * SIDE + column, block, at_s);
+    } while (before_s < at_s); /* until all squares agree */
+    return at_s;
+}
+
+void eol_local_begin(eol_local_field *field, double decay_s, double peak)
+{
+    memset(field, 0, sizeof *field);
+    field->decay_s = decay_s;
+    field->peak = peak;
+    field->now_s = LONG_AGO_S;
+    for (int b = 0; b < EOL_FLASH_BLOCKS; b++) {
+        eol_local_block *one = &field->block[b];
+        one->at_s = one->fall_s = LONG_AGO_S;
+        for (int n = 0; n < EOL_LOCAL_FALLS; n++) one->free_s[n] = LONG_AGO_S;
+    }
+}
+
+void eol_local_set(eol_local_field *field, double now_s, double decay_s, double peak)
+{
+    advance(field, now_s, EOL_FLASH_BLOCKS);
+    field->decay_s = decay_s;
+    field->peak = peak;
+}
+
+void eol_local_slip(eol_local_field *field, double now_s, uint8_t block)
+{
+    eol_local_block *one = field->block + block;
+    double before, full, more, first = FIRST * field->peak;
+    advance(field, now_s, block);
+    before = level(one);
+    full = before > field->peak ? before : field->peak;
+    more = before + (1.0 - FIRST) * field->peak;
+    more = more > first ? more : first;
+    one->height = full > 0.0 ? log((more < full ? more : full) / DARK) : 0.0;
+    if (one->fall_s >= field->now_s) return; /* held, or lit at this very moment */
+    if (before > 0.0) ended(one, field->now_s);
+    one->fall_s = field->now_s;
+    one->fall_s = allowed(field, block, field->now_s);
+    field->lengthened += one->fall_s > field->now_s;
+}
+
+void eol_local_hold(eol_local_field *field, double now_s, double until_s, uint8_t block)
+{
+    eol_local_block *one = &field->block[block];
+    advance(field, now_s, block);
+    if (one->height > 0.0 && one->fall_s < field->now_s) ended(one, field->now_s);
+    one->fall_s = allowed(field, block, until_s > field->now_s + PERIOD_S ? until_s : field->now_s + PERIOD_S);
+}
+
+void eol_local_unknown(eol_local_field *field, double now_s, uint8_t block)
+{
+    advance(field, now_s, block);
+    field->block[block].height = -log(DARK);
+    eol_local_hold(field, now_s, now_s, block);
+}
+
+void eol_local_levels(eol_local_field *field, double now_s, uint8_t levels[EOL_FLASH_BLOCKS])
+{
+    advance(field, now_s, EOL_FLASH_BLOCKS);
+    for (int b = 0; b < EOL_FLASH_BLOCKS; b++) levels[b] = (uint8_t)rint(level(&field->block[b]) * 255.0);
+}
+
+uint32_t eol_local_falls(eol_local_field *field, double now_s)
+{
+    if (now_s < field->next_s) return field->falls;
+    field->falls = 0;
+    field->next_s = INFINITY;
+    for (int b = 0; b < EOL_FLASH_BLOCKS; b++) {
+        double fall_s = field->block[b].fall_s;
+        if (fall_s <= now_s)
+            field->falls |= (uint32_t)1 << b;
+        else if (fall_s < field->next_s)
+            field->next_s = fall_s;
+    }
+    return field->falls;
+}

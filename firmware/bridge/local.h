@@ -1,0 +1,58 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * The light of the 25 blocks and its limit within each 10 degree field of view:
+ * eol_ros/core/light/local.py in C99, which says what the limit is and why it holds.
+ *
+ * It lives in the bridge, as flash.h does; each block has its own bit of what may fall. A flash takes
+ * one exp and one log: levels are kept as logarithms.
+ */
+#ifndef EOL_LOCAL_H
+#define EOL_LOCAL_H
+
+#include "flash.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { EOL_LOCAL_FALLS = 3 }; /* of a block in any second */
+
+typedef struct {
+    double height, at_s;            /* ln of the level over that which counts as dark, at that time */
+    double fall_s;                  /* when its fall began, or the next one may */
+    double free_s[EOL_LOCAL_FALLS]; /* a period after the ends of its last falls, rising */
+} eol_local_block;
+
+typedef struct {
+    double decay_s, peak, now_s;
+    eol_local_block block[EOL_FLASH_BLOCKS];
+    uint32_t lengthened; /* falls that had to wait */
+    uint32_t falls;      /* which may fall, until next_s: a word must not take long */
+    double next_s;
+} eol_local_field;
+
+/* Begin in the dark. */
+void eol_local_begin(eol_local_field *field, double decay_s, double peak);
+
+/* Change how blocks flash from `now_s` on. */
+void eol_local_set(eol_local_field *field, double now_s, double decay_s, double peak);
+
+/* Light `block` at `now_s`. */
+void eol_local_slip(eol_local_field *field, double now_s, uint8_t block);
+
+/* Let `block` not fall before `until_s`, nor within a period. */
+void eol_local_hold(eol_local_field *field, double now_s, double until_s, uint8_t block);
+
+/* Nothing is known of `block` any more: it may shine, and it holds. */
+void eol_local_unknown(eol_local_field *field, double now_s, uint8_t block);
+
+/* Write the level 0..255 of each block at `now_s`. */
+void eol_local_levels(eol_local_field *field, double now_s, uint8_t levels[EOL_FLASH_BLOCKS]);
+
+/* Bit b: the light of block b may fall. */
+uint32_t eol_local_falls(eol_local_field *field, double now_s);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
