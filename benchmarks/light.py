@@ -2,15 +2,17 @@
 """eol bench light: does a flash stay a flash? The light of a recording under each limit of flashes.
 
 The taps and slips of a bag light their blocks again, as `leds` does, under the limit of the whole
-field (in force), under that of each 10 degree field, and under none. Columns:
+field, under that of each 10 degree field, and under none; `recorded` is the light of `led_commands`.
+Columns:
 
     flash     time of a block above 10 % of full light, median and 90th percentile
-    20 lit    share of the time in which at least 20 of 25 blocks are above 10 %, of the bag and of
-              the time with any light
+    20 lit    share of the time with light in which at least 20 of 25 blocks are above 10 %
     raised    share of the slips over 1 mm whose tap or image raises their block by 20 % or more
     flashes   most flashes of any 10 degree field in any second (WCAG 2.2: at most 3), at rest
               positions, for eyes at 0.8 to 1.5 m. A change counts when it reaches 10 %, even if
               it began before that second: stricter than the standard
+    space     contrast between blocks: standard deviation over mean, median of the time with light
+    time      share of the change of light that is faster than 1 Hz
     cost      run time for each slip and each frame
 """
 
@@ -20,11 +22,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from support.fields_of_view import RATE_HZ, fields, most_in_a_second
+from support.fields_of_view import fields, most_in_a_second
 
 from benchmarks.machine import tell
-from eol_ros.analysis import open_bag
+from eol_ros.analysis import light, open_bag
 from eol_ros.analysis.bag import Bag
+from eol_ros.analysis.recorded_settings import recorded_settings
 from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS, rest_lattice
 from eol_ros.core.light.flash import FlashField
 from eol_ros.core.light.frames import FELT_NS
@@ -39,9 +42,11 @@ EXAMPLES = [
     'eol bench light --sheet light.svg',
 ]
 SAMPLE = Path(__file__).parents[1] / 'bags' / 'sample'
+WITHIN_S = 0.005  # from a tap to its light
 EYES = [(0.0, 0.0, 0.8), (0.0, -0.9, 0.6), (0.0, -1.0, 1.1), (1.0, -1.0, 0.9)]
 FRAMES, FRAME_S = 12, 0.1  # of the sheet
-LIT, RAISED, MANY, LONG_M = 0.1, 0.2, 20, 1e-3
+RAISED, LONG_M = 0.2, 1e-3
+RATE_HZ = light.RATE_HZ
 LIMITS = {  # name: field, decay in s, limited
     'whole field': (FlashField, 0.35, True),
     'whole field, short': (FlashField, 0.182, True),
@@ -123,21 +128,38 @@ def measure(lit: list[tuple[float, int, bool]], seconds: float, limit: str) -> d
                 rises.append(field.levels(at_s)[block] - before)
         levels[k] = field.levels(k / RATE_HZ)
     cost_us = 1e6 * (time.perf_counter() - began) / (len(levels) + 3 * len(lit))
-    on = levels > LIT
-    edges = np.diff(np.pad(on, ((1, 1), (0, 0))).astype(int), axis=0).T
-    spans_s = np.concatenate(
-        [(np.flatnonzero(e < 0) - np.flatnonzero(e > 0)) / RATE_HZ for e in edges]
-    )
-    many = on.sum(axis=1) >= MANY
-    areas_sr = np.concatenate([fields(rest_lattice(), eye) for eye in EYES])
-    return {
-        'limit': limit, 'decay_s': decay_s, 'flashes_seen': len(spans_s),
-        'flash_median_s': float(np.median(spans_s)),
-        'flash_p90_s': float(np.quantile(spans_s, 0.9)),
-        'many_lit': float(many.mean()), 'many_lit_of_light': float(many[on.any(axis=1)].mean()),
+    return figures(levels) | {
+        'limit': limit, 'decay_s': decay_s,
         'raised': float(np.mean(np.array(rises) >= RAISED)) if rises else None,
-        'long_slips': len(rises), 'held': int(field.lengthened),
-        'most_flashes_per_s': most_in_a_second(levels, areas_sr), 'cost_us': cost_us,
+        'long_slips': len(rises), 'held': int(field.lengthened), 'cost_us': cost_us,
+    }  # fmt: skip
+
+
+def figures(levels: np.ndarray) -> dict[str, Any]:
+    """Return what holds of any light, recorded or recomputed."""
+    shape = light.Measure()
+    shape.add(levels)
+    areas_sr = np.concatenate([fields(rest_lattice(), eye) for eye in EYES])
+    return shape.figures() | {'most_flashes_per_s': most_in_a_second(levels, areas_sr)}
+
+
+def recorded(bag: Bag, lit: list[tuple[float, int, bool]]) -> dict[str, Any] | None:
+    """Return the columns of the light that `leds` recorded."""
+    if not bag.count('led_commands'):
+        return None
+    at_s, white = light.shown(bag, bag.table('led_commands'))
+    rises = []
+    for slip_s, block, long in lit:
+        first, last = np.searchsorted(at_s, [slip_s - 1e-6, slip_s + WITHIN_S])
+        if long and 0 < first:
+            rises.append(white[first : last + 1, block].max(initial=0) - white[first - 1, block])
+    levels = np.concatenate([part for _, part in light.levels(bag)])
+    leds = recorded_settings(bag, 'leds') or {}
+    limit = f'recorded: {leds.get("flash_limit", "not known")}'
+    return figures(levels) | {
+        'limit': limit, 'decay_s': leds.get('decay_s', float('nan')),
+        'raised': float(np.mean(np.array(rises) >= RAISED * 255)) if rises else None,
+        'long_slips': len(rises), 'held': None, 'cost_us': None,
     }  # fmt: skip
 
 
@@ -148,6 +170,7 @@ def run(args: argparse.Namespace) -> int:
     if args.sheet:
         Path(args.sheet).write_text(sheet(bag, lit))
     rows = [measure(lit, bag.duration_s, limit) for limit in LIMITS]
+    rows += [row for row in [recorded(bag, lit)] if row]
     found = {'lightings': len(lit), 'seconds': bag.duration_s, 'limits': rows}
     tell(found, args.json, table)
     return 0
@@ -156,14 +179,16 @@ def run(args: argparse.Namespace) -> int:
 def table(result: dict[str, Any]) -> str:
     """Return the figures as lines of text."""
     head = (
-        f'{"limit":20}{"decay":>7}{"flash":>14}{"20 lit":>15}{"raised":>9}{"flashes":>9}{"cost":>8}'
+        f'{"limit":25}{"decay":>7}{"flash":>14}{"20 lit":>8}{"raised":>9}{"flashes":>9}'
+        f'{"space":>7}{"time":>6}{"cost":>8}'
     )
     lines = [f'{result["lightings"]} lightings in {result["seconds"]:.0f} s', head]
     for r in result['limits']:
         raised = '-' if r['raised'] is None else f'{r["raised"]:.1%}'
         lines.append(
-            f'{r["limit"]:20}{r["decay_s"]:5.2f} s{r["flash_median_s"]:7.2f}'
-            f'{r["flash_p90_s"]:5.2f} s{r["many_lit"]:8.1%}{r["many_lit_of_light"]:7.1%}'
-            f'{raised:>9}{r["most_flashes_per_s"]:9d}{r["cost_us"]:5.0f} us'
+            f'{r["limit"]:25}{r["decay_s"]:5.2f} s{r["flash_median_s"]:7.2f}'
+            f'{r["flash_p90_s"]:5.2f} s{r["many_lit"]:8.1%}{raised:>9}{r["most_flashes_per_s"]:9d}'
+            f'{r["contrast_space"]:7.2f}{r["contrast_time"]:6.0%}'
+            + (f'{r["cost_us"]:5.0f} us' if r['cost_us'] else '')
         )
     return '\n'.join(lines)

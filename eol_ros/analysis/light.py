@@ -1,7 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The light of a bag: who flashed when, whether that is chance, and a cascade's light in frames."""
+"""The light of a bag: who flashed when, whether that is chance, and a cascade's light in frames.
+
+`Measure` has the figures of a flash: how long it lasts, how many blocks are lit, contrast in space
+and time, falls in a second, and how far the order of lighting is that of the onsets.
+"""
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -9,11 +14,19 @@ import numpy as np
 from eol_ros.analysis import series
 from eol_ros.analysis.bag import Bag, Table
 from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS
+from eol_ros.core.light.flash import FLASH_DEPTH
+from eol_ros.core.light.local import BLOCK_FALLS, SQUARE_FALLS, SQUARES
 from eol_ros.lab.science import patterns
+from eol_ros.streams.slips import START
 
 MOMENT_S = 0.2  # most flashes of a cascade fall into one or two of them
 FLASH = 48  # levels (of 255) that a light rises by from packet to packet when it flashes up
 CHUNK_S = 600.0  # of packets in memory at a time
+RATE_HZ = 120.0  # of the grid on which light is measured
+LIT, MANY = 0.1, 20  # of full light; blocks that are lit
+SLOW_HZ = 1.0  # changes of light below it are no flashes
+WINDOW_S = 30.0  # of a spectrum
+LEAST_AREA = 5  # of a cascade whose order of lighting is measured
 FRAMES = 8
 BEFORE_S, AFTER_S = 0.05, 0.15  # of a cascade, in its figure
 JUDGED = (
@@ -30,7 +43,7 @@ def flashes(bag: Bag) -> np.ndarray:
         table = bag.table('led_commands', begin_s, begin_s + CHUNK_S)
         if not len(table):
             continue
-        at_s, white = sent(bag, table)
+        at_s, white = shown(bag, table)
         level = np.concatenate([last, white])
         last = level[-1:]
         packet, block = np.nonzero(np.diff(level, axis=0) >= FLASH)
@@ -40,25 +53,175 @@ def flashes(bag: Bag) -> np.ndarray:
     return moments.reshape(-1, ROWS, COLS)
 
 
-def sent(bag: Bag, table: Table) -> tuple[np.ndarray, np.ndarray]:
-    """Return when packets were sent, s from the start of the bag, rising; and their levels."""
-    at_s = (table['sent'].astype('i8') - bag.start_ns) * 1e-9
+def shown(bag: Bag, table: Table) -> tuple[np.ndarray, np.ndarray]:
+    """Return of when levels are, s from the start of the bag, rising; and the levels.
+
+    Levels that a slip or tap changed are those of its stamp; the packet was sent later.
+    """
+    caused, sent = table['stamp'].astype('i8'), table['sent'].astype('i8')
+    at_s = (np.where(caused > 0, caused, sent) - bag.start_ns) * 1e-9
     order = np.argsort(at_s, kind='stable')
     return at_s[order], table['white'][order].astype(np.int16)
 
 
+def levels(bag: Bag) -> Iterator[tuple[float, np.ndarray]]:
+    """Yield the light of CHUNK_S at a time: when it begins, and its levels at RATE_HZ, (n, 25)."""
+    held = np.zeros((1, N_BLOCKS), np.int16)
+    for begin_s in np.arange(0.0, bag.duration_s, CHUNK_S):
+        end_s = min(begin_s + CHUNK_S, bag.duration_s)
+        at_s, white = shown(bag, bag.table('led_commands', begin_s, end_s))
+        held = np.concatenate([held[-1:], white])
+        grid_s = begin_s + np.arange(int((end_s - begin_s) * RATE_HZ)) / RATE_HZ
+        yield begin_s, held[np.searchsorted(at_s, grid_s, side='right')] / 255
+
+
+class Measure:
+    """Figures of light at RATE_HZ that comes in chunks, (n, 25), 0..1."""
+
+    def __init__(self) -> None:
+        self._spans_s: list[np.ndarray] = []
+        self._lit = self._many = self._falls = self._square_falls = 0
+        self._spread: list[np.ndarray] = []
+        self._power = np.zeros(2)  # below and above SLOW_HZ
+
+    def add(self, levels: np.ndarray) -> None:
+        """Take a chunk."""
+        on = levels > LIT
+        edges = np.diff(np.pad(on, ((1, 1), (0, 0))).astype(np.int8), axis=0).T
+        for e in edges:
+            self._spans_s.append((np.flatnonzero(e < 0) - np.flatnonzero(e > 0)) / RATE_HZ)
+        lit = on.any(axis=1)
+        self._lit += int(lit.sum())
+        self._many += int((on.sum(axis=1) >= MANY).sum())
+        shining = levels[lit]
+        self._spread.append(shining.std(axis=1) / shining.mean(axis=1))
+        fell = np.stack([_falls(row) for row in levels.T])
+        within = np.cumsum(np.pad(fell, ((0, 0), (int(RATE_HZ) + 1, 0))), axis=1)
+        within = within[:, int(RATE_HZ) + 1 :] - within[:, : -int(RATE_HZ) - 1]
+        self._falls = max(self._falls, int(within.max(initial=0)))
+        self._square_falls = max(
+            self._square_falls, *(int(within[s].sum(axis=0).max(initial=0)) for s in SQUARES)
+        )
+        window = int(WINDOW_S * RATE_HZ)
+        for begin in range(0, len(levels) - window + 1, window):
+            part = levels[begin : begin + window]
+            power = np.abs(np.fft.rfft(part - part.mean(axis=0), axis=0)) ** 2
+            above = np.fft.rfftfreq(window, 1 / RATE_HZ) > SLOW_HZ
+            self._power += power[~above].sum(), power[above].sum()
+
+    def figures(self) -> dict[str, Any]:
+        """Return them; what needs flashes, or a whole WINDOW_S, is None without."""
+        spans_s = np.concatenate(self._spans_s) if self._spans_s else np.empty(0)
+        spread = np.concatenate(self._spread) if self._spread else np.empty(0)
+        middle, long = np.quantile(spans_s, [0.5, 0.9]) if len(spans_s) else (None, None)
+        return {
+            'flashes': len(spans_s),
+            'flash_median_s': middle and float(middle),
+            'flash_p90_s': long and float(long),
+            'many_lit': self._many / self._lit if self._lit else None,
+            'contrast_space': float(np.median(spread)) if len(spread) else None,
+            'contrast_time': float(self._power[1] / self._power.sum())
+            if self._power.sum()
+            else None,
+            'most_falls_of_a_block': self._falls,
+            'most_falls_of_a_square': self._square_falls,
+        }
+
+
+def _falls(light: np.ndarray) -> np.ndarray:
+    """Return where light of one block has fallen by FLASH_DEPTH from the peak before it, (n,)."""
+    fell, peak, low = np.zeros(len(light), np.int32), 0.0, 0.0
+    falling = True
+    for k in np.flatnonzero(np.diff(light, prepend=0.0)).tolist():
+        value = light[k]
+        if falling:
+            low = min(low, value)
+            if value - low >= FLASH_DEPTH:
+                falling, peak = False, value
+        else:
+            peak = max(peak, value)
+            if peak - value >= FLASH_DEPTH:
+                falling, low = True, value
+                fell[k] = 1
+    return fell
+
+
+def order(bag: Bag) -> tuple[float | None, float | None]:
+    """Return how the blocks of a cascade light up: in which order, and how many.
+
+    Kendall's tau of lighting against onset, the median over cascades of at least LEAST_AREA blocks,
+    and the share of their blocks that flash up at all; None without such cascades.
+    """
+    if not (bag.count('cascades') and bag.count('slips') and bag.count('led_commands')):
+        return None, None
+    from scipy.stats import kendalltau
+
+    slips, cascades = bag.table('slips'), bag.table('cascades')
+    slips = slips[slips['kind'] == START]
+    onset_s = (slips['onset'].astype('i8') - bag.start_ns) * 1e-9
+    found, began, lit = [], 0, 0
+    for one in cascades[cascades['area'] >= LEAST_AREA]:
+        begin_s = (int(one['onset'].astype('i8')) - bag.start_ns) * 1e-9
+        end_s = begin_s + float(one['duration'])
+        table = bag.table('led_commands', max(0.0, begin_s - 1.0), end_s + 1.0)
+        at_s, white = shown(bag, table)
+        rises = np.diff(white, axis=0, prepend=white[:1]) >= FLASH
+        times_s = []
+        blocks = np.unique(slips['block'][(onset_s >= begin_s) & (onset_s <= end_s)])
+        for block in blocks:
+            own_s = onset_s[(slips['block'] == block) & (onset_s >= begin_s)].min()
+            lit_s = at_s[rises[:, block] & (at_s > own_s - MOMENT_S / 2)]
+            if len(lit_s) and lit_s[0] < own_s + MOMENT_S:
+                times_s.append((own_s, lit_s[0]))
+        began, lit = began + len(blocks), lit + len(times_s)
+        if len(times_s) >= LEAST_AREA:
+            found.append(kendalltau(*np.array(times_s).T).statistic)
+    return float(np.nanmedian(found)) if found else None, lit / began if began else None
+
+
+def measured(bag: Bag) -> dict[str, Any]:
+    """Return the figures of the light of a bag, and sentences on them."""
+    measure = Measure()
+    for _, part in levels(bag):
+        measure.add(part)
+    tau, share = order(bag)
+    found = measure.figures() | {'order_tau': tau, 'cascade_lit': share}
+    if not found['flashes']:
+        return found | {'sentences': ['flashes: no block was lit']}
+    said = [
+        f'{found["flashes"]} flashes: above {LIT:.0%} for {found["flash_median_s"]:.2f} s in the '
+        f'median, for {found["flash_p90_s"]:.2f} s at most in 90 %',
+        f'{MANY} or more of {N_BLOCKS} blocks lit for {found["many_lit"]:.1%} of the time with '
+        f'light; contrast between blocks (deviation over mean) {found["contrast_space"]:.1f}',
+        f'falls in a second: {found["most_falls_of_a_block"]} of a block at most (limit of '
+        f'flash_limit: field_of_view {BLOCK_FALLS}), {found["most_falls_of_a_square"]} of a square '
+        f'of four (limit {SQUARE_FALLS})',
+    ]
+    if found['contrast_time'] is not None:
+        said[1] += f', {found["contrast_time"]:.0%} of its change faster than {SLOW_HZ:g} Hz'
+    if tau is not None:
+        said.append(
+            f'cascades of {LEAST_AREA} blocks or more: {share:.0%} of their blocks flash up, in the '
+            f"order of the onsets to Kendall's tau {tau:.2f} in the median"
+        )
+    return found | {'sentences': said}
+
+
 def ask(bag: Bag) -> dict[str, Any] | None:
-    """Return what is to be said of the patterns of light; None where the bag has no light."""
+    """Return what is to be said of light and its patterns; None where the bag has no light."""
     if not bag.count('led_commands'):
         return None
     if why := series.sparse(bag):
         return {'sentences': [f'patterns of light: {why}']}
+    flash = measured(bag)
+    said = flash.pop('sentences')
     try:
         found = patterns.ask(flashes(bag), 1 / MOMENT_S, np.random.default_rng(1))
     except patterns.TooFew as why:
-        return {'sentences': [f'patterns of light: {why}']}
+        return {'sentences': [f'patterns of light: {why}', *said], 'flash': flash}
     return {
-        'sentences': [*found.sentences, JUDGED],
+        'sentences': [*found.sentences, JUDGED, *said],
+        'flash': flash,
         'random': found.random,
         'moments': found.moments,
         'asked': found.asked,
@@ -82,7 +245,7 @@ def frames(bag: Bag, cascades: Table | None) -> dict[str, np.ndarray] | None:
     begin_s -= BEFORE_S
     # by when they were received, a little later than sent; a light without a packet is held
     table = bag.table('led_commands', max(0.0, begin_s - 2.0), begin_s + span_s + 2.0)
-    at_s, white = sent(bag, table)
+    at_s, white = shown(bag, table)
     times_s = np.linspace(begin_s, begin_s + span_s, FRAMES)
     held = np.concatenate([np.zeros((1, N_BLOCKS), np.int16), white])
     level = held[np.searchsorted(at_s, times_s, side='right')] / 255

@@ -436,7 +436,7 @@ def _page(bag: Bag, found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
         _verdict(found),
         paragraphs('What this bag cannot say', found.get('lacking', [])),
         paragraphs('Cascades', _said_of_cascades(found)),
-        paragraphs('Patterns of light', found.get('light', {}).get('sentences', [])),
+        paragraphs('Light', found.get('light', {}).get('sentences', [])),
         paragraphs('Is it 1/f?', _said_of_spectra(found), _control(bag)),
         *(f'<h2>{html.escape(title)}</h2>{svg}' for title, svg in drawn),
         table_of('Received messages', ('topic', 'messages'), found['messages'].items()),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from eol_msgs.msg import Cascade, LedCommand
+from eol_msgs.msg import Cascade, LedCommand, Slip
 from rclpy.serialization import serialize_message
 
 from eol_ros.analysis import figures, light, report
@@ -87,11 +87,58 @@ def test_the_report_says_and_shows_it(bag, tmp_path):
     page = (tmp_path / 'out' / 'report.html').read_text()
 
     why = '3 moments are too few for a test: 30 are needed'
-    assert said == {'sentences': [f'patterns of light: {why}']}
+    assert said['sentences'][0] == f'patterns of light: {why}'
     assert found['light'] == said and said['sentences'][0] in page
     assert said['sentences'][0] in report.summary(found)
     assert (tmp_path / 'out' / 'light.svg').read_text().count(' ms</text>') == light.FRAMES
     assert (tmp_path / 'out' / 'light.csv').read_text().count('\n') == 1 + 25 * light.FRAMES
+
+
+def test_a_flash_is_measured_by_its_levels():
+    time_s = np.arange(int(35 * light.RATE_HZ)) / light.RATE_HZ
+    levels = np.zeros((len(time_s), 25))
+    for begin_s, blocks in ((1.0, slice(0, 1)), (2.5, slice(0, 1)), (4.0, slice(0, 20))):
+        since_s = time_s - begin_s
+        flash = np.where(since_s >= 0, np.exp(-since_s / 0.1), 0.0)
+        levels[:, blocks] = np.maximum(levels[:, blocks], flash[:, None])
+    whole, halves = light.Measure(), light.Measure()
+    whole.add(levels)
+    halves.add(levels[: len(levels) // 2])
+    halves.add(levels[len(levels) // 2 :])
+    found = whole.figures()
+
+    assert found['flashes'] == 22
+    assert found['flash_median_s'] == pytest.approx(0.1 * np.log(10), abs=0.02)
+    assert found['many_lit'] == pytest.approx(1 / 3, abs=0.02)
+    # one of 25 that shines deviates by sqrt(24) of the mean
+    assert found['contrast_space'] == pytest.approx(24**0.5, abs=1e-6)
+    assert found['contrast_time'] > 0.3
+    assert found['most_falls_of_a_block'] == 1
+    assert found['most_falls_of_a_square'] == 4
+    assert halves.figures()['flashes'] == 22
+
+
+def test_light_that_never_shone_has_no_figures(tmp_path):
+    bag = bag_of(tmp_path / 'run', [packet(0.0), packet(1.0)])
+    assert light.measured(bag)['sentences'] == ['flashes: no block was lit']
+
+
+@pytest.mark.parametrize(('late_s', 'tau'), [((0.0, 0.0, 0.0, 0.0, 0.0), 1.0),
+                                             ((0.16, 0.13, 0.0, 0.0, 0.0), 0.2)])  # fmt: skip
+def test_the_order_of_lighting_is_held_against_that_of_onsets(tmp_path, late_s, tau):
+    cascade = Cascade(cascade=1, area=5, size=5, blocks=[0, 1, 2, 3, 4], duration=0.5)
+    cascade.onset = to_msg(at_ns(1.0))
+    messages, lit = [('cascades', cascade, 1.6), packet(0.5)], {}
+    shone_s = [1.0 + 0.05 * b + late for b, late in enumerate(late_s)]
+    for block in np.argsort(shone_s).tolist():
+        lit[f'b{block}'] = 191
+        messages.append(packet(shone_s[block], **lit))
+    for block in range(5):
+        slip = Slip(kind=Slip.START, block=block, onset=to_msg(at_ns(1.0 + 0.05 * block)))
+        messages.append(('slips', slip, 1.0 + 0.05 * block))
+    found, share = light.order(bag_of(tmp_path / 'run', [*messages, packet(3.0)]))
+
+    assert found == pytest.approx(tau) and share == 1
 
 
 def test_a_bag_without_light_has_none(tmp_path):
@@ -116,4 +163,5 @@ def test_the_sample_flashes_where_its_slips_begin():
     assert began.mean() < 0.25  # so often would it be by chance
     assert said['moments'] == said['asked'] > 30
     assert not said['random'] and 'not random' in said['sentences'][0]
-    assert said['sentences'][-1] == light.JUDGED
+    assert light.JUDGED in said['sentences']
+    assert said['flash']['flash_median_s'] > 3  # it was recorded under flash_limit: field
