@@ -60,8 +60,8 @@ def shown(bag: Bag, table: Table) -> tuple[np.ndarray, np.ndarray]:
     """
     caused, sent = table['stamp'].astype('i8'), table['sent'].astype('i8')
     at_s = (np.where(caused > 0, caused, sent) - bag.start_ns) * 1e-9
-    order = np.argsort(at_s, kind='stable')
-    return at_s[order], table['white'][order].astype(np.int16)
+    # a slip that is known too late is shown with the frames of later moments
+    return np.maximum.accumulate(at_s), table['white'].astype(np.int16)
 
 
 def levels(bag: Bag) -> Iterator[tuple[float, np.ndarray]]:

@@ -65,6 +65,42 @@ void show(int ms, const uint8_t *felt, int decay_ms, int lost, int gone_ms, int 
     }
 }
 
+/* The light of `frames` times `hz`, under the limit of each field of view, of slips at `at_s`; or of an
+ * adversary, who lights a block of `mask` when it has lost `depth`, in `often` of 1000 looks a ms. */
+void storm(double decay_s, int slips, const double *at_s, const uint8_t *block, int frames, double hz,
+           uint8_t *shown)
+{
+    eol_local_field field;
+    int next = 0;
+    eol_local_begin(&field, decay_s, 1.0);
+    for (int k = 0; k < frames; k++) {
+        for (; next < slips && at_s[next] <= k / hz; next++)
+            eol_local_slip(&field, at_s[next], block[next]);
+        eol_local_levels(&field, k / hz, shown + k * B);
+    }
+}
+
+void adversary(double decay_s, uint32_t mask, int depth, int often, int seed, int frames, double hz,
+               uint8_t *shown)
+{
+    eol_local_field field;
+    uint8_t now[B], peak[B] = {0};
+    int frame = 0;
+    srand((unsigned)seed);
+    eol_local_begin(&field, decay_s, 1.0);
+    for (int t = 0; frame < frames; t++) {
+        eol_local_levels(&field, t * 1e-3, now);
+        for (int b = 0; b < B; b++) {
+            if (now[b] > peak[b]) peak[b] = now[b];
+            if (!(mask >> b & 1) || (peak[b] && peak[b] - now[b] < depth) || rand() % 1000 >= often) continue;
+            eol_local_slip(&field, t * 1e-3, (uint8_t)b);
+            peak[b] = 0;
+        }
+        for (; frame < frames && frame / hz < (t + 1) * 1e-3; frame++)
+            eol_local_levels(&field, frame / hz, shown + frame * B);
+    }
+}
+
 /* What a sample says is what the detector says: 1 felt, 2 told, 3 too weak to be told. */
 const eol_knock_config EOL_KNOCK_DEFAULTS;
 void eol_knock_begin(eol_knock *k, const eol_knock_config *c) { k->config = *c; }
@@ -158,6 +194,8 @@ def bridge(tmp_path_factory):
     number, memory = ctypes.c_double, ctypes.c_void_p
     lib.flash_size.restype = lib.local_size.restype = ctypes.c_size_t
     lib.table.argtypes = [ctypes.c_int, memory, *[ctypes.c_int] * 4, memory]
+    lib.storm.argtypes = [number, ctypes.c_int, memory, memory, ctypes.c_int, number, memory]
+    lib.adversary.argtypes = [number, ctypes.c_uint32, *[ctypes.c_int] * 4, number, memory]
     lib.eol_local_begin.argtypes = [memory, number, number]
     lib.eol_local_slip.argtypes = [memory, number, ctypes.c_uint8]
     lib.eol_local_hold.argtypes = [memory, number, number, ctypes.c_uint8]
@@ -405,6 +443,36 @@ def of_all_kinds(seed, hz):
 def areas_sr():
     eyes = (0.0, 0.0, 0.8), (0.0, -0.9, 0.6), (0.0, -1.0, 1.1), (1.0, -1.0, 0.9)
     return np.concatenate([fields(rest_lattice(), eye) for eye in eyes])
+
+
+SECONDS = 4
+COUNTS = [pytest.param(100_000, 1000, marks=[pytest.mark.soak, pytest.mark.timeout(7200)])]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('storms', 'adversaries'), [(300, 60), *COUNTS])
+def test_no_sequence_makes_a_field_of_view_flash_four_times(bridge, areas_sr, storms, adversaries):
+    random, shown = np.random.default_rng(storms), np.zeros((int(SECONDS * RATE_HZ), 25), np.uint8)
+    counts, where = np.zeros(9, int), shown.ctypes.data
+    for _ in range(storms):
+        some = random.permutation(N_BLOCKS)[: random.integers(1, N_BLOCKS + 1)]
+        at_s = np.cumsum(random.exponential(1 / random.uniform(3, 200), 800))
+        at_s = np.repeat(at_s, random.choice([1, len(some)], 800, p=[0.95, 0.05]))
+        blocks = random.choice(some, len(at_s)).astype(np.uint8)
+        decay_s = 10 ** random.uniform(-1.7, 0)
+        slips = len(at_s), at_s.ctypes.data, blocks.ctypes.data
+        bridge.storm(decay_s, *slips, len(shown), float(RATE_HZ), where)
+        counts[most_in_a_second(shown / 255, areas_sr)] += 1
+    for seed in range(adversaries):
+        corner = 5 * random.integers(4) + random.integers(4)
+        square = sum(1 << int(corner + k) for k in random.permutation([0, 1, 5, 6])[: 1 + seed % 4])
+        mask = square if seed % 3 else 2**N_BLOCKS - 1
+        depth, often = int(random.integers(26, 60)), int(random.choice([10, 100, 1000]))
+        decay_s = float(random.choice([0.02, 0.05, 0.1, 0.35]))
+        bridge.adversary(decay_s, mask, depth, often, seed, len(shown), float(RATE_HZ), where)
+        counts[most_in_a_second(shown / 255, areas_sr)] += 1
+    print('sequences by the most flashes of a field in a second:', counts)
+    assert counts[3] > 0 and not counts[4:].any()
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ Stricter than the text, changes above a relative luminance of 0.8 count as well.
 
 import math
 
+import numba
 import numpy as np
 
 RATE_HZ = 120
@@ -52,46 +53,72 @@ def fields(centres_m, eye_m, step_deg=1.5):
     return np.array(found).reshape(-1, len(centres_m))
 
 
-def changes(luminance):
-    """Return (sample, direction) of each change of a pixel by 10 % from the extreme before it."""
-    found, direction = [], 0
-    low = high = luminance[0]  # since the last change; the extreme that the next one starts from
-    for k, value in enumerate(luminance.tolist()):
-        low, high = min(low, value), max(high, value)
-        if direction <= 0 and value - low >= 0.1:
-            direction, high = 1, value
-            found.append((k, 1))
-        elif direction >= 0 and high - value >= 0.1:
-            direction, low = -1, value
-            found.append((k, -1))
-    return found
-
-
 def most_in_a_second(levels, areas_sr):
     """Return the most flashes of any field in any second.
 
     levels: (samples, blocks) at RATE_HZ; areas_sr: as `fields` returns it. The pairs of a second
     are at most its changes to one side, whichever are fewer.
     """
-    marked = {+1: np.zeros(levels.shape, bool), -1: np.zeros(levels.shape, bool)}
-    for block in range(levels.shape[1]):
-        for k, direction in changes(levels[:, block]):
-            marked[direction][k, block] = True
-    counts = [_events(mark, areas_sr) for mark in marked.values()]
-    window = np.ones(RATE_HZ + 1, int)
-    sums = [np.array([np.convolve(row, window) for row in of]) for of in counts]
-    return int(np.minimum(*sums).max()) if len(areas_sr) else 0
+    return int(_most(np.asarray(levels, float), np.asarray(areas_sr, float)))
 
 
-def _events(mark, areas_sr):
-    """Count, (fields, samples), when concurrent changes first cover more than 0.006 sr."""
-    times = np.flatnonzero(mark.any(axis=1))
-    events = np.zeros((len(areas_sr), len(mark)), int)
-    last = np.full((len(areas_sr), mark.shape[1]), -np.inf)  # change that no event has used
-    for k in times:
-        last[:, mark[k]] = k
-        recent = last >= k - CONCURRENT_S * RATE_HZ
-        flashed = (areas_sr * recent).sum(axis=1) > 0.006
-        events[flashed, k] = 1
-        last[recent & flashed[:, None]] = -np.inf
-    return events
+@numba.njit
+def _changes(luminance, up, down):
+    """Mark the changes of a pixel by 10 % from the extreme since the change before it."""
+    direction = 0
+    low = high = luminance[0]
+    for k in range(len(luminance)):
+        value = luminance[k]
+        low, high = min(low, value), max(high, value)
+        if direction <= 0 and value - low >= 0.1:
+            direction, high = 1, value
+            up[k] = 1
+        elif direction >= 0 and high - value >= 0.1:
+            direction, low = -1, value
+            down[k] = 1
+
+
+@numba.njit
+def _flashed(marks, blocks, sr, found):
+    """Mark when concurrent changes of the blocks of a field first cover more than 0.006 sr."""
+    last = np.full(len(blocks), -(10**9))  # the change of each that no flash has used
+    for k in range(len(marks)):
+        new = False
+        for n in range(len(blocks)):
+            if marks[k, blocks[n]]:
+                last[n] = k
+                new = True
+        if not new:
+            continue
+        covered = 0.0
+        for n in range(len(blocks)):
+            if last[n] >= k - CONCURRENT_S * RATE_HZ:
+                covered += sr[n]
+        if covered > 0.006:
+            found[k] = 1
+            for n in range(len(blocks)):
+                if last[n] >= k - CONCURRENT_S * RATE_HZ:
+                    last[n] = -(10**9)
+
+
+@numba.njit
+def _most(levels, areas_sr):
+    samples, blocks = levels.shape
+    up, down = np.zeros((samples, blocks), np.int8), np.zeros((samples, blocks), np.int8)
+    for block in range(blocks):
+        _changes(levels[:, block], up[:, block], down[:, block])
+    most = 0
+    for field in range(len(areas_sr)):
+        seen = np.flatnonzero(areas_sr[field])
+        rises, falls = np.zeros(samples, np.int64), np.zeros(samples, np.int64)
+        _flashed(up, seen, areas_sr[field][seen], rises)
+        _flashed(down, seen, areas_sr[field][seen], falls)
+        count_up = count_down = 0
+        for k in range(samples):
+            count_up += rises[k]
+            count_down += falls[k]
+            if k > RATE_HZ:
+                count_up -= rises[k - RATE_HZ - 1]
+                count_down -= falls[k - RATE_HZ - 1]
+            most = max(most, min(count_up, count_down))
+    return most
