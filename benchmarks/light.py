@@ -2,8 +2,8 @@
 """eol bench light: does a flash stay a flash? The light of a recording under each limit of flashes.
 
 The taps and slips of a bag light their blocks again, as `leds` does, under the limit of the whole
-field, under that of each 10 degree field, and under none; `recorded` is the light of `led_commands`.
-Columns:
+field, under that of each 10 degree field, and under none; `recorded` is the light of
+`led_commands`. Columns:
 
     flash     time of a block above 10 % of full light, median and 90th percentile
     20 lit    share of the time with light in which at least 20 of 25 blocks are above 10 %
@@ -151,7 +151,7 @@ def recorded(bag: Bag, lit: list[tuple[float, int, bool]]) -> dict[str, Any] | N
     rises = []
     for slip_s, block, long in lit:
         first, last = np.searchsorted(at_s, [slip_s - 1e-6, slip_s + WITHIN_S])
-        if long and 0 < first:
+        if long and first > 0:
             rises.append(white[first : last + 1, block].max(initial=0) - white[first - 1, block])
     levels = np.concatenate([part for _, part in light.levels(bag)])
     leds = recorded_settings(bag, 'leds') or {}

@@ -201,8 +201,8 @@ def measured(bag: Bag) -> dict[str, Any]:
         said[1] += f', {found["contrast_time"]:.0%} of its change faster than {SLOW_HZ:g} Hz'
     if tau is not None:
         said.append(
-            f'cascades of {LEAST_AREA} blocks or more: {share:.0%} of their blocks flash up, in the '
-            f"order of the onsets to Kendall's tau {tau:.2f} in the median"
+            f'cascades of {LEAST_AREA} blocks or more: {share:.0%} of their blocks flash up, in '
+            f"the order of the onsets to Kendall's tau {tau:.2f} in the median"
         )
     return found | {'sentences': said}
 

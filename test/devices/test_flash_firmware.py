@@ -65,10 +65,10 @@ void show(int ms, const uint8_t *felt, int decay_ms, int lost, int gone_ms, int 
     }
 }
 
-/* The light of `frames` times `hz`, under the limit of each field of view, of slips at `at_s`; or of an
- * adversary, who lights a block of `mask` when it has lost `depth`, in `often` of 1000 looks a ms. */
-void storm(double decay_s, int slips, const double *at_s, const uint8_t *block, int frames, double hz,
-           uint8_t *shown)
+/* Light at `hz` under the limit of each field of view: of slips at `at_s`; or of an adversary, who
+ * lights a block of `mask` when it has lost `depth`, in `often` of 1000 looks. */
+void storm(double decay_s, int slips, const double *at_s, const uint8_t *block, int frames,
+           double hz, uint8_t *shown)
 {
     eol_local_field field;
     int next = 0;
@@ -80,8 +80,8 @@ void storm(double decay_s, int slips, const double *at_s, const uint8_t *block, 
     }
 }
 
-void adversary(double decay_s, uint32_t mask, int depth, int often, int seed, int frames, double hz,
-               uint8_t *shown)
+void adversary(double decay_s, uint32_t mask, int depth, int often, int seed, int frames,
+               double hz, uint8_t *shown)
 {
     eol_local_field field;
     uint8_t now[B], peak[B] = {0};
@@ -92,7 +92,8 @@ void adversary(double decay_s, uint32_t mask, int depth, int often, int seed, in
         eol_local_levels(&field, t * 1e-3, now);
         for (int b = 0; b < B; b++) {
             if (now[b] > peak[b]) peak[b] = now[b];
-            if (!(mask >> b & 1) || (peak[b] && peak[b] - now[b] < depth) || rand() % 1000 >= often) continue;
+            if (!(mask >> b & 1) || (peak[b] && peak[b] - now[b] < depth)) continue;
+            if (rand() % 1000 >= often) continue;
             eol_local_slip(&field, t * 1e-3, (uint8_t)b);
             peak[b] = 0;
         }
