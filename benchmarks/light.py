@@ -2,7 +2,7 @@
 """eol bench light: does a flash stay a flash? The light of a recording under each limit of flashes.
 
 The taps and slips of a bag light their blocks again, as `leds` does, under the limit of the whole
-field, under that of each 10 degree field, and under none; `recorded` is the light of
+field, under that of each 10 degree field with each look, and under none; `recorded` is light of
 `led_commands`. Columns:
 
     flash     time of a block above 10 % of full light, median and 90th percentile
@@ -17,6 +17,7 @@ field, under that of each 10 degree field, and under none; `recorded` is the lig
 """
 
 import argparse
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS, rest_lattice
 from eol_ros.core.light.flash import FlashField
 from eol_ros.core.light.frames import FELT_NS
 from eol_ros.core.light.local import LocalField
+from eol_ros.core.light.looks import LOOKS, REST_S, Look, spread
 from eol_ros.core.motion.slips import START, STOP
 from eol_ros.errors import EolError
 
@@ -47,11 +49,13 @@ EYES = [(0.0, 0.0, 0.8), (0.0, -0.9, 0.6), (0.0, -1.0, 1.1), (1.0, -1.0, 0.9)]
 FRAMES, FRAME_S = 12, 0.1  # of the sheet
 RAISED, LONG_M = 0.2, 1e-3
 RATE_HZ = light.RATE_HZ
-LIMITS = {  # name: field, decay in s, limited
-    'whole field': (FlashField, 0.35, True),
-    'whole field, short': (FlashField, 0.182, True),
-    'field of view': (LocalField, 0.1, True),
-    'none': (LocalField, 0.1, False),
+PAPER = Look(0.1, 0, 0.0)
+LIMITS = {  # name: field, look, limited
+    'whole field': (FlashField, PAPER._replace(decay_s=0.35), True),
+    'whole field, short': (FlashField, PAPER._replace(decay_s=0.182), True),
+    'none': (LocalField, PAPER, False),
+    'field of view, paper': (LocalField, PAPER, True),
+    **{f'field of view, {name}': (LocalField, look, True) for name, look in LOOKS.items()},
 }
 
 
@@ -86,6 +90,34 @@ def lightings(bag: Bag) -> list[tuple[float, int, bool]]:
     return sorted(((t - bag.start_ns) * 1e-9, block, long) for (t, block), long in found.items())
 
 
+class Play:
+    """Lightings under one limit, as time goes on: levels, and by how much long slips raised them.
+
+    Light that runs on lights no block that has been lit within REST_S.
+    """
+
+    def __init__(self, limit: str, lit: list[tuple[float, int, bool]]):
+        make, self.look, limited = LIMITS[limit]
+        self.field, self.rises = make(self.look.decay_s, limited=limited), []
+        runs = ((t + late_s, b) for t, one, _ in lit for late_s, b in spread(one, self.look))
+        own = [(t, b, long, True) for t, b, long in lit]
+        self._waiting = sorted(own + [(t, b, False, False) for t, b in runs], reverse=True)
+        self._lit_s = np.full(N_BLOCKS, -math.inf)
+
+    def levels(self, now_s: float) -> np.ndarray:
+        """Return the levels at `now_s`."""
+        while self._waiting and self._waiting[-1][0] <= now_s:
+            at_s, block, long, own = self._waiting.pop()
+            if not own and at_s - self._lit_s[block] < REST_S:
+                continue
+            self._lit_s[block] = at_s
+            before = self.field.levels(at_s)[block]
+            self.field.slip(at_s, block)
+            if long:
+                self.rises.append(self.field.levels(at_s)[block] - before)
+        return self.field.levels(now_s)
+
+
 def sheet(bag: Bag, lit: list[tuple[float, int, bool]]) -> str:
     """Return an SVG: FRAMES of the greatest cascade, FRAME_S apart, a row for each limit."""
     cascades = bag.table('cascades')
@@ -99,14 +131,11 @@ def sheet(bag: Bag, lit: list[tuple[float, int, bool]]) -> str:
         f'<rect width="{width}" height="{height}" fill="#111"/>',
         '<g fill="#bbb" font-family="sans-serif" font-size="9">',
     ]
-    for row, (limit, (make, decay_s, limited)) in enumerate(LIMITS.items()):
-        field, waiting, top = make(decay_s, limited=limited), lit[::-1], 80 * row + 20
-        drawn.append(f'<text x="10" y="{top - 6}">{limit}, decay {decay_s} s</text>')
+    for row, limit in enumerate(LIMITS):
+        play, top = Play(limit, lit), 80 * row + 20
+        drawn.append(f'<text x="10" y="{top - 6}">{limit}, decay {play.look.decay_s} s</text>')
         for k in range(FRAMES):
-            at_s = begin_s + k * FRAME_S
-            while waiting and waiting[-1][0] <= at_s:
-                field.slip(*waiting.pop()[:2])
-            for block, level in enumerate(field.levels(at_s)):
+            for block, level in enumerate(play.levels(begin_s + k * FRAME_S)):
                 x, y = 10 + 60 * k + 10 * (block % COLS), top + 10 * (ROWS - 1 - block // COLS)
                 grey = round(40 + 215 * level)
                 drawn.append(f'<path d="M{x} {y}h8v8h-8z" fill="#{grey:02x}{grey:02x}{grey:02x}"/>')
@@ -115,23 +144,15 @@ def sheet(bag: Bag, lit: list[tuple[float, int, bool]]) -> str:
 
 def measure(lit: list[tuple[float, int, bool]], seconds: float, limit: str) -> dict[str, Any]:
     """Return the columns of one limit."""
-    make, decay_s, limited = LIMITS[limit]
-    field, waiting, rises = make(decay_s, limited=limited), lit[::-1], []
-    levels = np.zeros((int(seconds * RATE_HZ), N_BLOCKS))
+    play, levels = Play(limit, lit), np.zeros((int(seconds * RATE_HZ), N_BLOCKS))
     began = time.perf_counter()
     for k in range(len(levels)):
-        while waiting and waiting[-1][0] <= k / RATE_HZ:
-            at_s, block, long = waiting.pop()
-            before = field.levels(at_s)[block]
-            field.slip(at_s, block)
-            if long:
-                rises.append(field.levels(at_s)[block] - before)
-        levels[k] = field.levels(k / RATE_HZ)
+        levels[k] = play.levels(k / RATE_HZ)
     cost_us = 1e6 * (time.perf_counter() - began) / (len(levels) + 3 * len(lit))
     return figures(levels) | {
-        'limit': limit, 'decay_s': decay_s,
-        'raised': float(np.mean(np.array(rises) >= RAISED)) if rises else None,
-        'long_slips': len(rises), 'held': int(field.lengthened), 'cost_us': cost_us,
+        'limit': limit, 'decay_s': play.look.decay_s,
+        'raised': float(np.mean(np.array(play.rises) >= RAISED)) if play.rises else None,
+        'long_slips': len(play.rises), 'held': int(play.field.lengthened), 'cost_us': cost_us,
     }  # fmt: skip
 
 

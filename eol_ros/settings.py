@@ -378,6 +378,24 @@ class LedsSettings:
         live=True,
     )
     peak: float = setting(1.0, 'peak light level of a flash', '', 0, 1, live=True)
+    look: str = setting(
+        'paper',
+        'look of the light: paper takes decay_s, spread_blocks and spread_delay_s as they are set; '
+        'the others have their own (docs/light.md)',
+        choices=('paper', 'lightning', 'wildfire', 'embers'),
+        live=True,
+    )
+    spread_blocks: int = setting(
+        0,
+        'number of blocks over which light runs on from a slip, to blocks that were dark for 1 s',
+        '',
+        0,
+        8,
+        live=True,
+    )
+    spread_delay_s: float = setting(
+        0.05, 'delay of running light from one block to the next', 's', 0.01, 1, live=True
+    )
     flash_limit: str = setting(
         'field_of_view',
         'area limited to three flashes a second: each field of view of 10 degrees, seen from at '

@@ -10,6 +10,7 @@ from eol_ros.analysis.bag import Bag, Table
 from eol_ros.analysis.recorded_settings import recorded_settings
 from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS, rest_lattice
 from eol_ros.core.light.local import new_field
+from eol_ros.core.light.looks import LOOKS
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.drive import Drive
 from eol_ros.core.physics.scene import from_mapping
@@ -99,7 +100,8 @@ class Uncoupled:
     def _light(self, times_s: np.ndarray, block: np.ndarray) -> np.ndarray:
         """Return the mean level of the white LEDs, (n,)."""
         leds = self._leds
-        field = new_field(leds.flash_limit, leds.decay_s, leds.peak)
+        decay_s = LOOKS[leds.look].decay_s if leds.look in LOOKS else leds.decay_s
+        field = new_field(leds.flash_limit, decay_s, leds.peak)
         levels, following = np.empty(round(self._span_s * series.RATE_HZ) * FRAMES), 0
         for frame in range(len(levels)):
             now_s = (frame + 1) / (FRAMES * series.RATE_HZ)

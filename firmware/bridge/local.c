@@ -23,7 +23,7 @@ static void ended(eol_local_block *one, double at_s)
     one->free_s[EOL_LOCAL_FALLS - 1] = at_s + PERIOD_S;
 }
 
-static void carry(eol_local_field *field, int block)
+static void age(eol_local_field *field, int block)
 {
     eol_local_block *one = &field->block[block];
     double from_s = one->fall_s < field->now_s ? one->fall_s : field->now_s, held_s, fell_s;
@@ -47,7 +47,7 @@ static void advance(eol_local_field *field, double now_s, int block)
     if (now_s > field->now_s) field->now_s = now_s; /* times that run backwards are no time at all */
     for (int b = 0; b < EOL_FLASH_BLOCKS; b++)
         if (block >= EOL_FLASH_BLOCKS || (abs(b / SIDE - block / SIDE) < 2 && abs(b % SIDE - block % SIDE) < 2))
-            carry(field, b);
+            age(field, b);
 }
 
 /* The first time from `at_s` on when the square with this corner allows one fall more of `block`. */

@@ -314,6 +314,25 @@ def test_the_whole_field_is_limited_while_firmware_knows_nothing_else(make_light
         assert max(sent.white[5] for sent in told_by(lights)) == 255
 
 
+def test_light_runs_on_over_dark_blocks_at_the_delay_of_its_look(make_lights):
+    with FakeBoard() as fake:
+        lights = make_lights(port=fake.port, spread_blocks=2, spread_delay_s=0.05)
+        stamp_ns = time.time_ns()
+        seen(lights, 6, stamp_ns - 20_000_000)
+        seen(lights, 0, stamp_ns)
+        lit = {}
+        for sent in told_by(lights, 0.4):
+            for block in range(25):
+                if sent.white[block] >= 180:
+                    lit.setdefault(block, sent)
+        orders = [a for a in fake.log if a.kind == 'Light']
+    assert sorted(lit) == [0, 1, 2, 5, 6, 7, 8, 10, 11, 12, 16]  # each once: 1 is near both
+    assert len(orders) == len(lit)
+    lights.set(LedsSettings(port=fake.port, look='embers'))
+    seen(lights, 24, time.time_ns())
+    assert len(lights._running) == 0
+
+
 def test_the_limit_goes_off_only_with_a_reason():
     with pytest.raises(ConfigError, match='needs a written reason'):
         Lights(LedsSettings(port='twin', flash_limit='false'))

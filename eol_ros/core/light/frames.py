@@ -18,6 +18,7 @@ import heapq
 from typing import Any
 
 from eol_ros.core.light.flash import FlashField
+from eol_ros.core.light.looks import REST_S
 
 NS = 1e-9
 FELT_NS = 100_000_000  # a slip is not lit again that its block lit so long before its onset
@@ -32,22 +33,32 @@ class Frames:
         self._period = 1e9 / rate_hz
         self._anchor_ns = self._last_ns = 0
         self._count = 0  # frames since the anchor
-        self._kept: list[tuple[int, int, tuple[int, ...], Any, int | None]] = []  # heap by stamp
+        # heap by stamp; last, whether light has run there from another block
+        self._kept: list[tuple[int, int, tuple[int, ...], Any, int | None, bool]] = []
         self._number = 0
         self._knock_ns: dict[int, int] = {}  # the last of each block
+        self._lit_ns: dict[int, int] = {}  # when it was last lit
 
     @property
     def glows(self) -> bool:
         """Whether frames are to come."""
         return bool(self._kept) or not self.field.dark
 
-    def lit(self, stamp_ns: int, cause: Any, *blocks: int, onset_ns: int | None = None) -> None:
+    def lit(
+        self,
+        stamp_ns: int,
+        cause: Any,
+        *blocks: int,
+        onset_ns: int | None = None,
+        spread: bool = False,
+    ) -> None:
         """Keep that `blocks` were lit at `stamp_ns` until `due` comes to it.
 
-        By their knocks; or with `onset_ns` for a slip that began then, if they had not lit it.
+        By their knocks; or with `onset_ns` for a slip that began then, if they had not lit it; or
+        by light that `spread` from another block, if they had been dark for REST_S.
         """
         self._number += 1
-        heapq.heappush(self._kept, (stamp_ns, self._number, blocks, cause, onset_ns))
+        heapq.heappush(self._kept, (stamp_ns, self._number, blocks, cause, onset_ns, spread))
 
     def due(self, stamp_ns: int) -> list[tuple[int, bytes, Any]]:
         """Return time, levels and cause of what was kept and of the frames up to `stamp_ns`.
@@ -56,8 +67,12 @@ class Frames:
         """
         found: list[tuple[int, bytes, Any]] = []
         while self._kept and self._kept[0][0] <= stamp_ns:
-            at_ns, _, blocks, cause, onset_ns = heapq.heappop(self._kept)
-            if onset_ns is None:
+            at_ns, _, blocks, cause, onset_ns, spread = heapq.heappop(self._kept)
+            if spread:
+                blocks = tuple(b for b in blocks if self.rested(b, at_ns))
+                if not blocks:
+                    continue
+            elif onset_ns is None:
                 self._knock_ns.update(dict.fromkeys(blocks, at_ns))
             elif any(self._knock_ns.get(b, -FELT_NS) > onset_ns - FELT_NS for b in blocks):
                 continue
@@ -65,12 +80,17 @@ class Frames:
             found.append((at_ns, self._lit(at_ns, blocks), cause))
         return found + [(t, levels, None) for t, levels in self._until(stamp_ns)]
 
+    def rested(self, block: int, at_ns: int) -> bool:
+        """Return whether `block` had not been lit for REST_S at `at_ns`, as far as `due` came."""
+        return at_ns - self._lit_ns.get(block, -(10**18)) >= REST_S * 1e9
+
     def _lit(self, stamp_ns: int, blocks: tuple[int, ...]) -> bytes:
         if self.field.dark:
             self._anchor_ns, self._count = stamp_ns, 0
         elif stamp_ns < self._last_ns:
             self.late += 1
         self._last_ns = max(stamp_ns, self._last_ns)
+        self._lit_ns.update(dict.fromkeys(blocks, stamp_ns))
         for block in blocks:
             self.field.slip(stamp_ns * NS, block)
         return self.field.level_bytes(stamp_ns * NS)
@@ -92,7 +112,8 @@ class Frames:
         self._anchor_ns += by_ns
         self._last_ns += by_ns
         self._knock_ns.clear()
+        self._lit_ns = {block: at_ns + by_ns for block, at_ns in self._lit_ns.items()}
         self._kept = [
-            (stamp_ns + by_ns, number, blocks, cause, onset_ns and onset_ns + by_ns)
-            for stamp_ns, number, blocks, cause, onset_ns in self._kept
+            (stamp_ns + by_ns, number, blocks, cause, onset_ns and onset_ns + by_ns, spread)
+            for stamp_ns, number, blocks, cause, onset_ns, spread in self._kept
         ]

@@ -11,6 +11,7 @@ four times as fast, stand still or begin again: there a slip counts from its arr
 clock, and the limit of flashes holds in that.
 """
 
+import heapq
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
@@ -20,6 +21,7 @@ from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.light.frames import FELT_NS, Frames
 from eol_ros.core.light.local import FIELD, FIELD_OF_VIEW, OFF, new_field
+from eol_ros.core.light.looks import LOOKS, REST_S, Look, spread
 from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.devices.board.board import Board, State, TapReport
 from eol_ros.errors import ConfigError
@@ -136,6 +138,8 @@ class Lights:
         self._sequence = 0  # of the last packet with light
         self._felt_ns = [0] * N_BLOCKS  # when each block last felt a knock
         self._shone: OrderedDict[tuple[int, int], int] = OrderedDict()  # knock: when it shone
+        self._lit_ns = [0] * N_BLOCKS  # when each block was last lit, as far as that is known
+        self._running: list[tuple[int, int]] = []  # heap: when light runs to which block
         self._twin_sigma_s = 0.0  # of the time of a knock
         if s.port == 'twin':
             from eol_ros.devices.board.twin import SIGMA_S, TwinBoard
@@ -165,6 +169,7 @@ class Lights:
     @asleep.setter
     def asleep(self, asleep: bool) -> None:
         self._asleep = asleep
+        self._running.clear()
         self._configure()
 
     def close(self) -> None:
@@ -182,12 +187,12 @@ class Lights:
     @property
     def glows(self) -> bool:
         """Whether frames are to come."""
-        return self.frames.glows
+        return self.frames.glows or bool(self._running)
 
     def restart(self) -> None:
         """Time has jumped back: begin in the dark again. A real board's light goes on to fade."""
         self.asleep = False
-        self._felt_ns = [0] * N_BLOCKS
+        self._felt_ns, self._lit_ns = [0] * N_BLOCKS, [0] * N_BLOCKS
         if self.by_stamp:
             self.frames = self._new_frames()
 
@@ -200,7 +205,12 @@ class Lights:
     @property
     def _decay_s(self) -> float:
         """As the board has it."""
-        return max(self._settings.decay_s, self.frames.field.SHORTEST_S)
+        return max(self._look.decay_s, self.frames.field.SHORTEST_S)
+
+    @property
+    def _look(self) -> Look:
+        s = self._settings
+        return LOOKS.get(s.look) or Look(s.decay_s, s.spread_blocks, s.spread_delay_s)
 
     @property
     def by_themselves(self) -> bool:
@@ -216,6 +226,7 @@ class Lights:
         if not (self._asleep or felt or trigger == 'blocks'):
             began_ns = None if trigger == 'slips' else onset_ns + self._at_ns(stamp_ns) - stamp_ns
             self._light(stamp_ns, block, onset_ns=began_ns)
+            self._run_on(block, self._at_ns(stamp_ns))
 
     def tap(self, block: int, stamp_ns: int, board_us: int) -> None:
         """Count the light of a block that felt a knock; give it where it does not do so itself."""
@@ -224,12 +235,15 @@ class Lights:
         self._felt_ns[block] = stamp_ns
         if not self.by_themselves:
             self._light(stamp_ns, block)
+            self._run_on(block, self._at_ns(stamp_ns))
         elif (shone_ns := self._shone.pop((block, board_us), None)) is not None:
             self.frames.lit(self._at_ns(stamp_ns), _Cause(stamp_ns, shone_ns), block)
+            self._run_on(block, self._at_ns(stamp_ns))
 
     def frame(self) -> list[Sent]:
         """Send the light as it is by now; such a packet carries no stamp."""
         until_ns = self._now_ns()
+        self._run(until_ns)
         if self.by_stamp:
             if self._played is None:
                 until_ns -= TOLD_NS
@@ -248,6 +262,22 @@ class Lights:
             cause = cause or _Cause(0, wall_ns(at_ns) if wall_ns else at_ns)
             sent.append(Sent(self._sequence, white, infrared, *cause))
         return sent
+
+    def _run_on(self, block: int, at_ns: int) -> None:
+        """Let light run on from `block`, which was lit at `at_ns`."""
+        self._lit_ns[block] = max(at_ns, self._lit_ns[block])
+        for after_s, other in spread(block, self._look):
+            heapq.heappush(self._running, (at_ns + round(after_s * 1e9), other))
+
+    def _run(self, now_ns: int) -> None:
+        """Light the blocks that running light has come to by now."""
+        if self._played is not None and self.by_stamp:
+            now_ns = self._played.recorded_ns(now_ns)
+        while self._running and self._running[0][0] <= now_ns:
+            at_ns, block = heapq.heappop(self._running)
+            if at_ns - self._lit_ns[block] >= REST_S * 1e9:
+                self._lit_ns[block] = at_ns
+                self._light(0, block, at_ns=at_ns, spread=True)
 
     def test(self, stamp_ns: int) -> None:
         """Light all blocks once, for the people who set up and asked for it at `stamp_ns`."""
@@ -268,7 +298,7 @@ class Lights:
         limit = FIELD if each and old else self._settings.flash_limit
         if limit != self._limit and found:
             before, self._limit = self.frames.field, limit
-            self.frames.field = new_field(limit, self._settings.decay_s, self._settings.peak)
+            self.frames.field = new_field(limit, self._look.decay_s, self._settings.peak)
             self.frames.field.take_over(before)
             self._configure()
 
@@ -311,12 +341,17 @@ class Lights:
         if s.trigger != 'slips' and not self._asleep and self._played is None:
             flags |= protocol.BY_ITSELF
         self.board.configure(
-            protocol.Lighting(flags, round(255 * s.peak), round(1000 * s.decay_s)),
+            protocol.Lighting(flags, round(255 * s.peak), round(1000 * self._look.decay_s)),
             protocol.Detector(threshold=round(16 * s.tap_threshold_mg)),
         )
 
     def _light(
-        self, stamp_ns: int, *blocks: int, at_ns: int = 0, onset_ns: int | None = None
+        self,
+        stamp_ns: int,
+        *blocks: int,
+        at_ns: int = 0,
+        onset_ns: int | None = None,
+        spread: bool = False,
     ) -> None:
         """Have `blocks` lit now, for the image or knock of `stamp_ns`, or of `at_ns` for none."""
         at_ns = at_ns or self._at_ns(stamp_ns)
@@ -324,7 +359,8 @@ class Lights:
         sequence = self.board.light(mask, self._wall_us(stamp_ns))
         if sequence is not None:
             self._sequence = sequence
-            self.frames.lit(at_ns, _Cause(stamp_ns, time.time_ns()), *blocks, onset_ns=onset_ns)
+            cause = _Cause(stamp_ns, time.time_ns())
+            self.frames.lit(at_ns, cause, *blocks, onset_ns=onset_ns, spread=spread)
 
     def _wall_us(self, stamp_ns: int) -> int:
         return (self._played.wall_ns(stamp_ns) if self._played and stamp_ns else stamp_ns) // 1000
@@ -337,6 +373,8 @@ class Lights:
         jump_ns = self._clock.take(now_ns, steady_ns)
         if jump_ns and (self._played is None or not self.by_stamp):
             self.frames.shift(jump_ns)
+            self._running.clear()
+            self._lit_ns = [at_ns + jump_ns for at_ns in self._lit_ns]
         return now_ns
 
     def _at_ns(self, stamp_ns: int) -> int:
@@ -349,7 +387,7 @@ class Lights:
 
     def _new_frames(self) -> Frames:
         s = self._settings
-        return Frames(new_field(self._limit, s.decay_s, s.peak), s.frame_hz)
+        return Frames(new_field(self._limit, self._look.decay_s, s.peak), s.frame_hz)
 
     def _tap(self, tap: TapReport) -> None:
         ago_ns = time.monotonic_ns() - round(tap.time.time_s * 1e9)

@@ -107,6 +107,16 @@ def test_a_slip_that_its_block_has_lit_is_not_lit_again():
     assert [cause for _, _, cause in frames.due(T0 + 600 * MS) if cause] == ['seen']
 
 
+def test_light_runs_on_to_blocks_that_were_dark_for_a_second_alone():
+    frames = Frames(FlashField(0.05), 100.0)
+    frames.lit(T0, 'slip', 3)
+    frames.lit(T0 + 500 * MS, 'runs', 3, 4, spread=True)
+    frames.lit(T0 + 1600 * MS, 'runs', 3, spread=True)
+    frames.lit(T0 + 1700 * MS, 'runs', 3, spread=True)
+    lit = [(t, [b for b in (3, 4) if w[b] == 255]) for t, w, c in frames.due(T0 + 2 * 10**9) if c]
+    assert lit == [(T0, [3]), (T0 + 500 * MS, [4]), (T0 + 1600 * MS, [3])]
+
+
 def test_frames_lie_on_the_grid_of_the_slip_that_lit_the_dark():
     field = FlashField(0.2)
     frames = Frames(field, 100.0)
