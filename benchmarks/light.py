@@ -32,7 +32,7 @@ from eol_ros.analysis.recorded_settings import recorded_settings
 from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS, rest_lattice
 from eol_ros.core.light.flash import FlashField
 from eol_ros.core.light.frames import FELT_NS
-from eol_ros.core.light.local import LocalField
+from eol_ros.core.light.local import BLOCK_FALLS, PERIOD_S, SQUARE_FALLS, SQUARES, LocalField
 from eol_ros.core.light.looks import LOOKS, REST_S, Look, spread
 from eol_ros.core.motion.slips import START, STOP
 from eol_ros.errors import EolError
@@ -184,6 +184,71 @@ def recorded(bag: Bag, lit: list[tuple[float, int, bool]]) -> dict[str, Any] | N
     }  # fmt: skip
 
 
+class Logged(LocalField):
+    """A LocalField that keeps its falls: block, when asked for, when it began, when it ended."""
+
+    def __init__(self, decay_s: float):
+        super().__init__(decay_s)
+        self.log: list[list[float]] = []
+        self._last: dict[int, list[float]] = {}
+
+    def slip(self, now_s: float, block: int) -> None:
+        """Light `block`."""
+        before_s = self._fall_s[block]
+        super().slip(now_s, block)
+        if self._fall_s[block] != before_s:
+            self._last[block] = [block, now_s, self._fall_s[block], math.inf]
+            self.log.append(self._last[block])
+
+    def _ended(self, block: int, at_s: float) -> None:
+        super()._ended(block, at_s)
+        self._last[block][3] = at_s
+
+
+def optimum(lit: list[tuple[float, int, bool]]) -> dict[str, Any]:
+    """Return how long falls wait, by the limiter and at least, and what either takes.
+
+    At least: a linear programme with the same falls, as long and in the same order, under the same
+    rules, which knows all slips beforehand. The limiter takes each fall that lasts as one without
+    end, for it knows none that is to come.
+    """
+    from scipy.optimize import linprog
+    from scipy.sparse import coo_matrix
+
+    field, began = Logged(PAPER.decay_s), time.perf_counter()
+    for at_s, block, _ in lit:
+        field.slip(at_s, block)
+    limiter_s = time.perf_counter() - began
+    field.levels(lit[-1][0] + 100.0)
+    falls = np.array(sorted(field.log, key=lambda fall: fall[2]))
+    block, asked_s, begin_s, end_s = falls.T
+    lasts_s = end_s - begin_s
+    before, after = [], []  # the second of a pair begins PERIOD_S after the end of the first
+    for members, most in [
+        *(([b], BLOCK_FALLS) for b in range(N_BLOCKS)), *((s, SQUARE_FALLS) for s in SQUARES),
+    ]:  # fmt: skip
+        own = np.flatnonzero(np.isin(block, members))
+        for k in range(most, len(own)):
+            last = own[:k][np.argsort(end_s[own[:k]], kind='stable')]
+            before.append(last[-most])
+            after.append(own[k])
+    row = np.arange(len(before))
+    rules = coo_matrix(
+        (np.repeat([1.0, -1.0], len(row)), (np.tile(row, 2), before + after)),
+        (len(row), len(falls)),
+    )
+    began = time.perf_counter()
+    bounds = [(at_s, None) for at_s in asked_s]
+    least = linprog(np.ones(len(falls)), rules, -lasts_s[before] - PERIOD_S, bounds=bounds)
+    return {
+        'falls': len(falls), 'delayed': int((begin_s > asked_s).sum()),
+        'limiter_wait_s': float((begin_s - asked_s).sum()),
+        'least_wait_s': float(least.fun - asked_s.sum()),
+        'limiter_us_a_slip': 1e6 * limiter_s / len(lit),
+        'programme_us_a_slip': 1e6 * (time.perf_counter() - began) / len(lit),
+    }  # fmt: skip
+
+
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
     bag = open_bag(args.bag)
@@ -192,7 +257,9 @@ def run(args: argparse.Namespace) -> int:
         Path(args.sheet).write_text(sheet(bag, lit))
     rows = [measure(lit, bag.duration_s, limit) for limit in LIMITS]
     rows += [row for row in [recorded(bag, lit)] if row]
-    found = {'lightings': len(lit), 'seconds': bag.duration_s, 'limits': rows}
+    found = {
+        'lightings': len(lit), 'seconds': bag.duration_s, 'limits': rows, 'optimum': optimum(lit),
+    }  # fmt: skip
     tell(found, args.json, table)
     return 0
 
@@ -212,4 +279,10 @@ def table(result: dict[str, Any]) -> str:
             f'{r["contrast_space"]:7.2f}{r["contrast_time"]:6.0%}'
             + (f'{r["cost_us"]:5.0f} us' if r['cost_us'] else '')
         )
+    o = result['optimum']
+    lines.append(
+        f'{o["delayed"]} of {o["falls"]} falls wait, {o["limiter_wait_s"]:.1f} s in all, '
+        f'{o["limiter_us_a_slip"]:.0f} us a slip; with all slips known beforehand (linear '
+        f'programme) {o["least_wait_s"]:.1f} s, {o["programme_us_a_slip"]:.0f} us'
+    )
     return '\n'.join(lines)

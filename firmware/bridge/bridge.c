@@ -2,7 +2,7 @@
 #include "bridge.h"
 
 static const double HOLD_AT_FIRST_S = 1.001 / 3;
-static const double HANDOVER_S = 1.02; /* from one limit to another */
+static const double HANDOVER_S = 1.07; /* from one limit to another */
 static const double FOR_EVER_S = 1e30;
 enum {
     EACH = EOL_LIMITED | EOL_EACH_FIELD,

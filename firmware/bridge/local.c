@@ -6,8 +6,8 @@
 #include <string.h>
 
 enum { SQUARE_FALLS = 11, SIDE = 5, SQUARE = 4 };
-static const double PERIOD_S = 1.02;
-static const double HOLD_RATE = 0.06187540371808753 / 1.02; /* 6 % in a period */
+static const double PERIOD_S = 1.07;
+static const double HOLD_RATE = 0.06187540371808753 / 1.07; /* 6 % in a period */
 static const double FIRST = 0.75;                           /* of `peak`, after rest */
 static const double DARK = 0.5 / 255;
 static const double LONG_AGO_S = -1e30;

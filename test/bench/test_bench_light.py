@@ -9,12 +9,16 @@ from eol_ros import cli
 def test_flashes_of_the_sample_stay_short_under_the_limit_by_view(capsys, tmp_path):
     drawn = tmp_path / 'sheet.svg'
     assert cli.main(['bench', 'light', '--json', '--sheet', str(drawn)]) == 0
-    whole, _, none, view, *looks, recorded = json.loads(capsys.readouterr().out)['limits']
+    found = json.loads(capsys.readouterr().out)
+    whole, _, none, view, *looks, recorded = found['limits']
 
     assert whole['long_slips'] == view['long_slips'] > 700
     assert whole['flash_median_s'] > 3 and view['flash_median_s'] <= 0.6
     assert view['flash_p90_s'] <= 1.2
     assert view['many_lit'] <= 0.05
+    best = found['optimum']
+    assert best['delayed'] > 100
+    assert best['least_wait_s'] == pytest.approx(best['limiter_wait_s'], rel=0.02)
     lightning, wildfire, embers = looks
     for look in looks:
         assert look['raised'] >= 0.95 and look['most_flashes_per_s'] <= 3

@@ -391,7 +391,7 @@ def test_the_blocks_of_the_twin_do_what_their_board_says(make_lights):
     radio = Radio()
     lamps = Lamps(radio)
     assert lamps.advance(0.0, 1.0, [(0.9, 3)])[0][3] == pytest.approx(
-        0.75 * math.exp(-0.1 / 16.5), rel=1e-3
+        0.75 * math.exp(-0.1 / 17.3), rel=1e-3
     )
     lights = make_lights(decay_s=0.5, tap_threshold_mg=20, peak=0.8)
     assert wait_until(lambda: len(lights.board.blocks) == 26)
@@ -410,7 +410,7 @@ def test_the_blocks_of_the_twin_do_what_their_board_says(make_lights):
     assert wait_until(lambda: not radio.linked)
     radio.close()
     before, after = (lamps.advance(10.5, t, [])[0][9] for t in (10.5, 11.5))
-    assert after == pytest.approx(before * math.exp(-1 / 16.5), rel=1e-3)
+    assert after == pytest.approx(before * math.exp(-1 / 17.3), rel=1e-3)
 
 
 def test_of_two_boards_in_one_graph_the_first_hears():

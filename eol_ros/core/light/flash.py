@@ -27,7 +27,7 @@ FLASHES_PER_S = 3
 FLASH_DEPTH = 0.1  # of the greatest luminance: what counts as a change (WCAG 2.2)
 MIN_PERIOD_S = 1.001 / FLASHES_PER_S  # the thousandth keeps four falls out of a closed second
 HOLD_RATE = -elementary.log(1.0 - 0.8 * FLASH_DEPTH) / MIN_PERIOD_S  # 1/s, 8 % in a period
-HANDOVER_S = 1.02  # from one limit to another: a second in which neither knows what fell
+HANDOVER_S = 1.07  # from one limit to another: a second in which neither knows what fell
 DARK = 0.5 / 255  # rounds to level 0 on the wire
 
 

@@ -23,7 +23,8 @@ from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS
 from eol_ros.core.light.flash import DARK, FlashField
 
 BLOCK_FALLS, SQUARE_FALLS = 3, 11
-PERIOD_S = 1.02  # a closed second, and 20 ms in which a falling block may miss words of the bridge
+# A closed second, 50 ms within which changes are concurrent, 20 ms of lost words of the bridge.
+PERIOD_S = 1.07
 HOLD_RATE = -elementary.log(0.94) / PERIOD_S  # 1/s
 FIELD_OF_VIEW, FIELD, OFF = LIMITS = ('field_of_view', 'field', 'false')
 FIRST = 0.75  # of `peak`, the level of a slip after rest; one that meets light adds the rest
