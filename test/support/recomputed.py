@@ -55,14 +55,17 @@ def blocks() -> dict:
 
 def light() -> dict:
     """The levels of the blocks' light."""
-    from eol_ros.core.light.flash import FlashField
+    from eol_ros.core.light.local import FIELD, FIELD_OF_VIEW, new_field
 
-    rng, field, now_s, out = np.random.default_rng(1), FlashField(0.35), 0.0, []
-    for block in rng.integers(0, 25, 400).tolist():
-        now_s += float(rng.exponential(0.05))
-        field.slip(now_s, block)
-        out.append(field.levels(now_s + 0.01))
-    return {'levels': digest(*out)}
+    found = {}
+    for limit in (FIELD, FIELD_OF_VIEW):
+        rng, field, now_s, out = np.random.default_rng(1), new_field(limit, 0.35), 0.0, []
+        for block in rng.integers(0, 25, 400).tolist():
+            now_s += float(rng.exponential(0.05))
+            field.slip(now_s, block)
+            out.append(field.levels(now_s + 0.01))
+        found[limit] = digest(*out)
+    return found
 
 
 def sound() -> dict:
