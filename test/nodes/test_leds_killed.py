@@ -70,7 +70,22 @@ class Eye(threading.Thread):
         return most
 
 
-@pytest.mark.parametrize('limit', ['field_of_view', 'field'])
+def started(killed, port, limit, folder):
+    """Start `leds` alone, or bringup with it: it ends with bringup."""
+    words = [*LEDS, f'port:={port}', '-p', f'flash_limit:={limit}']
+    if killed == 'bringup':
+        scene = folder / 'scene.yaml'
+        leds = f'{{port: {port}, flash_limit: {limit}, decay_s: 0.182}}'
+        nodes = f'{{camera: {{device: none}}, tracker: {{}}, motion: {{}}, leds: {leds}}}'
+        scene.write_text(f'scene: killed\nnodes: {nodes}\n')
+        words = [sys.executable, '-m', 'eol_ros.bringup', scene, '--only', 'leds']
+    return subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+@pytest.mark.parametrize(
+    ('killed', 'limit'),
+    [('leds', 'field_of_view'), ('bringup', 'field_of_view'), ('leds', 'field')],
+)
 @pytest.mark.parametrize(
     'kills',
     [
@@ -78,7 +93,7 @@ class Eye(threading.Thread):
         pytest.param(200, marks=[pytest.mark.soak, pytest.mark.timeout(3600)]),
     ],
 )
-def test_killing_leds_breaks_no_limit(ros, kills, limit):
+def test_killing_breaks_no_limit(ros, tmp_path, kills, killed, limit):
     """Blocks knock by themselves all the while, and what they hold is bright at each kill."""
     rng, lit = random.Random(kills), 0
     with FakeBoard() as fake, Nodes(Motion()) as nodes:
@@ -86,10 +101,7 @@ def test_killing_leds_breaks_no_limit(ros, kills, limit):
         eye.start()
         for _ in range(kills):
             fake.log.clear()
-            leds = subprocess.Popen(
-                [*LEDS, f'port:={fake.port}', '-p', f'flash_limit:={limit}'],
-                stderr=subprocess.DEVNULL,
-            )
+            leds = started(killed, fake.port, limit, tmp_path)
             try:
                 nodes.until(lambda: sum(a.kind == 'Light' for a in list(fake.log)) > 3)
                 end = time.monotonic() + rng.uniform(0, 0.5)
