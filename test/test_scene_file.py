@@ -303,6 +303,18 @@ def changes(draw):
     return found
 
 
+@pytest.mark.parametrize(
+    ('written', 'meant'),
+    [('true', 'field'), ('field', 'field'), ('field_of_view', 'field_of_view')],
+)
+def test_a_limit_of_flashes_that_was_true_is_that_of_the_whole_field(tmp_path, written, meant):
+    path = tmp_path / 'scene.yaml'
+    path.write_text(
+        f'include: rehearsal\nnodes: {{leds: {{port: twin, flash_limit: {written}}}}}\n'
+    )
+    assert scenes.load(path).nodes['leds'].flash_limit == meant
+
+
 @given(changes())
 @settings(max_examples=25)
 def test_a_scene_has_what_it_says_and_else_what_it_includes(changed):
