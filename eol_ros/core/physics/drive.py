@@ -11,6 +11,7 @@ import numpy as np
 
 from eol_ros.errors import ConfigError
 
+LARGEST = 1e50  # of any number of a scene, and of 1 / mass: k u / m can still be squared
 NONE, VELOCITY, CIRCLE, POSES = range(4)
 KINDS = {'none': NONE, 'constant_velocity': VELOCITY, 'circle_and_rotation': CIRCLE, 'poses': POSES}
 PARAMETERS = {
@@ -45,12 +46,20 @@ class Drive(NamedTuple):
 
         `rates` (p+1, 3) are the velocities there; without them each is the slope of the parabola
         through the pose and its neighbours (one-sided at the ends; two rows: a straight line).
+        Slopes are limited so that no piece leaves its chord by more than 8/27 of the larger change
+        of pose beside it. Evenly spaced rows need no limit; a jump beside a long piece does.
         """
         t, q = rows[:, 0], rows[:, 1:]
-        if rates is None:
-            rates = np.gradient(q, t, axis=0, edge_order=2 if len(t) > 2 else 1)
         h = np.diff(t)[:, None]
         slope = np.diff(q, axis=0) / h
+        if rates is None:
+            rates = np.gradient(q, t, axis=0, edge_order=2 if len(t) > 2 else 1)
+            change = np.abs(np.diff(q, axis=0))
+            most = np.maximum(change[:-1], change[1:])
+            most = np.concatenate([most[:1], most, most[-1:]]) if len(most) else change[[0, 0]]
+            for end in (slice(1, None), slice(-1)):
+                spare = most[end] / h
+                rates[end] = np.clip(rates[end], slope - spare, slope + spare)
         c2 = (3 * slope - 2 * rates[:-1] - rates[1:]) / h
         c3 = (rates[:-1] + rates[1:] - 2 * slope) / h**2
         return cls(POSES, np.zeros(4), t.copy(), np.stack([q[:-1], rates[:-1], c2, c3], axis=2))
@@ -79,8 +88,8 @@ class Drive(NamedTuple):
             values = np.asarray(par, dtype=float)
         except (TypeError, ValueError):
             raise ConfigError(f'drive par is {par!r:.60}: numbers are wanted') from None
-        if not np.all(np.isfinite(values)):
-            raise ConfigError(f'drive par of {kind} holds a number that is not finite')
+        if not np.all(np.abs(values) <= LARGEST):
+            raise ConfigError(f'drive par of {kind}: numbers of at most {LARGEST:g} are wanted')
         if kind == 'poses':
             if values.ndim != 2 or values.shape[1] != 4 or len(values) < 2:
                 raise ConfigError('drive par of poses wants two or more rows t, x, y, phi')

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from eol_ros.core.physics.drive import Drive
+from eol_ros.core.physics.drive import LARGEST, Drive
 from eol_ros.errors import ConfigError
 
 KEYS = (
@@ -38,6 +38,7 @@ BETWEEN = ('i', 'j', 'k', 'L0', 'dir', 'Lnom')
 ARMS = ('arm', 'arm_j')  # optional, with rotation
 TO_FRAME = ('i', 'k', 'L0', 'dir', 'Lnom', 'anchor')
 MAX_BLOCKS = 1_000_000
+UNIT = 1e-6  # by how much the length of a direction may differ from 1
 
 
 @dataclass(frozen=True)
@@ -217,8 +218,8 @@ def _number(key: str, value: Any, least: float | None = None, above: float | Non
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise ConfigError(f'{key} is {_show(value)}: a number is wanted')
     value = float(value)
-    if not np.isfinite(value):
-        raise ConfigError(f'{key} is {value}: a finite number is wanted')
+    if not abs(value) <= LARGEST:
+        raise ConfigError(f'{key} is {value:g}: a number of at most {LARGEST:g} is wanted')
     if least is not None and value < least:
         raise ConfigError(f'{key} is {value:g}: {least:g} or more is wanted')
     if above is not None and value <= above:
@@ -249,10 +250,10 @@ def _array(key: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
     if array.shape != shape:
         found = ' x '.join(map(str, array.shape)) or 'a single number'
         raise ConfigError(f'{key} has {found}: {words} numbers are wanted')
-    bad = np.argwhere(~np.isfinite(array))
-    if len(bad):
+    for bad in np.argwhere(~(np.abs(array) <= LARGEST))[:1]:
         raise ConfigError(
-            f'{key}{bad[0].tolist()} is {array[tuple(bad[0])]}: a finite number is wanted'
+            f'{key}{bad.tolist()} is {array[tuple(bad)]:g}: a number of at most {LARGEST:g} is'
+            ' wanted'
         )
     return array
 
@@ -262,9 +263,9 @@ def _per_block(key: str, value: Any, n: int, positive: bool = False) -> np.ndarr
         array = _array(key, value, (n,))
     else:
         array = np.full(n, _number(key, value))
-    wrong = np.flatnonzero(array <= 0 if positive else array < 0)
+    wrong = np.flatnonzero(array < 1 / LARGEST if positive else array < 0)
     if len(wrong):
-        wanted = 'more than 0' if positive else '0 or more'
+        wanted = f'{1 / LARGEST:g} or more' if positive else '0 or more'
         raise ConfigError(f'{key} is {array[wrong[0]]:g} for block {wrong[0]}: {wanted} is wanted')
     return array
 
@@ -290,6 +291,9 @@ def _springs(
         natural.append(_number(f'{here}.L0', row['L0'], least=0.0))
         direction = _array(f'{here}.dir', row['dir'], (2,))
         length = _number(f'{here}.Lnom', row['Lnom'], least=0.0)
+        size = float(np.hypot(*direction))
+        if length > 0 and abs(size - 1) > UNIT:
+            raise ConfigError(f'{here}.dir has the length {size:g}: a unit vector is wanted')
         rest.append(length * direction)
         if 'j' in wanted:
             j.append(_block(f'{here}.j', row['j'], n))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from eol_ros.core.physics import builders
+from eol_ros.core.physics.drive import Drive
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.errors import ConfigError
 
@@ -40,6 +41,12 @@ MISTAKES = [
     (lambda s: s.update(v0='fast'), "v0 is 'fast'"),
     (lambda s: s.update(T=-1), 'T is -1'),
     (lambda s: s.update(sprngs=[]), "unknown key 'sprngs'"),
+    (lambda s: s['springs_to_frame'][3].update(k=1e200), 'springs_to_frame[3].k is 1e+200'),
+    (lambda s: s['u0'].__setitem__(4, [0.0, 1e155]), 'u0[4, 1] is 1e+155'),
+    (lambda s: s.update(v0=[[0.0, -1e101]] * 25), 'v0[0, 1] is -1e+101'),
+    (lambda s: s.update(mass=1e-101), 'mass is 1e-101 for block 0'),
+    (lambda s: s['drive'].update(par=[1e200, 0.0]), 'numbers of at most 1e+50'),
+    (lambda s: s['springs_between_blocks'][7].update(dir=[2.0, 0.0]), 'has the length 2: a unit'),
 ]
 
 
@@ -66,6 +73,18 @@ def test_one_friction_for_all_or_one_for_each():
     one = from_mapping(builders.table(PULL, 1.0, mu_s=0.8, mu_k=0.5))
     each = from_mapping(builders.table(PULL, 1.0, mu_s=[0.8] * 25, mu_k=[0.5] * 25))
     assert np.array_equal(one.static_limit, each.static_limit)
+
+
+def test_poses_do_not_overshoot_at_a_jump():
+    rows = np.array([[0, 0, 0, 0], [1, 0, 0, 0], [1.001, 0.1, 0, 0], [2, 0.1, 0, 0]])
+    x = Drive.through(rows).pose(np.linspace(0, 2, 20001))[:, 0]
+    assert x.min() > -0.03 and x.max() < 0.13
+
+
+def test_evenly_spaced_poses_have_the_slopes_of_parabolas():
+    rows = np.column_stack([np.arange(9) / 60, np.random.default_rng(1).normal(size=(9, 3))])
+    rates = np.gradient(rows[:, 1:], rows[:, 0], axis=0, edge_order=2)
+    assert Drive.through(rows).cubics[:, :, 1] == pytest.approx(rates[:-1], rel=1e-12)
 
 
 def test_poses_go_through_their_rows_smoothly():
