@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from eol_ros.core.physics.status import OK, WORDS
+from eol_ros.core.physics.status import NOT_FINITE, OK, WORDS
 
 OK_WORD = WORDS[OK]
 
@@ -91,10 +91,12 @@ def cut_short(run: Run, duration_s: float, limits: Limits) -> Run:
 
     The note says how far the run came and what would let it go on.
     """
+    finite = np.isfinite(run.u).all(axis=(1, 2)) & np.isfinite(run.v).all(axis=(1, 2))
     if run.status == OK_WORD:
-        return run
-    with np.errstate(invalid='ignore'):
-        finite = np.isfinite(run.u).all(axis=(1, 2)) & np.isfinite(run.v).all(axis=(1, 2))
+        if finite.all() and (run.energy is None or np.isfinite(run.energy.residual_J)):
+            return run
+        run.status = WORDS[NOT_FINITE]
+        run.t_reached = float(run.t[np.logical_and.accumulate(finite)].max(initial=0.0))
     kept = (run.t <= run.t_reached) & np.logical_and.accumulate(finite)
     for name in ('t', 'u', 'v', 'yaw', 'spin'):
         samples = getattr(run, name)

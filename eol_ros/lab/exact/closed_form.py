@@ -181,7 +181,7 @@ def march(mo, m, h, forces, speed, watched, count, at, la, x, d, a):
         modes_state(mo, s, m, x, d, a)
         step, who, kind = np.inf, -1, 0
         for c in range(m):
-            if la.friction[c] == 0.0:
+            if la.sign[c] == 0.0:
                 continue
             if s == 0.0 and d[c] == 0.0 and la.sign[c] * a[c] <= 0.0:
                 return 0.0, 0, -1

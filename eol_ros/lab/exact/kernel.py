@@ -130,7 +130,7 @@ def first_event(order, used, h, m, count, sign, watched, forces, at, la, cx, cc,
     """
     top, kind, block, found = h, 0, -1, False
     for c in range(m):
-        if la.friction[c] == 0.0:
+        if la.sign[c] == 0.0:
             continue
         s, a, share = sign[la.slots[c]], la.a, h / top
         tail = la.tail[c] * share * share  # the bound holds for the shortened step too
@@ -189,7 +189,7 @@ def begin(v, sign, at, la):
     m = 0
     for i in range(at.n):
         if v[i] != 0.0 or at.static[i] == 0.0:
-            sign[i] = np.sign(v[i]) if at.friction[i] > 0.0 else 0.0
+            sign[i] = np.sign(v[i]) if at.static[i] > 0.0 else 0.0
             la.slot[i] = m
             la.slots[m] = i
             m += 1
@@ -293,7 +293,7 @@ def happen(
             return -1, m, changed, refill
         c = slot[i]
         if c >= 0 and c < before:
-            if at.friction[i] == 0.0:
+            if at.static[i] == 0.0:
                 continue
             halts = i == who and kind == 2
             if not halts and abs(v[i]) <= ON_LIMIT * fastest:
@@ -402,7 +402,7 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
         if next_due - t < h:
             h, ends = max(next_due - t, 0.0), False
         kind_of, who, by = 0, -1, BY_SERIES
-        if m == 1 and closed and la.friction[0] > 0.0 and la.k_sum[0] > 0.0:
+        if m == 1 and closed and la.sign[0] != 0.0 and la.k_sum[0] > 0.0:
             motion, stops = lone_slip(slots[0], sign[slots[0]], u, v, t, speed, at)
             if stops < h:
                 far, _ = lone_state(motion, stops)
@@ -463,11 +463,12 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
             for c in range(m):
                 u[slots[c]] = x_out[c]
                 v[slots[c]] = d_out[c]
+        for c in range(m):
+            if not math.isfinite(u[slots[c]] + v[slots[c]]):
+                return NOT_FINITE, base + t, events, steps, base
         t, rest = add_exactly(t, rest, h)
         steps += 1
         since += 1
-        if m > 0 and not math.isfinite(u[slots[0]] + v[slots[0]]):
-            return NOT_FINITE, base + t, events, steps, base
         if ends and kind_of == 0 and not due_now:
             t = end
             break

@@ -124,7 +124,9 @@ def step_many(ends, v, moving, force, work, t0, steps, h, at, rim, log, logged):
                 hold /= 1.0 + speed / weakening
             loss = h * hold / mass[i]
             old_x, old_y = v[i, 0], v[i, 1]
-            if speed > loss:
+            # without friction it stops where it turns back
+            reverses = hold == 0.0 < static[i] and vx * old_x + vy * old_y < 0.0
+            if speed > loss and not reverses:
                 v[i, 0] = vx * (1.0 - loss / speed)
                 v[i, 1] = vy * (1.0 - loss / speed)
             else:

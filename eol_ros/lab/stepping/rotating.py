@@ -81,6 +81,8 @@ def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s:
             free = v + h * pull / ra.mass
             moving |= starts
             new = np.where(moving[:, None], braked(free, h * model.kinetic, ra.mass), 0)
+            reverses = np.sum(ra.mass * new * v, axis=1) < 0  # without friction they stop there
+            new[reverses & (model.kinetic == 0) & (model.static > 0)] = 0.0
             stops = moving & ~np.any(new, axis=1) & (size <= model.static)
             log += [(t + 0.5 * h, i, 1) for i in np.flatnonzero(starts)]
             log += [(t + 0.5 * h, i, 0) for i in np.flatnonzero(stops)]

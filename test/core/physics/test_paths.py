@@ -403,6 +403,59 @@ def test_every_extreme_ends_with_a_status(name):
         assert abs(run.energy.residual_J) <= 1e-6 * max(1.0, abs(run.energy.friction_J))
 
 
+@pytest.mark.parametrize('geometric', [False, True])
+def test_numbers_of_any_size_end_with_a_status(geometric):
+    """Forces that overflow left an index unset; `make soak` checks all indices."""
+    random = np.random.default_rng(5)
+    for _ in range(40):
+        drawn = 10.0 ** random.uniform(-50, 50, 4)
+        scene = builders.table(
+            {'kind': 'constant_velocity', 'par': [0.02, 0.01 * drawn[0]]}, 1.0, 2, 2, k=drawn[1],
+            mass=drawn[2], geometric=geometric, u0=random.uniform(-1, 1, (4, 2)) * drawn[3],
+            rotation=random.choice([None, {'side': builders.BLOCK_SIDE_M}]),
+        )  # fmt: skip
+        run = solve(scene, sample_s=0.25, limits=Limits(events=500, steps=500))
+        assert run.status != 'ok' or np.isfinite(run.energy.residual_J)
+        assert np.isfinite(run.u).all() and np.isfinite(run.v).all()
+        assert 0 <= run.t_reached <= 1
+
+
+@pytest.mark.parametrize('rotates', [False, True], ids=['plain', 'rotation'])
+@pytest.mark.parametrize('path, error_s', [('exact', 1e-14), ('event', 1e-9), ('stepping', 5e-4)])
+@pytest.mark.parametrize('v0, stops', [(0.5, 1), (0.9, 0)])
+def test_a_block_with_static_friction_alone_stops_where_it_turns_back(
+    path, error_s, rotates, v0, stops
+):
+    """It stops at a quarter period, if the spring then pulls by less than static friction."""
+    if path == 'exact' and rotates:
+        return
+    scene = builders.single(NONE, 1.0, mu_s=0.9, mu_k=0.0, v0=[[0.6 * v0, 0.8 * v0]], dim1=False)
+    if path == 'exact':
+        scene |= {'dim1': True, 'v0': [[v0, 0.0]]}
+    if rotates:
+        scene['rotation'] = {'side': builders.BLOCK_SIDE_M}
+        scene['springs_to_frame'][0]['arm'] = [0.0, 0.0]
+    run, w = solve(scene, path=path, step_s=5e-4), np.sqrt(40.0 / 0.25)
+    assert run.status == 'ok' and len(run.event_t) == stops
+    reach = np.hypot(*run.u[-1, 0])
+    if stops:
+        assert run.event_t[0] == pytest.approx(np.pi / 2 / w, abs=error_s)
+        assert reach == pytest.approx(v0 / w, abs=3 * v0 * error_s * w * error_s + 1e-9)
+    else:  # v0 / w stretches the spring to more than 0.9 m g
+        assert reach == pytest.approx(abs(v0 / w * np.sin(w)), abs=5 * error_s)
+
+
+def test_blocks_with_static_friction_alone_are_the_same_on_all_paths():
+    scene = builders.train(PULL, 6.0, n=3, mu_k=0.0, u0=builders.offsets(3, 0.005, 2, along_x=True))
+    exact, event, steps = (
+        solve(scene, path=path, step_s=1e-5) for path in ('exact', 'event', 'stepping')
+    )
+    assert (exact.event_start == 0).sum() == 5
+    assert exact.event_block.tolist() == event.event_block.tolist() == steps.event_block.tolist()
+    assert np.abs(exact.u - event.u).max() < 1e-10
+    assert np.abs(exact.u - steps.u).max() < 5e-5
+
+
 AWAY = {'kind': 'poses', 'par': [[0, 1, 0, 0], [1, 1, 0, 0]]}
 
 

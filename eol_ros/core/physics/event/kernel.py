@@ -166,7 +166,7 @@ def start_slots(m, u, at, ws):
         force = math.sqrt(x * x + y * y)
         if at.friction[i] == 0.0:
             pl.start[c] = MOVING
-        elif force - at.friction[i] <= WEAKEST * force:
+        elif len(pl.past_x) > 0 and force - at.friction[i] <= WEAKEST * force:  # not of inf - inf
             pl.start[c] = LEVEL if force - at.friction[i] <= NOTHING * force else WEAK
 
 
@@ -277,7 +277,7 @@ def stop_slow(t, rim_speed, events, u, v, m, rules, at, ws, sliding, log, energy
     for c in range(m):
         i = pl.slots[c]
         speed = math.sqrt(v[i, 0] ** 2 + v[i, 1] ** 2)
-        if speed >= rules.capture or at.friction[i] == 0.0:
+        if speed >= rules.capture or at.static[i] == 0.0:
             kicked[i] = False
             continue
         if kicked[i] and speed >= 0.5 * KICK_MPS:
@@ -405,7 +405,7 @@ def run(
             if kick_level(m, v, ws):
                 blocks_series(order, m, count, u, v, used, at, pl, cx, cy, cc, cs)
             near = planar_reach(order, m, pl, rules.relative, rules.small, h)
-            near = slowing_reach(order, m, pl, near, KEPT, work)
+            near = slowing_reach(order, m, at, pl, near, KEPT, work)
         if used > 3:
             top = max(abs(cx[order]), abs(cy[order]), abs(cc[order]), abs(cs[order]))
             if top > 0.0:
@@ -452,6 +452,10 @@ def run(
         if ledger:
             planar_ledger(order, m, u, at, pl, cx, cy, cc, cs, used, h, energy, here, rate, gauss)
         planar_state(order, m, h, pl, u, v)
+        for c in range(m):
+            i = pl.slots[c]
+            if not math.isfinite(u[i, 0] + v[i, 0] + u[i, 1] + v[i, 1]):
+                return NOT_FINITE, t, events, steps
         for c in range(m if len(pl.past_x) > 0 else 0):
             crept[pl.slots[c]] = pl.start[c] == CREEPING
             if pl.start[c] == CREEPING:
@@ -461,10 +465,6 @@ def run(
         if through > 0 and h == top:
             counts[2] += through
             settle = True  # the force of these springs has reversed
-        if m > 0:
-            i = pl.slots[0]
-            if not math.isfinite(u[i, 0] + v[i, 0] + u[i, 1]):
-                return NOT_FINITE, t, events, steps
         if ends:
             break
         if steps >= max_steps:

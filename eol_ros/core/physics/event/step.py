@@ -74,7 +74,7 @@ def growing_reach(order, s, h):
 
 
 @uncounted
-def slowing_reach(order, m, pl, h, share, work):
+def slowing_reach(order, m, at, pl, h, share, work):
     """Return the step, at most h, within which no block loses more than 1 - `share` of its speed.
 
     Measured along its first direction. The series of v/|v| knows nothing beyond a point where v
@@ -84,6 +84,8 @@ def slowing_reach(order, m, pl, h, share, work):
         if pl.start[c] >= WEAK:
             h = growing_reach(order, pl.w.inverse[c], h)
             continue
+        if at.static[pl.slots[c]] == 0.0:
+            continue  # it never stops
         first = 2 if pl.start[c] == LOOSE else 1
         x0, y0 = pl.w.x[c, 0], pl.w.y[c, 0]
         square = x0 * x0 + y0 * y0

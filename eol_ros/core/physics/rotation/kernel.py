@@ -76,7 +76,7 @@ def step_of(order, sliding, fresh, driven, rules, at, b, h, work):
             if top > 0.0:
                 h = min(h, (rules.small / top) ** (1.0 / (order - 2)))
     for i in range(at.n):
-        if not sliding[i] or at.friction[i] == 0.0:
+        if not sliding[i] or at.static[i] == 0.0:
             continue
         first = 2 if fresh[i] else 1
         degree, loss, square = order - first, 0.0, b.square[i, 0]
@@ -117,14 +117,14 @@ def stop_of(i, speed, force, v, rules, at, mass, jerk, out):
     x, y, z = v[i, 0] / speed, v[i, 1] / speed, v[i, 2] / speed
     a1, kx, ky, kz = fall(g0, g1, g2, x, y, z, friction, mass)
     size = math.sqrt(g0 * g0 + g1 * g1 + g2 * g2)
-    if size > STOP_TOP * friction:
+    if not size <= STOP_TOP * friction:  # nor where it is no number
         return 0.0, False
     slowing = (friction - size) / mass[2]  # at least
     bound_s = speed / slowing
     change = jerk * bound_s / (slowing * mass[2])
     swing = math.sqrt(at.k_sum[i] / mass[0]) * bound_s
     missed = 0.5 * speed * bound_s * (STOP_MISS + change + swing)
-    if missed > STOP_SHARE * rules.small or change > 0.2:
+    if not (missed <= STOP_SHARE * rules.small and change <= 0.2):
         return 0.0, False
     out[0] = out[1] = out[2] = 0.0
     spare = (friction - size) / ((1.0 - STOP_FORCE) * friction)
@@ -339,13 +339,13 @@ def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, 
         if ledger:
             add_ledger(order, sliding, at, b, cx, cy, cc, cs, used, h, energy, gauss)
         state_at(order, sliding, at, b, h, q, v)
+        for i in range(n):
+            fresh[i] = fresh[i] and h == 0.0
+            if not math.isfinite(q[i, 0] + q[i, 1] + q[i, 2] + v[i, 0] + v[i, 1] + v[i, 2]):
+                return NOT_FINITE, t, events, steps
         t, left = add_exactly(t, left, h)
         steps += 1
         settle, due = hit, who
-        for i in range(n):
-            fresh[i] = fresh[i] and h == 0.0
-            if not math.isfinite(q[i, 0] + q[i, 1] + q[i, 2] + v[i, 0]):
-                return NOT_FINITE, t, events, steps
         if ends:
             return OK, t, events, steps
         if steps >= max_steps:
@@ -355,7 +355,7 @@ def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, 
             slow = speed <= rules.floor
             if (
                 not sliding[i]
-                or at.friction[i] == 0.0
+                or at.static[i] == 0.0
                 or fresh[i]
                 or not (slow or speed < rules.capture)
             ):
