@@ -16,6 +16,7 @@ from eol_ros.core.geometry import (
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.drive import Drive
 from eol_ros.core.physics.scene import from_mapping
+from eol_ros.core.physics.twin import live
 from eol_ros.core.physics.twin.hands import (
     HAND_N,
     VISITORS_YAW_RAD,
@@ -83,6 +84,31 @@ def test_people_rotate_the_rim_all_the_way_round_and_visitors_take_it_back():
     while hands.time_s < hands.commands.touched_s + YIELD_S + 60:
         hands.advance(IMAGE_S)
     assert abs(rim.pose[2] - 2 * np.pi) < VISITORS_YAW_RAD + 0.05
+
+
+@pytest.mark.parametrize('rotate', [True, False])
+@pytest.mark.parametrize('more', [{}, {'stiffness': 2000.0, 'block_kg': 0.05}])
+def test_equal_friction_meets_no_limit(rotate, more):
+    """Blocks then start and stop with next to no acceleration."""
+    play = Play(1, coupling=Coupling(mu_static=0.3, mu_kinetic=0.3, rotate=rotate, **more))
+    for _ in range(300):
+        play.advance(IMAGE_S)
+    assert play.table.faults == 0 and abs(play.table.energy_residual) < 1e-6
+    assert play.table.slips > 20
+
+
+@pytest.mark.parametrize('rotate', [True, False])
+def test_blocks_move_on_after_a_limit(rotate, monkeypatch):
+    """They are late, and stop no sooner."""
+    monkeypatch.setattr(live, 'MOST_STEPS', 3)
+    play, late = Play(1, coupling=Coupling(rotate=rotate)), 0
+    for _ in range(300):
+        before = play.table.faults
+        play.advance(IMAGE_S)
+        if play.table.faults > before:
+            assert play.table.trace is None
+            late += bool(play.table.velocity.any())
+    assert late > 5
 
 
 def test_what_rests_does_not_creep():

@@ -54,6 +54,8 @@ SETTLED = 1e-12  # is as settled as rounding lets it be
 class Rules(NamedTuple):
     """How exact: order of the series; `small` (m) and `relative` bound a step's error; below
     `capture` (m/s) a stop is finished in closed form where that is accurate, below `floor` always.
+    A block that rotates breaks loose at the speed `kick` (m/s) where less than `weakest` of the
+    force is beyond friction: its direction would follow the force in many small steps.
     """
 
     order: int
@@ -61,6 +63,8 @@ class Rules(NamedTuple):
     relative: float
     capture: float
     floor: float
+    kick: float = KICK_MPS
+    weakest: float = 1e-9
 
 
 @uncounted

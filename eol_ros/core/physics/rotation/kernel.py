@@ -30,7 +30,6 @@ from eol_ros.core.physics.series import (
 from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
 
 KEPT = 0.1  # of its speed a block keeps at least within a step
-KICK_MPS = 1e-6  # where mu_s = mu_k a block breaks loose with no acceleration at all
 STOP_ROUNDS = 8  # a stop is followed until ln(speed) is STOP_LOG less, in so many rounds,
 STOP_LOG = 3.2
 STOP_FORCE = 0.6  # or in more where a force near friction changes the direction quickly,
@@ -305,9 +304,9 @@ def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, 
                     log.t[events], log.block[events], log.start[events] = t, i, 1
                     events += 1
                     sliding[i] = True
-                    fresh[i] = force - at.friction[i] > 1e-9 * force
+                    fresh[i] = force - at.friction[i] > rules.weakest * force
                     for p in range(3):
-                        v[i, p] = 0.0 if fresh[i] else KICK_MPS * b.g[i, p, 0] / force
+                        v[i, p] = 0.0 if fresh[i] else rules.kick * b.g[i, p, 0] / force
             due = -1
         start_series(q, v, sliding, moved, ra, b)
         if not known:
@@ -353,6 +352,8 @@ def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, 
         for i in range(n):  # blocks that come to rest
             speed = size_of(v, i)
             slow = speed <= rules.floor
+            if at.static[i] - at.friction[i] <= rules.weakest * at.static[i]:
+                slow = speed <= max(rules.floor, 0.5 * rules.kick)
             if (
                 not sliding[i]
                 or at.static[i] == 0.0
@@ -384,8 +385,11 @@ def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, 
                 if now:
                     energy[1] += work[p] * work[3 + p]
                     q[i, p] += work[3 + p]
-            if math.sqrt(force) > at.static[i]:
-                fresh[i] = True  # reverses: its speed is zero for no time at all
+            force = math.sqrt(force)
+            if force > at.static[i]:  # reverses: its speed is zero for no time at all
+                fresh[i] = force - at.friction[i] > rules.weakest * force
+                for p in range(3):
+                    v[i, p] = 0.0 if fresh[i] else rules.kick * work[p] / force
                 continue
             if events >= len(log.t):
                 return EVENT_LIMIT, t, events, steps

@@ -15,7 +15,7 @@ from eol_ros.core.physics.kernel_args import Grid, Ledger, empty_log
 from eol_ros.core.physics.model import Model, rotated
 from eol_ros.core.physics.numerics import length_scale
 from eol_ros.core.physics.scene import from_mapping
-from eol_ros.core.physics.status import OK
+from eol_ros.core.physics.status import NOT_FINITE, OK
 from eol_ros.core.physics.twin import rim_springs
 from eol_ros.core.physics.twin.hands import GYRATION_M, keep_within
 from eol_ros.settings import TwinSettings
@@ -102,9 +102,10 @@ class LiveTable:
 
     `x`, `y`, `yaw` (25,) are the block centres (m, rad), `velocity` (25, 3) their rates, and
     `moving` (25,) tells which slide; `slips` counts slips begun, `energy_residual` (J) is what the
-    ledger misses since the start. `faults` counts images in which the solver met a limit: then all
-    blocks are stopped where they are, and the show goes on. With `samples`, `trace` tells how the
-    blocks moved in the last step, at so many equal parts of it; None where all was still.
+    ledger misses since the start. `faults` counts images in which the solver met a limit: blocks
+    then move on from where they have got to, and are late by what is left of that image. With
+    `samples`, `trace` tells how the blocks moved in the last step, at so many equal parts of it;
+    None where all was still.
     """
 
     def __init__(self, seed: int, samples: int = 0, coupling: Coupling | None = None) -> None:
@@ -174,13 +175,13 @@ class LiveTable:
         if len(t) > 1:
             t[:], u[0], v[0] = span * self._sampled, self._u, self._v
         status, events = self._solve(self._u, self._v, self.moving, span)
-        if status != OK:
-            self.faults += 1
+        self.faults += status != OK
+        if status == NOT_FINITE:
             self._v[:] = 0.0
             if self._rotating:
                 self._rotating.stop()
             self.moving[:] = False
-        elif len(t) > 1:
+        elif status == OK and len(t) > 1:
             self.trace = Trace(t, u, v, *(column[:events] for column in self._log))
         self.rim_pose = np.array(pose, float)
         self._rim_rate = np.array(rate, float)

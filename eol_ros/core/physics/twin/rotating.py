@@ -15,6 +15,8 @@ from eol_ros.core.physics.series import entry
 
 # Of the positions, in 9 cm: 0.1 um in a second and a half, a hundredth of what the camera sees.
 TOLERANCE = 1e-3
+KICK_MPS = 1e-5  # where mu_s is mu_k or little more: at 25 rad/s a slip is 0.4 um longer by it
+WEAKEST = 0.01
 ORDER = 6  # of the series: most steps end at an event or an image, and a higher one is for longer
 
 
@@ -44,7 +46,7 @@ class Rotating:
         self._model, self._args = model, rotation_args(scene)
         self._rules = rules_for(
             TOLERANCE, length_scale(scene, model), ORDER, floor_speed(TOLERANCE)
-        )
+        )._replace(kick=KICK_MPS, weakest=WEAKEST)
         self._workspace = kernel.make_workspace(model.lattice, self._args, ORDER)
         self.yaw, self.spin = scene.rotation.yaw0.copy(), scene.rotation.spin0.copy()
         self._q, self._w = np.zeros((model.n, 3)), np.zeros((model.n, 3))
