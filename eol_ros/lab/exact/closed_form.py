@@ -11,7 +11,7 @@ from eol_ros.core.physics.numerics import ON_LIMIT
 from eol_ros.lab.exact.taylor import force_now
 
 MARCH_ROUNDS = 400
-FREE = 1e-12  # of the highest w^2: below it a mode has no spring at all
+SOFT = 1e-8  # of the highest w^2: below it eigenvalues have lost eight digits
 
 
 class Lone(NamedTuple):
@@ -89,6 +89,43 @@ class Modes(NamedTuple):
 
 
 @njit(cache=True, inner=True)
+def ties_of(m, at, la):
+    """Return (rows, free): the springs of the m sliding blocks, and how many modes have none.
+
+    rows (r, m), N/m under the root: with M^(-1/2) behind, their square is S. A set of blocks that
+    springs tie to each other, and to nothing else, has one free mode.
+    """
+    label = np.arange(m)
+    held, free, edges = np.zeros(m, np.bool_), 0, m
+    for c in range(m):
+        for j in range(c):
+            if la.dense[c, j] > 0.0:
+                edges += 1
+                one, other = min(label[c], label[j]), max(label[c], label[j])
+                for q in range(m):
+                    if label[q] == other:
+                        label[q] = one
+    rows = np.zeros((edges, m))
+    edges = m
+    for c in range(m):
+        i = la.slots[c]
+        out = at.drive[i, 0]
+        for e in range(at.lo[i], at.lo[i + 1]):
+            if la.slot[at.near[e]] < 0:
+                out += at.k_near[e]
+        rows[c, c] = math.sqrt(out)
+        held[label[c]] = held[label[c]] or out > 0.0
+        for j in range(c):
+            if la.dense[c, j] > 0.0:
+                rows[edges, c] = math.sqrt(la.dense[c, j])
+                rows[edges, j] = -rows[edges, c]
+                edges += 1
+    for c in range(m):
+        free += label[c] == c and not held[c]
+    return rows, free
+
+
+@njit(cache=True, inner=True)
 def modes_of(m, u, v, t, speed, h, at, la):
     """Return the modes of the m sliding blocks from the state at t, bounds valid for h."""
     root = np.sqrt(la.inverse[:m])
@@ -105,7 +142,14 @@ def modes_of(m, u, v, t, speed, h, at, la):
         y[c] = 0.0
         d[c] = v[i] / root[c]
     square, shape = np.linalg.eigh(s)
-    w = np.sqrt(np.where(square > FREE * square[-1], square, 0.0))
+    w = np.sqrt(np.maximum(square, 0.0))
+    rows, free = ties_of(m, at, la)
+    if free < m and square[free] < SOFT * square[-1]:  # see `lab.modal.frequencies`
+        for c in range(m):
+            rows[:, c] *= root[c]
+        _, w, back = np.linalg.svd(rows, full_matrices=False)
+        w, shape = w[::-1].copy(), back[::-1].T.copy()
+    w[:free] = 0.0
     back = np.ascontiguousarray(shape.T)
     p, r, d = back @ p, back @ r, back @ d
     a_most, j_most = np.zeros(m), np.zeros(m)

@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from support import physics_oracles
 
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.model import Model
@@ -96,6 +97,69 @@ def test_blocks_that_slide_together_and_vibrate():
     together = run.u - run.u.mean(1)[:, None]
     assert np.abs(together[-1]).max() > 1e-8  # what trembles is not smoothed away
     assert abs(run.energy.residual_J) < 1e-11
+
+
+def soft_and_stiff(seed):
+    """Springs of 1e-3 to 1e7 N/m and masses of 1e-3 to 1e3 kg, without friction."""
+    random = np.random.default_rng(seed)
+    given = builders.train(
+        {'kind': 'none'}, 20.0, n=6, mu_s=0.0, mu_k=0.0, mass=10.0 ** random.uniform(-3, 3, 6),
+        u0=builders.offsets(6, 0.01, seed, along_x=True),
+    )  # fmt: skip
+    for spring in [*given['springs_between_blocks'], *given['springs_to_frame']]:
+        spring['k'] = 10.0 ** random.uniform(-3, 7)
+    return given
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_modes_keep_soft_springs_beside_stiff_ones(seed):
+    """Against mpmath with 40 digits."""
+    pytest.importorskip('mpmath')
+    scene = from_mapping(soft_and_stiff(seed))
+    run = simulate(scene, sample_s=10.0)
+    assert run.path == 'modal'
+    truth = physics_oracles.modes_of_mpmath(scene, run.t)
+    assert np.abs(run.u[-1] - truth[-1]).max() < 1e-7
+    assert abs(run.energy.residual_J) < 1e-9 * Model.of(scene).elastic_energy(scene.u0, 0.0)
+
+
+def test_a_heavy_block_on_a_soft_spring_beside_a_light_one_on_a_stiff_one():
+    given = builders.train(
+        {'kind': 'none'}, 100.0, n=2, mu_s=0.0, mu_k=0.0, mass=[1e-3, 1e3], k_plate=1.0,
+        k_between=0.0, u0=[[0.0, 0.0], [0.01, 0.0]],
+    )  # fmt: skip
+    given['springs_to_frame'][0]['k'] = 1e7
+    run = simulate(from_mapping(given))
+    assert run.u[-1, :, 0] == pytest.approx([0, 0.01 * np.cos(100 * np.sqrt(1e-3))], abs=1e-11)
+
+
+def test_blocks_that_no_spring_ties_to_the_rim_fly_on():
+    given = builders.train(
+        {'kind': 'none'}, 10.0, n=3, mu_s=0.0, mu_k=0.0, k_plate=0.0, k_between=1e5,
+        v0=[[0.1, 0.0], [0.2, 0.0], [0.3, 0.0]],
+    )  # fmt: skip
+    run = simulate(from_mapping(given))
+    assert run.path == 'modal'
+    assert run.u[:, :, 0].mean(axis=1) == pytest.approx(0.2 * run.t, abs=1e-12)
+
+
+@pytest.mark.parametrize('k_plate', [1e-3, 0.0])
+def test_stiff_ties_do_not_hide_a_soft_spring_along_a_line(k_plate):
+    """The mean of two blocks that slide one way is one block, however they vibrate.
+
+    A force is known to 2e-16 of that of the stiff spring: 1e-4 of the soft one.
+    """
+    given = builders.train(
+        {'kind': 'none'}, 0.5, n=2, k_plate=k_plate, k_between=1e9, mass=1e-3, mu_s=1e-4,
+        mu_k=1e-4, v0=[[0.1, 0.0], [0.1001, 0.0]],
+    )  # fmt: skip
+    run, w = simulate(from_mapping(given), path='exact'), np.sqrt(k_plate / 1e-3)
+    loss, t = 1e-4 * 9.81, run.t
+    truth = 0.10005 * t - 0.5 * loss * t**2
+    if k_plate:
+        truth = 0.10005 / w * np.sin(w * t) - loss / w**2 * (1 - np.cos(w * t))
+    assert len(run.event_t) == 0 and run.steps < 1000
+    assert np.abs(run.u[:, :, 0].mean(axis=1) - truth).max() < 5e-7
 
 
 @pytest.mark.slow
