@@ -7,6 +7,7 @@ the recording began before the nodes saw their first message; where not, that is
 """
 
 import dataclasses
+import json
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -42,7 +43,8 @@ class Comparison:
     """One topic: how many messages were recorded and recomputed, and the first that differ.
 
     `proved` is the number of recorded messages whose inputs are all in the bag; `apart` is the
-    largest relative difference of a float, infinite if anything else differs.
+    largest relative difference of a float, infinite if anything else differs. `lost_input` names
+    inputs that the recorder knows to be lost, no one knows which: a difference then proves nothing.
     """
 
     topic: str
@@ -52,12 +54,13 @@ class Comparison:
     first: str = ''
     proved: int = 0
     apart: float = 0.0
+    lost_input: str = ''
 
     @property
     def verdict(self) -> str:
         """EQUAL to the last bit, DIFFERENT, or no difference in the PART that can be proved."""
         if self.different or self.recomputed != self.proved:
-            return DIFFERENT
+            return PART if self.lost_input else DIFFERENT
         return EQUAL if self.proved == self.recorded else PART
 
     @property
@@ -72,6 +75,8 @@ class Comparison:
 
     def words(self) -> str:
         """Return it for people."""
+        if self.lost_input and (self.different or self.recomputed != self.proved):
+            return f'not determined by the bag, which lacks {self.lost_input}'
         if self.different and self.rounding:
             least = f'by at most {self.apart:.0e} of the value, as on another processor or Python'
             return f'{self.different} differ {least}, {self.first}'
@@ -170,6 +175,7 @@ def retrack(bag: Bag, track: Callable[[Iterable, str, int], Iterable] | None = N
             f'the recording began with image {blocks["image"][0]} of the tracker: '
             'what it knew by then is not in the bag'
         )
+    _name_losses(bag, result)
     lines = heeded(bag)
     if bag.count('camera/image_raw'):
         _compare_blocks(bag, lines, blocks, result, track)
@@ -186,6 +192,18 @@ def retrack(bag: Bag, track: Callable[[Iterable, str, int], Iterable] | None = N
     if bag.count('grain_triggers'):
         _compare_triggers(bag, lines, inputs, result, until_ns)
     return result
+
+
+def _losses(bag: Bag, topic: str) -> int:
+    """Return how many messages of `topic` the recorder knows to be lost."""
+    counts = (bag.gaps.get(kind, '{}') for kind in ('lost_before_recorder', 'dropped_in_recorder'))
+    return sum(int(json.loads(text).get(bag.name(topic), 0)) for text in counts)
+
+
+def _name_losses(bag: Bag, result: Retracked) -> None:
+    for topic in ('block_taps', *KEYS):
+        if lost := _losses(bag, topic):
+            result.holes.append(f'not in the bag: {lost} of {topic}, by the count of the recorder')
 
 
 def _name_lost_blocks(blocks: Table, broken: np.ndarray, result: Retracked) -> None:
@@ -480,9 +498,19 @@ def _felt(bag: Bag) -> list[Any]:
     return sorted(row for row in rows if row.kind == felt.PROVISIONAL)
 
 
-ARRIVED = {  # topics whose order is that of arrival, and by what their messages are told apart
+KEYS = {  # by what the messages of a topic are told apart
+    'slips': ('slip', 'kind'),
+    'cascades': ('cascade',),
+    'grain_triggers': ('sequence',),
     'felt_slips': ('kind', 'block', 'onset'),
     'felt_triggers': ('grain', 'block', 'stamp'),
+}
+ARRIVED = ('felt_slips', 'felt_triggers')  # their order is that of arrival
+INPUT = {  # of a topic, apart from the blocks, whose images are numbered
+    'slips': 'block_taps',
+    'cascades': 'block_taps',
+    'felt_slips': 'block_taps',
+    'felt_triggers': 'felt_slips',
 }
 
 
@@ -505,8 +533,8 @@ def _compare(
         mine = mine[mine['block'] != triggers.NO_BLOCK]
     recorded = len(table)
     table = table[table['stamp'].astype('i8') < until_ns]
+    names = KEYS[topic]
     if topic in ARRIVED:
-        names = ARRIVED[topic]
         stamps, known = mine['stamp'].astype('i8'), set(_keys(table, names))
         late = np.array([key in known for key in _keys(mine, names)], bool)
         mine = mine[np.where(stamps > last_ns, late, stamps < until_ns)]
@@ -514,7 +542,12 @@ def _compare(
         table = table[np.lexsort([table[name] for name in names])]
         columns = [name for name in mine.dtype.names or () if name != 'sequence']
         mine = mine[columns]  # it counts arrivals
+    if (lost := len(mine) - len(table)) > 0 and lost <= _losses(bag, topic):
+        there = set(_keys(table, names))
+        mine = mine[np.array([key in there for key in _keys(mine, names)], bool)]
     check = Comparison(topic, recorded, len(mine), proved=len(table))
+    if topic in INPUT and (count := _losses(bag, INPUT[topic])):
+        check.lost_input = f'{count} of {INPUT[topic]}'
     both = min(len(table), len(mine))
     check.compare(mine[:both], table[:both], lambda row: f'number {row}')
     result.topics[topic] = check

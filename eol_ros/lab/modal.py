@@ -3,8 +3,8 @@
 
 With y = M^(1/2) u the equation y'' = -S y + f t has the symmetric matrix S = M^(-1/2) K M^(-1/2);
 in its eigenvectors every mode is one oscillator. The rim's pull grows with t, for which each mode
-has the particular solution f t / w^2. A set of blocks that no spring ties to the rim flies freely: it
-has one mode of zero frequency, and the springs tell which, not the size of w.
+has the particular solution f t / w^2. Blocks that no spring ties to the rim fly freely: one mode of
+zero frequency for each such set, whatever the size of w.
 """
 
 import numpy as np

@@ -3,6 +3,7 @@
 
 import argparse
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -195,6 +196,56 @@ def test_the_proof_needs_what_was_asked_for(run, monkeypatch):
         some = [h for h in heeded if (h.asked.node, h.asked.kind) != left_out]
         monkeypatch.setattr(retracking, 'heeded', lambda bag, some=some: some)
         assert not retrack(run).topics[topic].equal, left_out
+
+
+def lose(run, monkeypatch, topic, rows, counted):
+    """Let `run` lack messages of a topic, and its recorder have counted so many."""
+    table, counts = run.table, json.dumps({run.name(topic): counted})
+    monkeypatch.setattr(
+        run, 'table',
+        lambda name, *span: np.delete(table(name, *span), rows if name == topic else [], 0),
+    )  # fmt: skip
+    monkeypatch.setattr(type(run), 'gaps', {'lost_before_recorder': counts})
+    return retrack(run)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('topic', ['slips', 'cascades', 'grain_triggers'])
+def test_results_that_were_lost_are_named_and_the_others_compared(run, monkeypatch, topic):
+    there = retrack(run).topics[topic].proved
+    lost = 0 if topic != 'grain_triggers' else (run.table(topic)['block'] < 25).argmax()
+    result = lose(run, monkeypatch, topic, [lost], 1)
+    check = result.topics[topic]
+    assert (check.recomputed, check.proved, check.different) == (there - 1, there - 1, 0)
+    assert result.holes == [f'not in the bag: 1 of {topic}, by the count of the recorder']
+    assert result.verdict == 'part'
+
+
+@pytest.mark.slow
+def test_more_that_lack_than_were_lost_differ(run, monkeypatch):
+    assert lose(run, monkeypatch, 'slips', [0, 2], 1).verdict == 'different'
+
+
+@pytest.mark.slow
+def test_a_difference_behind_lost_taps_is_no_proof(run, monkeypatch):
+    result = lose(run, monkeypatch, 'block_taps', [], 3)
+    assert result.topics['slips'].equal and result.verdict == 'part'
+    monkeypatch.undo()
+    table = run.table
+
+    def later(name, *span):
+        rows = table(name, *span)
+        if name == 'slips':
+            rows['onset'][0] += 1
+        return rows
+
+    monkeypatch.setattr(run, 'table', later)
+    assert retrack(run).verdict == 'different'
+    counts = json.dumps({run.name('block_taps'): 3})
+    monkeypatch.setattr(type(run), 'gaps', {'dropped_in_recorder': counts})
+    check = retrack(run).topics['slips']
+    assert check.verdict == 'part'
+    assert check.words() == 'not determined by the bag, which lacks 3 of block_taps'
 
 
 @pytest.mark.slow
