@@ -6,12 +6,11 @@ import importlib.util
 import itertools
 import json
 import math
-import signal
+import multiprocessing
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -162,7 +161,7 @@ def _measured(case: Case, with_peers: bool) -> dict[str, Any]:
 
     found: dict[str, Any] = {'against': case.oracle, 'stretch_s': stretch}
     oracle = ORACLES[case.oracle]
-    truth = patiently(lambda: oracle(scene, times))
+    truth, _ = patiently(lambda: oracle(scene, times))
     if truth is None:
         return found | {'against': f'{case.oracle}: not done in {PATIENCE_S} s'}
     run, own_ms = ours(), min(_cpu_ms(ours) for _ in range(3))
@@ -173,12 +172,10 @@ def _measured(case: Case, with_peers: bool) -> dict[str, Any]:
     name, module, solve = PEERS[case.peer]
     if importlib.util.find_spec(module) is None:
         return found | {'peer': f'{name}: not installed'}
-    begin = time.process_time()
     try:
-        u = patiently(lambda: solve(scene, times))
-    except ImportError as error:
-        return found | {'peer': f'{name}: {error}'.splitlines()[0]}
-    took = (time.process_time() - begin) * 1e3
+        u, took = patiently(lambda: solve(scene, times))
+    except RuntimeError as error:
+        return found | {'peer': f'{name}: {error}'}
     if u is None or len(u) < len(times):
         reached = f'{times[len(u) - 1]:.3g} s' if u is not None else f'{PATIENCE_S} s'
         return found | {'peer': f'{name}: gave up after {reached}', 'peer_ms': took}
@@ -196,21 +193,34 @@ def _cpu_ms(work: Callable[[], Any]) -> float:
     return (time.process_time() - begin) * 1e3
 
 
-def patiently(work: Callable[[], np.ndarray], seconds: float = PATIENCE_S) -> np.ndarray | None:
-    """Return what `work` gives, or None where it takes longer than `seconds`."""
+def patiently(
+    work: Callable[[], np.ndarray], seconds: float = PATIENCE_S
+) -> tuple[np.ndarray | None, float]:
+    """Return what `work` gives and its processor time, ms; None where it takes more than `seconds`.
 
-    def stop(number: int, frame: FrameType | None) -> None:
-        raise TimeoutError
+    It runs in a process of its own, which can be ended wherever it is.
+    """
+    context = multiprocessing.get_context('fork')
+    ours, theirs = context.Pipe(duplex=False)
 
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    def tell() -> None:
+        begin = time.process_time()
+        u = work()
+        theirs.send((u, (time.process_time() - begin) * 1e3))
+
+    child = context.Process(target=tell)
+    child.start()
+    theirs.close()
     try:
-        return work()
-    except TimeoutError:
-        return None
+        if not ours.poll(seconds):
+            return None, seconds * 1e3
+        return ours.recv()
+    except EOFError:
+        child.join()
+        raise RuntimeError(f'it ended with exit code {child.exitcode}') from None
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        child.kill()
+        child.join()
 
 
 def run(args: argparse.Namespace) -> int:

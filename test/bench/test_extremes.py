@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from support.physics_oracles import ORACLES
 
 from benchmarks import extreme_parts, extremes
@@ -54,6 +55,17 @@ def test_the_judge_finds_what_is_wrong():
     run.status = 'ok'
     assert 'ok, but not at its end' in extremes.judge(run, scene.duration_s, limits)
     assert extremes.judge(run, scene.duration_s, Limits(steps=10))[1].startswith('50 steps')
+
+
+def test_work_that_takes_too_long_is_ended_wherever_it_is():
+    def slow():
+        return solve_ivp(lambda t, y: -1e9 * y, (0, 1e6), np.ones(2), 'DOP853').y
+
+    assert extremes.patiently(slow, 0.5) == (None, 500.0)
+    found, _ = extremes.patiently(lambda: np.arange(3.0), 20.0)
+    assert found.tolist() == [0.0, 1.0, 2.0]
+    with pytest.raises(RuntimeError, match='ended with exit code'):
+        extremes.patiently(lambda: np.ones(2)[5], 20.0)
 
 
 def test_no_block_is_refused_in_one_line():
