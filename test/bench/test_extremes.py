@@ -115,13 +115,21 @@ def test_the_command_measures_a_row_and_prints_it_again(capsys, tmp_path):
     assert json.loads(capsys.readouterr().out)['rows'] == json.loads(measured)['rows'] != []
 
 
+def test_each_reference_covers_a_fifth_of_its_run():
+    for case in ALL:
+        if case.oracle and case.stretch_s and case.ends == 'ok':
+            share = case.stretch_s / case.build()['T']
+            assert round(share, 9) >= extremes.SHARE, case.name
+
+
 def test_a_row_says_what_share_of_the_run_its_error_covers_and_that_no_peer_ran():
     row = {
         'where': 'line', 'case': 'made up', 'path': 'exact', 'status': 'ok', 'duration_s': 10.0,
         't_reached': 10.0, 'events': 1, 'steps': 2, 'ms': 1.0, 'error_m': 1e-9,
-        'against': 'a formula', 'residual_J': 0.0, 'of_J': 1.0, 'notes': '', 'stretch_s': 0.1,
+        'against': 'a formula', 'residual_J': 0.0, 'of_J': 1.0, 'notes': '', 'stretch_s': 2.5,
+        'times_ordinary': 0.3,
     }  # fmt: skip
     cells = extremes.markdown({'rows': [row]}).splitlines()[-1].split(' | ')
-    assert cells[7:9] == ['a formula, first 0.1 s (1 % of the run)', 'no peer run']
-    longer = extremes.markdown({'rows': [{**row, 'stretch_s': 0.5, 'peer': 'SciPy'}]})
-    assert longer.splitlines()[-1].split(' | ')[7:9] == ['a formula, first 0.5 s', 'SciPy']
+    assert cells[6:11] == ['0.3', '1e-09', 'a formula', '25%', 'no peer run']
+    none = extremes.markdown({'rows': [{k: v for k, v in row.items() if k != 'error_m'}]})
+    assert none.splitlines()[-1].split(' | ')[9] == '-'
