@@ -7,6 +7,7 @@ import itertools
 import json
 import math
 import multiprocessing
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -59,8 +60,7 @@ peer stands beside on the same part, with its error, its time, and ours in brack
 says that no peer was run. *Times ordinary* is the time in units of that of an ordinary table (S3G,
 5 s), measured before and after the rows. Each row is a test of its status
 (`test/bench/test_extremes.py`, the long ones in `make soak`): no NaN, no more steps than
-`eol simulate` allows (one says how many more), and what ends early says how far it came and what
-would let it go on."""
+`eol simulate` allows, and what ends early says how far it came and what would let it go on."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -108,7 +108,7 @@ def judge(run: Run, duration_s: float, limits: Limits) -> list[str]:
 
 def ended(case: Case, ledger: bool = False) -> tuple[Run, list[str]]:
     """Return the run of a case within its limits, and what is wrong with how it ended."""
-    scene, limits = from_mapping(case.build()), Limits(steps=case.steps)
+    scene, limits = from_mapping(case.build()), Limits()
     sample_s = max(scene.duration_s / SAMPLES, 1e-12)
     run = choose.simulate(scene, sample_s, tolerance=case.tolerance, limits=limits, ledger=ledger)
     wrong = judge(run, scene.duration_s, limits)
@@ -153,7 +153,7 @@ def _measured(case: Case, with_peers: bool) -> dict[str, Any]:
     given = case.build()
     stretch = case.stretch_s or given['T']
     scene = from_mapping(given | {'T': stretch})
-    model, limits = Model.of(scene), Limits(steps=case.steps)
+    model, limits = Model.of(scene), Limits()
     sample_s = max(stretch / SAMPLES, 1e-12)
     times = sample_times(stretch, sample_s)
 
@@ -206,12 +206,13 @@ def patiently(
     context = multiprocessing.get_context('fork')
     ours, theirs = context.Pipe(duplex=False)
 
-    def tell() -> None:
+    def send() -> None:
+        os.dup2(2, 1)  # MuJoCo warns there
         begin = time.process_time()
         u = work()
         theirs.send((u, (time.process_time() - begin) * 1e3))
 
-    child = context.Process(target=tell)
+    child = context.Process(target=send)
     child.start()
     theirs.close()
     try:
