@@ -209,10 +209,10 @@ def test_numbers_of_sides_are_eliminated_as_dense_algebra_does():
         full[mine, mine] += prior
         right[mine] -= prior * (own[k] - usual[k])
     step = np.linalg.solve(full, right)
-    equations, kept, work = np.zeros((7, 8)), np.zeros((4, 3, 11)), np.empty((7, 11))
+    equations, kept, work = np.zeros((5, 7, 8)), np.zeros((4, 3, 11)), np.empty((7, 11))
     for k, m in enumerate(sides):
-        fit.eliminate(m, own[k], usual[k], prior, kept[k], equations)
-    assert fit.solve(equations, np.zeros(7), work)
+        fit.eliminate(m, own[k], usual[k], prior, kept[k], equations[k])
+    assert fit.solve(equations, -1, np.zeros(7), np.zeros(7), work)
     np.testing.assert_allclose(work[:, 7], step[:7], rtol=1e-6)
     np.testing.assert_allclose(work[:3, 8:11], np.linalg.inv(full)[:3, :3], rtol=1e-6)
     after = own.copy()
@@ -221,7 +221,14 @@ def test_numbers_of_sides_are_eliminated_as_dense_algebra_does():
         alone = full[7 + 3 * k : 10 + 3 * k, 7 + 3 * k : 10 + 3 * k]
         np.testing.assert_allclose(kept[k, :, 8:], np.linalg.inv(alone), rtol=1e-6)
     np.testing.assert_allclose((after - own).ravel(), step[7:], rtol=1e-6)
-    assert not fit.solve(np.zeros((7, 8)), np.zeros(7), work)
+    left = np.r_[np.arange(7), 10:19]  # side 0 left out, and a prior about a step
+    rest = full - np.pad(sides[0][:7, :7], (0, 12)) + np.diag(np.r_[np.ones(7), np.zeros(12)])
+    towards = rng.normal(0, 1, 7)
+    right[:7] += towards - sides[0][:7, 8]
+    assert fit.solve(equations, 0, np.ones(7), towards, work)
+    step = np.linalg.solve(rest[np.ix_(left, left)], right[left])
+    np.testing.assert_allclose(work[:, 7], step[:7], rtol=1e-6)
+    assert not fit.solve(np.zeros((5, 7, 8)), -1, np.zeros(7), np.zeros(7), work)
 
 
 @pytest.mark.parametrize(
@@ -360,7 +367,7 @@ def test_light_that_changes_moves_no_block():
     )
     assert found['seen'].all()
     for name in 'xy':
-        assert np.abs(found[name][40:] - found[name][39]).max() * 545 < 0.02
+        assert np.abs(found[name][40:] - found[name][39]).max() * 545 < 0.035
 
 
 def textured(image, camera, at, yaw, patterns):
@@ -527,7 +534,7 @@ def test_the_outer_half_of_a_hidden_edge_is_not_trusted():
     px[n // 8, n % 8 + pixels.EDGE] = e
     px[n // 8, n % 8 + pixels.Q] = np.where(hidden, 100.0, 1.0)
     px[n // 8, n % 8 + pixels.TRUST] = 1.0
-    fit.trust(px, starts[4], 1.0, np.empty((4, model.PARTS, 2)))
+    fit.trust(px, starts[4], np.ones(4), np.empty((4, model.PARTS, 2)))
     found = px[n // 8, n % 8 + pixels.TRUST]
     right, left = (a > 23) & (np.abs(b) < 14), (a < -23) & (np.abs(b) < 14)
     assert right.sum() > 100 and left.sum() > 100

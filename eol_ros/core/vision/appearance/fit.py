@@ -26,9 +26,9 @@ from eol_ros.core.vision.appearance.model import (
     FULL,
     LANES,
     LEAST_VARIANCE,
+    PART_MISFIT,
     PARTS,
     SIDE_MOST,
-    TRUST_SHARES,
     TUKEY,
 )
 from eol_ros.core.vision.appearance.pixels import (
@@ -292,9 +292,9 @@ def all_equations(
     px, starts, every, half, blur, noise, fit, own, usual, prior, sigma2_px, widen, room, kept,
     equations,
 ):  # fmt: skip
-    """Fill equations (7, 8) of a block, numbers of its sides eliminated; see eliminate.
+    """Fill equations (5, 7, 8) of each side, its own numbers eliminated, and of what lies apart.
 
-    usual (4, OWN): what these are about, as shares of the gain.
+    usual (4, OWN): what these are about, as shares of the gain. See eliminate.
     """
     (rows, sums, m), side_fit = room, np.empty(COLUMNS)
     equations[:] = 0.0
@@ -309,24 +309,27 @@ def all_equations(
         )  # fmt: skip
         symmetric(sums, m)
         if side < 4:
-            eliminate(m, own[side], fit[3] * usual[side], prior, kept[side], equations)
+            eliminate(m, own[side], fit[3] * usual[side], prior, kept[side], equations[side])
             continue
         for i in range(NUMBERS):
             for j in range(NUMBERS + 1):
-                equations[i, j] += m[i, j if j < NUMBERS else COLUMNS]
+                equations[side, i, j] = m[i, j if j < NUMBERS else COLUMNS]
 
 
 @njit(cache=True)
-def solve(equations, prior, m):
-    """Solve equations (7, 8) with `prior` on their diagonal, in m (7, 11); return whether it can.
+def solve(equations, without, prior, towards, m):
+    """Solve equations (5, 7, 8), but for those of side `without`; return whether it can.
 
-    The step comes in column 7, the covariance of the pose in columns 8 to 10. Gauss-Jordan without
-    pivots: the matrix is positive definite.
+    prior (7,), on their diagonal, is about steps towards (7,). In m (7, 11): the step comes in
+    column 7, the covariance of the pose in columns 8 to 10. Gauss-Jordan without pivots: the matrix
+    is positive definite.
     """
+    m[:] = 0.0
+    for side in range(5):
+        if side != without:
+            m[:, : NUMBERS + 1] += equations[side]
     for i in range(NUMBERS):
-        for j in range(NUMBERS + 1):
-            m[i, j] = equations[i, j]
-        m[i, 8] = m[i, 9] = m[i, 10] = 0.0
+        m[i, NUMBERS] += prior[i] * towards[i]
         m[i, i] += 1e-9 * m[i, i] + prior[i]
         if i < 3:
             m[i, 8 + i] = 1.0
@@ -342,6 +345,60 @@ def solve(equations, prior, m):
                 for j in range(i, 11):
                     m[r, j] -= f * m[i, j]
     return True
+
+
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
+def _influences(px, start, stop, by):
+    """Set BY_A, BY_B, BY_TURN of px to how far each pixel moves the pose; by (3, COLUMNS)."""
+    b, zero = by.astype(np.float32), np.float32(0.0)
+    for group in range(start, stop):
+        for i in range(LANES):
+            pull = px[group, WEIGHT + i] * px[group, RESIDUAL + i]
+            x = y = turn = zero
+            for k in range(COLUMNS):
+                j = px[group, BY_A + k * LANES + i]
+                x += b[0, k] * j
+                y += b[1, k] * j
+                turn += b[2, k] * j
+            px[group, BY_A + i], px[group, BY_B + i] = pull * x, pull * y
+            px[group, BY_TURN + i] = pull * turn
+
+
+@njit(cache=True)
+def covariance(px, starts, without, kept, m, sums):
+    """Return the variances of place, the sum of both axes in px^2, and of turn, in rad^2.
+
+    Of the residuals themselves: those of each part of a side err together (Liang and Zeger,
+    Biometrika 73, 1986), as lamps, arms and uneven light make them. After solve, whose m and `kept`
+    are needed, and all_equations of every pixel; it leaves no derivatives. sums: scratch.
+    """
+    by, at = np.empty((3, COLUMNS)), (3, 4, NUMBERS)
+    sums[:] = 0.0
+    for side in range(5):
+        if side == without:
+            continue
+        for c in range(3):
+            by[c, NUMBERS] = 0.0
+            for i in range(NUMBERS):
+                by[c, i] = m[i, 8 + c]
+            for k in range(OWN if side < 4 else 0):
+                for i in range(NUMBERS):
+                    by[c, at[k]] -= kept[side, k, i] * m[i, 8 + c]
+        _influences(px, starts[side], starts[side + 1], by)
+        for group in range(starts[side], starts[side + 1]):
+            for i in range(LANES):
+                if px[group, AREA + i] == 0.0:
+                    continue
+                part = int(px[group, PART + i])
+                row = sums[part // 3 if part >= 0 else 16 + group % 8]
+                row[0] += px[group, BY_A + i]
+                row[1] += px[group, BY_B + i]
+                row[2] += px[group, BY_TURN + i]
+    place = turn = 0.0
+    for row in sums:
+        place += row[0] ** 2 + row[1] ** 2
+        turn += row[2] ** 2
+    return place, turn
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
@@ -436,8 +493,10 @@ def levels(px, groups, half, blur, scratch):
 
 
 @njit(cache=True, error_model='numpy')
-def trust(px, groups, widen, bins):
-    """Trust the pixels at each part of a side by how many of its pixels agree; see residuals.
+def trust(px, groups, usual, bins):
+    """Trust the pixels at each part of a side by their mean squared residual; see residuals.
+
+    usual (4,): that of each side, in variances.
 
     An arm as dark as the ground hides the inner half of an edge and leaves the outer half, which
     would draw the side inwards; beside a part that an arm hides its border blurs the next one.
@@ -450,20 +509,19 @@ def trust(px, groups, widen, bins):
         if part >= 0:
             row = bins[part // PARTS, part % PARTS]
             row[0] += 1.0
-            if px[k, z + Q] < AGREE * widen:
-                row[1] += 1.0
+            row[1] += min(px[k, z + Q], AGREE * usual[part // PARTS])
+    low, high = PART_MISFIT
     for side in range(4):
         rows = bins[side]
         for part in range(PARTS):
-            rows[part, 1] = rows[part, 1] / rows[part, 0] if rows[part, 0] > 0.0 else 1.0
+            rows[part, 1] /= max(rows[part, 0] * usual[side], 1.0)
         for part in range(PARTS):
-            share = rows[part, 1]
+            misfit = rows[part, 1]
             if part > 0:
-                share = min(share, rows[part - 1, 1])
+                misfit = max(misfit, rows[part - 1, 1])
             if part < PARTS - 1:
-                share = min(share, rows[part + 1, 1])
-            low, high = TRUST_SHARES
-            rows[part, 0] = min(max((share - low) / (high - low), 0.0), 1.0)
+                misfit = max(misfit, rows[part + 1, 1])
+            rows[part, 0] = min(max((high - misfit) / (high - low), 0.0), 1.0)
     for i in range(groups * LANES):
         k, z = i // LANES, i % LANES
         part = int(px[k, z + PART])

@@ -12,6 +12,7 @@ import numpy as np
 
 from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import cos, sin
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.vision.appearance import find, model, neighbours, pixels
 from eol_ros.core.vision.appearance.faces import Faces
@@ -28,7 +29,9 @@ BLOCK = np.dtype(
         ('seen', '?'), ('known', '?'),  # now; its face is learned
         ('evidence', 'f8'),  # nats that it is a block, over images
         ('gain', 'f8'),  # its usual one, without the camera's exposure
-        ('yaw_offset', 'f8'),  # from the turn of the lattice around it
+        # from where its neighbours put it, along the axes of the lattice there, and from its turn
+        ('right', 'f8'), ('up', 'f8'), ('yaw_offset', 'f8'),
+        ('sure_px', 'f8'),  # standard deviation of that, of a block out of sight
         ('fresh', 'i8'),  # images in a row in which another face was in its place
     ]
 )  # fmt: skip
@@ -62,7 +65,7 @@ class Follower:
         n = len(self.rest)
         self.blocks, self.found = np.zeros(n, BLOCK), np.zeros(n, FOUND)
         self._most_own = model.MOST_OWN[covers is not None]
-        self.found['own'] = self._most_own
+        self.found['own'], self.found['side_usual'], self.found['more'] = self._most_own, 1.0, 1.0
         self.blocks['x'], self.blocks['y'] = self.rest.T
         self.faces, self._patches = Faces(n), pixels.empty_patches(n)
         self.noise, self.quiet = np.ones(2), 1.0
@@ -159,6 +162,8 @@ class Follower:
             self.blocks['fresh'][block] += 1
             if self.blocks['fresh'][block] >= model.RELEARN:
                 self._forget(block)
+            else:
+                good[block] = False
         else:
             self.blocks['fresh'][block] = 0
 
@@ -166,6 +171,7 @@ class Follower:
         self.faces.forget(block)
         self._patches[0]['starts'][block] = 0
         self.found['own'][block], self.found['usual'][block] = self._most_own, 0.0
+        self.found['side_usual'][block] = 1.0
         for name in ('known', 'gain', 'fresh'):
             self.blocks[name][block] = 0
 
@@ -200,6 +206,8 @@ class Follower:
             self._sharpen((found['visible'] > 0.8) & (found['ratio'] > 2.0))
         self.lattice = True
         self.lose()
+        blocks['right'] = blocks['up'] = 0.0
+        blocks['sure_px'] = model.LOST_PX
         if again:
             self._turn_by_faces(stamp_s)
             found['start_px'] = 1.0
@@ -234,17 +242,20 @@ class Follower:
         blocks[:], found[:], self._near[:] = blocks[order], found[order], self._near[order]
         if faces:
             self.faces.turn(order, quarters)
-            found['usual'] = np.roll(found['usual'], -quarters, axis=1)
+            for name in ('usual', 'side_usual'):
+                found[name] = np.roll(found[name], -quarters, axis=1)
         else:
             for name in ('known', 'gain', 'yaw_offset', 'fresh'):
                 blocks[name] = was[name]
-            for name in ('own', 'usual'):
+            for name in ('own', 'usual', 'side_usual'):
                 found[name] = was_found[name]
         blocks['yaw'] += quarters * find.QUARTER
         found['yaw'] += quarters * find.QUARTER
         around = np.round(np.median(blocks['yaw']) / math.tau) * math.tau
         blocks['yaw'] -= around
         found['yaw'] -= around
+        blocks['right'] = blocks['up'] = 0.0
+        blocks['sure_px'] = model.LOST_PX
         self._patches[0]['starts'] = 0
 
     def _named(self, nodes: np.ndarray) -> tuple[np.ndarray, float]:
@@ -280,13 +291,8 @@ class Follower:
         # an arm over a block crosses a side: with four clear sides all light is the cover's own
         clear = found['nats'] > model.CLEAR_NATS
         alike = (found['visible'] > 0.95) & (found['nats'] > np.where(known, 8.0, 4.0))
-        whole = (
-            seen
-            & found['close']
-            & (found['ring'] > 0.85)
-            & (blocks['fresh'] == 0)
-            & (clear | alike)
-        )
+        alike &= found['ring'] > 0.85
+        whole = seen & found['close'] & (blocks['fresh'] == 0) & (clear | alike)
         slow = moved_px < model.LEARN_PX
         for block in np.flatnonzero(whole & slow):
             gain = found['gain'][block]
@@ -299,6 +305,10 @@ class Follower:
                 f['own'] + rate * (f['off'] - f['own']), model.LEAST_OWN, self._most_own
             )
             f['usual'] += rate * (f['sides'] - f['usual'])
+            if known[block]:
+                rate = 1 / min(faces.looks[block] - YOUNG + 1, model.OWN_LOOKS)
+                misfit = np.minimum(f['side_misfit'], model.SIDE_MISFIT * f['side_usual'])
+                f['side_usual'] += rate * (misfit - f['side_usual'])
             rate = 1 / min(faces.looks[block], 60)
             blocks['gain'][block] += rate * (gain / self.exposure - blocks['gain'][block])
             blocks['known'][block] = faces.looks[block] >= YOUNG
@@ -332,12 +342,20 @@ def _predict(blocks, found, near, rest, ahead_s, px_per_m):
     neighbours.predict(rest, xy, seen, near)
     for i in range(n):
         b, f = blocks[i], found[i]
-        f.x, f.y, f.yaw, f.start_px = xy[i, 0], xy[i, 1], b.yaw + b.spin * ahead_s, model.LOST_PX
+        f.x, f.y, f.yaw = xy[i, 0], xy[i, 1], b.yaw + b.spin * ahead_s
         if b.seen:
             way_px = math.sqrt(b.vx * b.vx + b.vy * b.vy) * ahead_s * px_per_m
-            f.start_px = model.PREDICTED_PX + model.PREDICTED_SHARE * way_px
+            b.sure_px = model.PREDICTED_PX + model.PREDICTED_SHARE * way_px
         elif near[i, 3] >= 3:
-            f.x, f.y, f.yaw = near[i, 0], near[i, 1], near[i, 2] + b.yaw_offset
+            cs, sn = cos(near[i, 2]), sin(near[i, 2])
+            f.x = near[i, 0] + cs * b.right - sn * b.up
+            f.y = near[i, 1] + sn * b.right + cs * b.up
+            f.yaw = near[i, 2] + b.yaw_offset
+            way_px = math.sqrt((f.x - b.x) ** 2 + (f.y - b.y) ** 2) * px_per_m
+            b.sure_px += model.UNSEEN_PX + model.PREDICTED_SHARE * way_px
+            b.x, b.y, b.yaw = f.x, f.y, f.yaw
+        b.sure_px = min(b.sure_px, model.LOST_PX)
+        f.start_px = b.sure_px
 
 
 def _start_wide(blocks: np.ndarray, found: np.ndarray, which: np.ndarray, ahead_s: float) -> None:
@@ -353,7 +371,7 @@ def _enters(f):
 
     The border of an arm passes for a side.
     """
-    return f.nats > model.ENTERS_NATS and f.ring > model.MIN_RING_YOUNG
+    return f.nats > model.CLEAR_NATS and f.ring > model.MIN_RING_YOUNG
 
 
 @njit(cache=True)
@@ -375,9 +393,11 @@ def _accept(blocks, found, near, which, fresh, usual_gain, first_nats, px_per_m,
             gain_ok = f.gain > model.MIN_GAIN * usual_gain
         else:
             gain_ok = model.GAINS[0] * f.expected < f.gain < model.GAINS[1] * f.expected
+        explained = (model.AGREE - f.misfit) / (model.AGREE - max(f.side_usual.mean(), 1.0))
+        explained = min(explained, 1.0)
         good[i] = (
-            f.visible > (model.MIN_VISIBLE_YOUNG if young else model.MIN_VISIBLE)
-            and f.ring > (model.MIN_RING_YOUNG if young else model.MIN_RING)
+            f.visible * explained > (model.MIN_VISIBLE_YOUNG if young else model.MIN_VISIBLE)
+            and f.ring * explained > (model.MIN_RING_YOUNG if young else model.MIN_RING)
             and f.ratio > model.MIN_RATIO
             and total > (0.0 if b.seen else first_nats)
             and (not young or f.weakest > model.WEAKEST_NATS or f.nats > model.THREE_NATS)
@@ -412,7 +432,8 @@ def _take(blocks, found, near, good, passed_s):
                 b.spin = (f.yaw - b.yaw) / passed_s
             b.x, b.y, b.yaw = f.x, f.y, f.yaw
             if near[i, 3] >= 3:
+                cs, sn = cos(near[i, 2]), sin(near[i, 2])
+                dx, dy = f.x - near[i, 0], f.y - near[i, 1]
+                b.right, b.up = cs * dx + sn * dy, cs * dy - sn * dx
                 b.yaw_offset = f.yaw - near[i, 2]
-        elif near[i, 3] >= 3:
-            b.x, b.y, b.yaw = near[i, 0], near[i, 1], near[i, 2] + b.yaw_offset
         b.seen = good[i]

@@ -26,12 +26,19 @@ OUTSIDE_PX = 3.0  # beyond that, for the ground around a block
 LEAST_VARIANCE = 1 / 12  # grey levels squared, of a pixel: that of rounding
 FULL = 250.0  # grey levels; from here a pixel may be saturated
 TUKEY = 20.0  # variances; 4.5 standard deviations: 95 % efficient for normal noise (Huber, 2009)
+UNEVEN = 2.0  # variance in that of the noise alone, of 24 parts: 3 standard deviations
+BESIDE = 2.0  # times sigma: what hides or lights part of a block also errs where it looks like it
 SETTLED = 1.0  # of the standard deviation of a pose: a smaller step ends the iteration
 MODEL_PX = 0.012  # what the edge function leaves of a real edge
 JUDGED_PX = 0.03  # a pose that was taken to be less sure is fitted once more
 PARTS = 12  # of a side, each trusted by itself: 3.8 px at 545 px/m
-TRUST_SHARES = 0.6, 0.9  # of the pixels of a part that agree: trusted not at all, and wholly
+# Mean squared residual, in the usual one: of a part of a side, from which it is trusted less, and
+# not at all; of a side (130 px are judged: 5 standard deviations)
+PART_MISFIT, SIDE_MISFIT = (2.2, 5.0), 1.6
 ROUNDS = 9
+# First taken to be where it was: a block of PREDICTED_PX and a way of 0.05 px in an image, whose
+# gain changes by less
+RESTS_PX, STEADY = 0.715, 0.05
 HOPELESS = 0.3  # of a cover that agrees after half of the rounds
 GAIN_SIGMA = 0.25  # of the gain expected: flash and battery within a frame
 PLANE_SIGMA = 0.05  # of the gain: slope of the ground's light over half a block
@@ -53,7 +60,7 @@ WIDEN = 3.0  # residuals may exceed their variance by so much while a pose is so
 WIDEN_JUDGED = 1.5  # and when it is judged
 MIN_VISIBLE = 0.5  # of a cover
 MIN_VISIBLE_YOUNG = 0.9
-MIN_RING, MIN_RING_YOUNG = 0.3, 0.55  # of the ground beside the edges that is explained
+MIN_RING, MIN_RING_YOUNG = 0.45, 0.55  # of the ground beside the edges that is explained
 MIN_RATIO = 1.2  # nats a pixel for the cover against flat ground
 SIDE_NATS = -4.0, 10.0  # what one side can say; a covered side must not veto the other three
 IMAGE_NATS = -6.0, 20.0  # what one image can say
@@ -63,11 +70,10 @@ CLEAR_NATS = 28.0  # all four sides show
 MOSTLY = 0.7  # visible: then a lamp may hide the sides
 NO_SIDES = -12.0  # nats: all four sides are against it
 THREE_NATS = 23.0  # three sides show
-ENTERS_NATS = 25.0  # three sides show whole
 WEAKEST_NATS = -2.0  # the weakest side of a square whose face is not known
 FRESH_NATS = 30.0  # a square other than the face learned: more than three sides must show
 NATS = -3.0, 20.0
-MAX_SIGMA_PX = 0.7
+MAX_SIGMA_PX = 0.5  # a millimetre: slips are of that size
 GAINS = 0.45, 2.2  # of the gain expected
 MIN_GAIN = 0.2  # of the median gain, for a face not known
 RELEARN = 5  # images that show another face in a block's place
@@ -86,6 +92,7 @@ NEIGHBOURHOOD = 1.3  # pitches: width of the weight of neighbours
 MAX_AHEAD_S = 0.1  # a velocity is not carried on for longer
 # standard deviation of a prediction: fixed, and as a share of the way
 PREDICTED_PX, PREDICTED_SHARE = 0.7, 0.3
+UNSEEN_PX = 0.05  # that of a block out of sight grows by so much in an image
 LOST_PX = 6.0
 LEAST = (
     5  # blocks: fewer do not say what is usual for all, and with fewer in sight the lattice is lost

@@ -2,6 +2,7 @@
 """Register the faces of blocks in an image, and judge what was found."""
 
 import math
+from collections import namedtuple
 
 import numpy as np
 
@@ -25,6 +26,7 @@ FOUND = np.dtype(
         ('usual', 'f8', (4, fit.OWN)), ('own', 'f8', fit.OWN),
         ('sides', 'f8', (4, fit.OWN)), ('off', 'f8', fit.OWN),
         ('sigma_m', 'f8'), ('sigma_rad', 'f8'),
+        ('more', 'f8', 2),  # variance of place and turn, in that of the noise alone
         ('visible', 'f8'),  # share of the cover that looks as it should
         ('ring', 'f8'),  # and of the ground beside its edges
         ('ratio', 'f8'),  # log likelihood ratio of the cover to flat ground, nats a pixel
@@ -33,6 +35,7 @@ FOUND = np.dtype(
         ('evidence', 'f8'),  # and with what was said before
         ('step_px', 'f8'),  # the last step
         ('misfit', 'f8'),  # mean squared residual in variances, of the pixels that agree
+        ('side_misfit', 'f8', 4), ('side_usual', 'f8', 4),  # of each side, of all; and usually
         ('side_px', 'f8'),
         ('close', '?'),  # whether sides and brightness are of this image
         ('wider', 'f8'), ('wider_weight', 'f8'),  # of edges, see fit.widening
@@ -55,131 +58,222 @@ def register(
     were found last. own, own_px (n, CELLS, CELLS): brightness of each cover, and its pixels.
     patches, kept, places: of pixels.empty_patches(n), from image to image.
     """
-    z, prior, own_level = np.zeros(fit.NUMBERS), np.zeros(fit.NUMBERS), np.zeros((5, fit.OWN))
-    equations, kept_sides = np.empty((fit.NUMBERS, fit.NUMBERS + 1)), np.zeros((5, fit.OWN, 11))
-    own_prior = np.empty(fit.OWN)
-    work, px = np.empty((fit.NUMBERS, 11)), pixels.empty()
-    room = (
-        np.empty((fit.COLUMNS + 3, pixels.GROUPS * LANES), np.float32),
-        np.empty(fit.SUMS + fit.COLUMNS),
-        np.empty((fit.COLUMNS, fit.COLUMNS + 1)),
-    )
-    bins, few = np.empty((4, m.PARTS, 2)), np.empty(m.MOST_PX, np.float32)
-    side_room, sides = np.empty((4, 11)), np.empty(4)
-    table, flat = np.zeros(outline.SIZE, np.float32), heights.shape[0] == 0
+    room, px, table = _room(), pixels.empty(), np.zeros(outline.SIZE, np.float32)
+    flat = heights.shape[0] == 0
     for k in range(which.shape[0]):
         n = which[k]
-        f, patch, at = found[n], patches[n], places[n]
-        starts = patch.starts
-        sigma_px, settled, judged, widen = f.start_px, False, False, 1.0
-        half, face = 1.0, light[n]
-        doubtful = not fresh[n] and (f.visible < m.ALIKE or f.misfit > m.MISFIT)
-        for it in range(m.ROUNDS):
-            own_face = fresh[n] and (it == 2 or it == 4)
-            moved = math.sqrt(z[0] ** 2 + z[1] ** 2) + abs(z[2]) * half
-            if it == 0 or own_face or moved > max(0.5 * sigma_px, 1.0):
-                near = m.DENSE * blur_px + m.MARGIN_PX + 0.5 * min(max(sigma_px, 0.7), 5.0)
-                keep = not fresh[n] and it == 0 and _lies_in(patch, f, half_m, near)
-                if keep:
-                    pixels.copy(kept[n], starts[5], px)
-                else:
-                    _gather(image, c, heights, n, half_m, near, table, f, patch, px, at)
-                if starts[5] < 8:
-                    settled = False
-                    break
-                half = half_m * patch.scale
-                if not keep:
-                    pixels.shade(px, starts[5], half, face, spread[n], flat)
-                pixels.read(image, at, starts[5], px)
-                _from_patch(patch, f, z)
-                if it == 0:
-                    inner, outer = fit.levels(px, starts[5], half, blur_px, few)
-                    z[3] = f.expected if f.expected > 0.0 else max(inner - outer, 2.0)
-                    z[4], z[5], z[6] = outer, 0.0, 0.0
-                    own_level[:4] = z[3] * f.usual
-                if own_face:
-                    face = own[n]
-                    faces.brightness(px, starts[5], half, blur_px, z, face, own_px[n])
-                    faces.fill(face, own_px[n], 1.0)
-                    pixels.shade(px, starts[5], half, face, spread[n], flat)
-                elif not keep:
-                    pixels.copy(px, starts[5], kept[n])
-            for i in range(fit.OWN):
-                # far from its place they would explain a side that is not there
-                variance = f.own[i] if sigma_px < m.COARSE_PX else m.LEAST_OWN[i]
-                own_prior[i] = 1.0 / (variance * z[3] ** 2)
-            if it == 0:
-                fit.all_residuals(px, starts, 4, half, blur_px, noise, z, own_level, sigma_px**2)
-                widen = fit.widen_of(px, starts, 4, m.WIDEN, few)
-            elif doubtful and sigma_px < 1.0:
-                fit.all_residuals(px, starts, 1, half, blur_px, noise, z, own_level, sigma_px**2)
-                fit.trust(px, starts[4], widen, bins)
-                if it > 3 and _judged(px, starts[5], noise, z, widen)[0] < m.HOPELESS:
-                    break
-            fit.all_equations(
-                px, starts, 2 if it == 0 else 1, half, blur_px, noise, z, own_level, f.usual,
-                own_prior, sigma_px**2, widen, room, kept_sides, equations,
-            )  # fmt: skip
-            prior[0] = prior[1] = 1.0 / f.start_px**2
-            prior[2] = (half / (1.5 * f.start_px)) ** 2
-            prior[5] = prior[6] = 1.0 / (m.PLANE_SIGMA * z[3]) ** 2
-            prior[3] = 0.0
-            if f.expected > 0.0:
-                prior[3] = 1.0 / (m.GAIN_SIGMA * f.expected) ** 2
-                equations[3, fit.NUMBERS] += prior[3] * (f.expected - z[3])
-            if not fit.solve(equations, prior, work):
-                settled = False
-                break
-            _step(work, half, patch, f, z)
-            settled = True
-            for side in range(4):
-                fit.restore(kept_sides[side], work[:, 7], z[3], own_level[side])
-            sure_px = math.sqrt(max(work[0, 8], 0.0))
-            judged = sigma_px < max(m.JUDGED_PX, 2 * sure_px) and f.step_px < m.SETTLED * sure_px
-            if judged and (not fresh[n] or it > 4):
-                if doubtful or fresh[n]:
-                    break
-                seen = _judged(px, starts[5], noise, z, widen)
-                doubtful = seen[0] < m.ALIKE or seen[3] > m.MISFIT  # an arm came in
-                if not doubtful:
-                    break
-            sigma_px = min(0.4 * sigma_px, 0.5 * f.step_px + m.MODEL_PX)
-        groups = starts[5]
+        f, patch = found[n], patches[n]
+        x, y = f.x, f.y
+        camera = image, c, heights, n, half_m, blur_px, noise, table, flat
+        looks = light[n], spread[n], fresh[n], own[n], own_px[n]
+        settled, judged, widen, without = _fit(
+            camera, looks, f, patch, kept[n], places[n], px, room
+        )
         f.visible = f.ring = f.ratio = 0.0
         if not settled:
             f.nats = f.wider_weight = 0.0
-            starts[:] = 0
+            patch.starts[:] = 0
             continue
-        f.gain, f.side_px = z[3], 2 * half
-        f.off[:] = 0.0
-        for side in range(4):
-            for i in range(fit.OWN):
-                f.sides[side, i] = own_level[side, i] / z[3]
-                f.off[i] += (f.sides[side, i] - f.usual[side, i]) ** 2 / 4
-                f.off[i] += kept_sides[side, i, 8 + i] / (4 * z[3] ** 2)
-        for i in range(3):
-            f.ground[i] = z[4 + i]
-        f.sigma_m = math.sqrt(max((work[0, 8] + work[1, 9]) / 2, 0.0)) / patch.scale
-        f.sigma_rad = math.sqrt(max(work[2, 10], 0.0))
+        half = half_m * patch.scale
         if not judged:
-            fit.all_residuals(px, starts, 1, half, blur_px, noise, z, own_level, m.MODEL_PX**2)
-        widen = fit.widen_of(px, starts, 1, m.WIDEN_JUDGED, few)
-        f.visible, f.ring, f.ratio, f.misfit = _judged(px, groups, noise, z, widen)
-        f.close = close[n] or f.visible < m.ALIKE or f.misfit > m.MISFIT
+            fit.all_residuals(
+                px, patch.starts, 1, half, blur_px, noise, room.z, room.own, m.MODEL_PX**2
+            )
+        widen = fit.widen_of(px, patch.starts, 1, m.WIDEN_JUDGED, room.few)
+        _judge(px, patch.starts, noise, room.z, widen, f)
+        f.close = close[n] or _unlike(f)
+        _tell(f, patch, half, room)
+        moved_px = math.sqrt((f.x - x) ** 2 + (f.y - y) ** 2) * patch.scale
+        _tell_sigma(f, patch, moved_px, without, px, room)
         if f.close:
             near = min(3.5 * blur_px + 1.0, half / 2)
             fit.side_nats(
-                px, starts, half, blur_px, noise, z, own_level, near, widen, side_room, sides
-            )
-            f.weakest, f.nats = sides.min(), 0.0
+                px, patch.starts, half, blur_px, noise, room.z, room.own, near, widen,
+                room.side_sums, room.sides,
+            )  # fmt: skip
+            f.weakest, f.nats = room.sides.min(), 0.0
             for i in range(4):
-                f.nats += min(max(sides[i], m.SIDE_NATS[0]), m.SIDE_NATS[1])
+                f.nats += min(max(room.sides[i], m.SIDE_NATS[0]), m.SIDE_NATS[1])
             f.wider, f.wider_weight = fit.widening(
-                px, groups, half, blur_px, noise, z, 2 * widen * m.AGREE
+                px, patch.starts[5], half, blur_px, noise, room.z, 2 * widen * m.AGREE
             )
-            faces.brightness(px, groups, half, blur_px, z, own[n], own_px[n])
+            faces.brightness(px, patch.starts[5], half, blur_px, room.z, own[n], own_px[n])
         if fresh[n]:
-            starts[:] = 0  # of a face that is not kept
+            patch.starts[:] = 0  # of a face that is not kept
+
+
+Room = namedtuple(
+    'Room',
+    'z own equations kept work prior towards own_prior rows sums matrix bins few clusters'
+    ' side_sums sides usual at its_own',
+)
+
+
+@njit(cache=True)
+def _room():
+    """Return scratch for one block; _fit leaves what it found in z, own, kept and work."""
+    n, own = fit.NUMBERS, fit.OWN
+    return Room(
+        np.zeros(n), np.zeros((5, own)), np.empty((5, n, n + 1)), np.zeros((5, own, 11)),
+        np.empty((n, 11)), np.zeros(n), np.zeros(n), np.empty(own),
+        np.empty((fit.COLUMNS + 3, pixels.GROUPS * LANES), np.float32),
+        np.empty(fit.SUMS + fit.COLUMNS), np.empty((fit.COLUMNS, fit.COLUMNS + 1)),
+        np.empty((4, m.PARTS, 2)), np.empty(m.MOST_PX, np.float32), np.empty((24, 3)),
+        np.empty((4, 11)), np.empty(4), np.empty(4), np.empty(n), np.empty((5, own)),
+    )  # fmt: skip
+
+
+@njit(inline='always')
+def _unlike(f):
+    """Return whether something hides part of a block, or shines on it."""
+    return f.visible < m.ALIKE or f.misfit > m.MISFIT
+
+
+@njit(cache=True)
+def _fit(camera, looks, f, patch, kept, at, px, room):
+    """Fit one block from the pose of f.
+
+    Returns whether that can be done, whether it converged, by how much residuals exceed their
+    variance, and the side that was left out, or -1. A block that rested is first taken to be where
+    it was, which needs one step.
+    """
+    image, c, heights, n, half_m, blur_px, noise, table, flat = camera
+    face, spread, fresh, own_face, own_px = looks
+    z, own, work, starts = room.z, room.own, room.work, patch.starts
+    half, judged, widen, odd, without = 1.0, False, 1.0, False, -1
+    doubtful = not fresh and _unlike(f)
+    rests, begins = not (fresh or doubtful) and f.start_px < m.RESTS_PX, True
+    sigma_px = m.JUDGED_PX if rests else f.start_px
+    for it in range(m.ROUNDS):
+        renew = fresh and (it == 2 or it == 4)
+        moved = math.sqrt(z[0] ** 2 + z[1] ** 2) + abs(z[2]) * half
+        if it == 0 or renew or moved > max(0.5 * sigma_px, 1.0):
+            near = m.DENSE * blur_px + m.MARGIN_PX + 0.5 * min(max(sigma_px, 0.7), 5.0)
+            keep = not fresh and it == 0 and _lies_in(patch, f, half_m, near)
+            if keep:
+                pixels.copy(kept, starts[5], px)
+            else:
+                _gather(image, c, heights, n, half_m, near, table, f, patch, px, at)
+            if starts[5] < 8:
+                return False, False, widen, without
+            half = half_m * patch.scale
+            if not keep:
+                pixels.shade(px, starts[5], half, face, spread, flat)
+            pixels.read(image, at, starts[5], px)
+            _from_patch(patch, f, z)
+            if it == 0:
+                _levels(px, starts[5], half, blur_px, f, room)
+            if renew:
+                face = own_face
+                faces.brightness(px, starts[5], half, blur_px, z, face, own_px)
+                faces.fill(face, own_px, 1.0)
+                pixels.shade(px, starts[5], half, face, spread, flat)
+            elif not keep:
+                pixels.copy(px, starts[5], kept)
+        if begins:
+            fit.all_residuals(px, starts, 4, half, blur_px, noise, z, own, sigma_px**2)
+            widen = fit.widen_of(px, starts, 4, m.WIDEN, room.few)
+        elif doubtful and sigma_px < 1.0 and not (odd and without < 0):
+            fit.all_residuals(px, starts, 1, half, blur_px, noise, z, own, sigma_px**2)
+            fit.trust(px, starts[4], _usual(f, widen, room), room.bins)
+            if it > 3:
+                _judge(px, starts, noise, z, widen, f)
+                if f.visible < m.HOPELESS:
+                    break
+        _priors(f, half, sigma_px, room)
+        fit.all_equations(
+            px, starts, 2 if begins and not rests else 1, half, blur_px, noise, z, own, f.usual,
+            room.own_prior, sigma_px**2, widen, (room.rows, room.sums, room.matrix), room.kept,
+            room.equations,
+        )  # fmt: skip
+        if odd and without < 0:
+            without = _odd_one(px, starts, half, blur_px, noise, room)
+        if not fit.solve(room.equations, without, room.prior, room.towards, work):
+            return False, False, widen, without
+        f.step_px = _step(work, half, z)
+        _to_table(z, patch, f)
+        for side in range(4):
+            fit.restore(room.kept[side], work[:, 7], z[3], own[side])
+        sure_px = math.sqrt(max(work[0, 8], 0.0))
+        least_px = m.JUDGED_PX if rests else m.SETTLED * sure_px
+        judged = sigma_px <= max(m.JUDGED_PX, 2 * sure_px) and f.step_px < least_px
+        begins = rests and not (judged and abs(work[3, 7]) < m.STEADY * z[3])
+        if judged and not begins and (not fresh or it > 4):
+            if fresh or odd:
+                break
+            _judge(px, starts, noise, z, widen, f)
+            begins = rests and _unlike(f)
+            if not begins:
+                odd = (f.side_misfit > m.SIDE_MISFIT * _usual(f, widen, room)).any()
+                if not odd and (doubtful or not _unlike(f)):
+                    break
+                doubtful = True  # an arm came in
+                if odd:
+                    sigma_px = m.JUDGED_PX
+                    continue
+        if begins:  # it does not rest
+            rests, sigma_px = False, f.start_px
+        else:
+            sigma_px = min(0.4 * sigma_px, 0.5 * f.step_px + m.MODEL_PX)
+    return True, judged, widen, without
+
+
+@njit(cache=True)
+def _levels(px, groups, half, blur_px, f, room):
+    """Start gain, ground and the numbers of sides."""
+    z = room.z
+    inner, outer = fit.levels(px, groups, half, blur_px, room.few)
+    z[3] = f.expected if f.expected > 0.0 else max(inner - outer, 2.0)
+    z[4], z[5], z[6] = outer, 0.0, 0.0
+    room.own[:4] = z[3] * f.usual
+
+
+@njit(cache=True)
+def _priors(f, half, sigma_px, room):
+    """Set the reciprocal variances of a block's numbers, and of each side's own."""
+    gain, prior = room.z[3], room.prior
+    prior[0] = prior[1] = 1.0 / f.start_px**2
+    prior[2] = (half / (1.5 * f.start_px)) ** 2
+    prior[5] = prior[6] = 1.0 / (m.PLANE_SIGMA * gain) ** 2
+    prior[3] = 0.0
+    if f.expected > 0.0:
+        prior[3] = 1.0 / (m.GAIN_SIGMA * f.expected) ** 2
+        room.towards[3] = f.expected - gain
+    for i in range(fit.OWN):
+        # far from its place they would explain a side that is not there
+        variance = f.own[i] if sigma_px < m.COARSE_PX else m.LEAST_OWN[i]
+        room.own_prior[i] = 1.0 / (variance * gain**2)
+
+
+@njit(cache=True)
+def _tell(f, patch, half, room):
+    """Set gain, ground and numbers of sides of f."""
+    gain = f.gain = room.z[3]
+    f.side_px = 2 * half
+    for i in range(3):
+        f.ground[i] = room.z[4 + i]
+    f.off[:] = 0.0
+    for side in range(4):
+        for i in range(fit.OWN):
+            f.sides[side, i] = room.own[side, i] / gain
+            f.off[i] += (f.sides[side, i] - f.usual[side, i]) ** 2 / 4
+            f.off[i] += room.kept[side, i, 8 + i] / (4 * gain**2)
+
+
+@njit(cache=True)
+def _tell_sigma(f, patch, moved_px, without, px, room):
+    """Set the standard deviations of f.
+
+    Those of the noise alone, times what residuals say, which is looked at closely where the block
+    seems to have moved.
+    """
+    place, turn = (room.work[0, 8] + room.work[1, 9]) / 2, room.work[2, 10]
+    if f.close or moved_px**2 > 4 * place * f.more[0]:
+        by = fit.covariance(px, patch.starts, without, room.kept, room.work, room.clusters)
+        f.more[0], f.more[1] = max(by[0] / (2 * place), 1.0), max(by[1] / turn, 1.0)
+    beside = m.BESIDE if without >= 0 or _unlike(f) or f.more[0] > m.UNEVEN else 1.0
+    f.sigma_m = beside * math.sqrt(place * f.more[0]) / patch.scale
+    f.sigma_rad = beside * math.sqrt(turn * f.more[1])
 
 
 @njit(cache=True)
@@ -220,8 +314,8 @@ def _from_patch(patch, f, z):
 
 
 @njit(cache=True)
-def _step(work, half, patch, f, z):
-    """Take the step in column 7 of work; set the pose of f, and its step."""
+def _step(work, half, z):
+    """Take the step in column 7 of work; return how long it is, in px."""
     da, db, turn = work[0, 7], work[1, 7], work[2, 7]
     step = math.sqrt(da * da + db * db)
     if step > m.STEP_PX:
@@ -234,19 +328,78 @@ def _step(work, half, patch, f, z):
     z[3] = max(z[3] + work[3, 7], 1.0)
     for i in range(4, 7):
         z[i] += work[i, 7]
+    return max(step, abs(turn) * half)
+
+
+@njit(cache=True)
+def _to_table(z, patch, f):
+    """Set the pose of f from that of z."""
     cs, sn = cos(patch.yaw), sin(patch.yaw)
     f.x = patch.x + (cs * z[0] - sn * z[1]) / patch.scale
     f.y = patch.y + (sn * z[0] + cs * z[1]) / patch.scale
     f.yaw = patch.yaw + z[2]
-    f.step_px = max(step, abs(turn) * half)
 
 
 @njit(cache=True)
-def _judged(px, groups, noise, z, widen):
-    """Return visible, ring, ratio and misfit of FOUND, from every third pixel."""
+def _odd_one(px, starts, half, blur_px, noise, room):
+    """Return the side without which the other three look as usual and agree best, or 5.
+
+    An arm that touches one side draws the block along, and then the side across from it looks odd.
+    """
+    best, least = 5, math.inf
+    for without in range(4):
+        if not fit.solve(room.equations, without, room.prior, room.towards, room.work):
+            continue
+        room.at[:], room.its_own[:] = room.z, room.own
+        _step(room.work, half, room.at)
+        for side in range(4):
+            fit.restore(room.kept[side], room.work[:, 7], room.at[3], room.its_own[side])
+        fit.all_residuals(px, starts, 2, half, blur_px, noise, room.at, room.its_own, m.MODEL_PX**2)
+        total = most = 0.0
+        for side in range(4):
+            if side != without:
+                misfit = _mean(px, starts[side], starts[side + 1], 2, room.usual[side])
+                total, most = total + misfit, max(most, misfit)
+        if total < least and most < m.SIDE_MISFIT:
+            best, least = without, total
+    return best
+
+
+@njit(cache=True)
+def _mean(px, start, stop, every, expected):
+    """Return the mean squared residual of every `every`-th group, in that which is expected."""
+    total = n = 0.0
+    for group in range(start, stop, every):
+        for i in range(LANES):
+            if px[group, AREA + i] > 0.0:
+                total += min(px[group, Q + i] / expected, m.AGREE)
+                n += 1.0
+    return total / max(n, 1.0)
+
+
+@njit(cache=True)
+def _usual(f, widen, room):
+    """Set and return room.usual (4,): mean squared residual to expect of each side.
+
+    What it usually is, more where there is more light, in this image; and what most sides exceed,
+    where no face is known.
+    """
+    room.sides[:] = f.side_misfit
+    room.sides.sort()
+    more = (room.z[3] / f.expected) ** 2 if f.expected > 0.0 else 1.0
+    for side in range(4):
+        room.usual[side] = max(f.side_usual[side] * max(more, 1.0), widen, room.sides[1])
+    return room.usual
+
+
+@njit(cache=True)
+def _judge(px, starts, noise, z, widen, f):
+    """Set visible, ring, ratio, misfit and side_misfit of f, from every third pixel."""
     agree = area = ratio = chi = n = ring = ringed = 0.0
     gain2, ground = z[3] ** 2, z[4]
-    for i in range(0, groups * LANES, 3):
+    for side in range(4):
+        f.side_misfit[side] = _mean(px, starts[side], starts[side + 1], 3, 1.0)
+    for i in range(0, starts[5] * LANES, 3):
         k, lane = i // LANES, i % LANES
         part = px[k, lane + AREA]
         if part == 0.0:
@@ -269,4 +422,5 @@ def _judged(px, groups, noise, z, widen):
             if good:
                 ringed += 1.0
     area = max(area, 1.0)
-    return agree / area, ringed / max(ring, 1.0), ratio / area, chi / max(n, 1.0) * widen
+    f.visible, f.ring, f.ratio = agree / area, ringed / max(ring, 1.0), ratio / area
+    f.misfit = chi / max(n, 1.0) * widen
