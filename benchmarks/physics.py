@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from support import physics_rotating
+from support import physics_rotating, random_scenes
 from support.physics_oracles import ORACLES
 from support.scipy_solver import scipy_events, scipy_smooth
 
@@ -41,7 +41,8 @@ LIMITS = Limits(events=200_000, steps=2_000_000)
 SCIPY_S = {'S1': 20.0, 'S2': 12.0, 'S6a': 6.2, 'S6b': 6.0, 'S4L': 4.0, 'S4G': 6.0}
 OTHERS_S = 8.0  # for so long SciPy follows the other scenes
 ROTATION_S = 3.0  # for so long SciPy follows blocks that rotate
-PARTS = ('own', 'rotation', 'peers', 'sizes', 'live')
+PARTS = ('own', 'rotation', 'peers', 'tolerance', 'sizes', 'live')
+RANDOM_SCENES = 500
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -302,6 +303,27 @@ def growth_row(rows: list[dict]) -> dict:
     }
 
 
+def tolerance_rows(scenes: int) -> list[dict]:
+    """Return, for each path, errors of random scenes in units of the tolerance asked for."""
+    found = [random_scenes.judge(seed) for seed in track(range(scenes), 'random scenes', scenes)]
+    rows = []
+    for path in sorted({one.path for one in found}):
+        of_path = [one for one in found if one.path == path]
+        errors = np.array([one.error for one in of_path if np.isfinite(one.error)])
+        rows.append(
+            {
+                'path': path,
+                'scenes': len(of_path),
+                'events': sum(one.events for one in of_path),
+                'reference_certain': len(errors),
+                'median': float(np.median(errors)),
+                'worst': float(errors.max()),
+                'above_10': int((errors > 10).sum()),
+            }
+        )
+    return rows
+
+
 def live_row(seconds: int = 60, rate_hz: int = 60, repeats: int = 5) -> dict:
     """Return what the twin's table costs under unattended hands: mean and busiest second.
 
@@ -344,6 +366,8 @@ def run(args: argparse.Namespace) -> int:
         result['rotation'] = rotation_rows()
     if 'peers' in parts:
         result['peers'] = peer_rows(args.peer)
+    if 'tolerance' in parts:
+        result['tolerance'] = tolerance_rows(RANDOM_SCENES // 10 if args.quick else RANDOM_SCENES)
     if 'sizes' in parts:
         result['sizes'] = size_rows(SIZES[:5] if args.quick else SIZES)
         result['growth'] = [growth_row(result['sizes'])]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a simulation gives back, and what it may cost."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -91,13 +92,17 @@ def cut_short(run: Run, duration_s: float, limits: Limits) -> Run:
 
     The note says how far the run came and what would let it go on.
     """
+    if run.status == OK_WORD:  # what is no number stays none until the last sample
+        last = run.u[-1].sum() + run.v[-1].sum()
+        if math.isfinite(last + run.energy.residual_J if run.energy else last):
+            return run
     finite = np.isfinite(run.u).all(axis=(1, 2)) & np.isfinite(run.v).all(axis=(1, 2))
     if run.status == OK_WORD:
-        if finite.all() and (run.energy is None or np.isfinite(run.energy.residual_J)):
-            return run
         run.status = WORDS[NOT_FINITE]
-        run.t_reached = float(run.t[np.logical_and.accumulate(finite)].max(initial=0.0))
-    kept = (run.t <= run.t_reached) & np.logical_and.accumulate(finite)
+    whole = np.logical_and.accumulate(finite)
+    if run.status == WORDS[NOT_FINITE]:
+        run.t_reached = min(run.t_reached, float(run.t[whole].max(initial=0.0)))
+    kept = (run.t <= run.t_reached) & whole
     for name in ('t', 'u', 'v', 'yaw', 'spin'):
         samples = getattr(run, name)
         if samples is not None:

@@ -140,7 +140,8 @@ def from_mapping(given: Mapping[str, Any]) -> Scene:
     to_frame = _springs('springs_to_frame', given, n, TO_FRAME, geometric)
     dim1 = _flag('dim1', given['dim1'])
     u0 = _vectors('u0', given['u0'], n)
-    v0 = np.zeros((n, 2)) if given['v0'] == 'zero' else _vectors('v0', given['v0'], n)
+    v0 = given['v0']
+    v0 = np.zeros((n, 2)) if isinstance(v0, str) and v0 == 'zero' else _vectors('v0', v0, n)
     if dim1 and np.any(v0[:, 1]):
         raise ConfigError('v0 has speeds along y, and dim1 lets the blocks move along x only')
     return Scene(

@@ -143,13 +143,14 @@ def modes_of(m, u, v, t, speed, h, at, la):
         d[c] = v[i] / root[c]
     square, shape = np.linalg.eigh(s)
     w = np.sqrt(np.maximum(square, 0.0))
-    rows, free = ties_of(m, at, la)
-    if free < m and square[free] < SOFT * square[-1]:  # see `lab.modal.frequencies`
-        for c in range(m):
-            rows[:, c] *= root[c]
-        _, w, back = np.linalg.svd(rows, full_matrices=False)
-        w, shape = w[::-1].copy(), back[::-1].T.copy()
-    w[:free] = 0.0
+    if square[0] < SOFT * square[-1]:  # see `lab.modal.frequencies`
+        rows, free = ties_of(m, at, la)
+        if free < m and square[free] < SOFT * square[-1]:
+            for c in range(m):
+                rows[:, c] *= root[c]
+            _, w, back = np.linalg.svd(rows, full_matrices=False)
+            w, shape = w[::-1].copy(), back[::-1].T.copy()
+        w[:free] = 0.0
     back = np.ascontiguousarray(shape.T)
     p, r, d = back @ p, back @ r, back @ d
     a_most, j_most = np.zeros(m), np.zeros(m)

@@ -463,12 +463,11 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
             for c in range(m):
                 u[slots[c]] = x_out[c]
                 v[slots[c]] = d_out[c]
-        for c in range(m):
-            if not math.isfinite(u[slots[c]] + v[slots[c]]):
-                return NOT_FINITE, base + t, events, steps, base
         t, rest = add_exactly(t, rest, h)
         steps += 1
         since += 1
+        if m > 0 and not math.isfinite(u[slots[0]] + v[slots[0]]):
+            return NOT_FINITE, base + t, events, steps, base
         if ends and kind_of == 0 and not due_now:
             t = end
             break

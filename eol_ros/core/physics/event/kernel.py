@@ -46,6 +46,7 @@ from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
 AFTER_S = 0.1  # for how long what a stop gets wrong goes on to act on the neighbours
 KEPT = 0.1  # of its speed a block keeps at least within a step
 KICK_MPS = 1e-6  # where mu_s = mu_k a block may be loose with no acceleration, and no growth of it
+SLOWEST_MPS = 1e-11  # counts as none whatever the tolerance
 CREEP_ROUNDS = 8  # in which the direction of what creeps has to settle,
 CREEP_TOP_S = 1.5e-3  # for a step so long
 SETTLED = 1e-12  # is as settled as rounding lets it be
@@ -53,7 +54,8 @@ SETTLED = 1e-12  # is as settled as rounding lets it be
 
 class Rules(NamedTuple):
     """How exact: order of the series; `small` (m) and `relative` bound a step's error; below
-    `capture` (m/s) a stop is finished in closed form where that is accurate, below `floor` always.
+    `capture` (m/s) a stop is finished in closed form where that is accurate, below `floor` always
+    unless the pull is above friction.
     A block that rotates breaks loose at the speed `kick` (m/s) where less than `weakest` of the
     force is beyond friction: its direction would follow the force in many small steps.
     """
@@ -298,8 +300,8 @@ def stop_slow(t, rim_speed, events, u, v, m, rules, at, ws, sliding, log, energy
             if x * v[i, 0] + y * v[i, 1] >= at.friction[i] * speed:
                 continue  # gains speed
             stop_s, dx, dy, now = stop_of(i, speed, x, y, v, rim_speed, rules, at)
-        if not now:
-            if speed > rules.floor:
+        if not now:  # the pull is above friction: it may just be reversing
+            if speed > SLOWEST_MPS:
                 continue
             stop_s = dx = dy = 0.0
             counts[1] += 1

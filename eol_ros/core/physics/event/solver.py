@@ -112,7 +112,7 @@ def solve(
         t,
     )
     if counts[1]:
-        run.notes.append(f'{counts[1]} stops ended at the floor of {rules.floor:g} m/s')
+        run.notes.append(f'{counts[1]} stops ended at the floor of {kernel.SLOWEST_MPS:g} m/s')
     if counts[2]:
         run.notes.append(
             f'springs passed length zero, where they have no direction, {counts[2]} times: the '

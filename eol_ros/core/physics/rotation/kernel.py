@@ -338,29 +338,24 @@ def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, 
         if ledger:
             add_ledger(order, sliding, at, b, cx, cy, cc, cs, used, h, energy, gauss)
         state_at(order, sliding, at, b, h, q, v)
-        for i in range(n):
-            fresh[i] = fresh[i] and h == 0.0
-            if not math.isfinite(q[i, 0] + q[i, 1] + q[i, 2] + v[i, 0] + v[i, 1] + v[i, 2]):
-                return NOT_FINITE, t, events, steps
         t, left = add_exactly(t, left, h)
         steps += 1
         settle, due = hit, who
+        for i in range(n):
+            fresh[i] = fresh[i] and h == 0.0
+            if not math.isfinite(q[i, 0] + q[i, 1] + q[i, 2] + v[i, 0]):
+                return NOT_FINITE, t, events, steps
         if ends:
             return OK, t, events, steps
         if steps >= max_steps:
             return STEP_LIMIT, t, events, steps
         for i in range(n):  # blocks that come to rest
             speed = size_of(v, i)
+            if not sliding[i] or at.static[i] == 0.0 or fresh[i] or not speed < rules.capture:
+                continue
             slow = speed <= rules.floor
             if at.static[i] - at.friction[i] <= rules.weakest * at.static[i]:
                 slow = speed <= max(rules.floor, 0.5 * rules.kick)
-            if (
-                not sliding[i]
-                or at.static[i] == 0.0
-                or fresh[i]
-                or not (slow or speed < rules.capture)
-            ):
-                continue
             along = force = jerk = spin = 0.0
             for p in range(3):
                 g = d = 0.0

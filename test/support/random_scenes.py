@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Random scenes, and by how many times their error is the tolerance asked for.
+
+The reference is SciPy's DOP853 between events of its own. It is certain where a second run of it,
+with stops at another speed, has the same events and differs by no more than the tolerance.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from eol_ros.core.physics import builders
+from eol_ros.core.physics.result import sample_times
+from eol_ros.core.physics.scene import from_mapping
+from eol_ros.lab.choose import simulate
+from support.scipy_solver import scipy_run
+
+SURE = (3e-13, 1e-8, 1e-6)  # relative tolerance; a stop's speed, m/s; how long after a start, s
+CHECK = (1e-11, 1e-10, 1e-6)
+SAMPLES = 40
+
+
+class Judged(NamedTuple):
+    """A scene's path, the tolerance asked for, the error in units of it, NaN if not certain."""
+
+    path: str
+    tolerance: float
+    error: float
+    events: int
+    motion_m: float
+
+
+def draw(seed: int) -> tuple[builders.Plain, float]:
+    """Return a scene and a tolerance."""
+    random = np.random.default_rng([seed, 49])
+    rows, columns = random.integers(1, 4, 2)
+    n, k = int(rows * columns), 10 ** random.uniform(1, 2.7)
+    static = random.uniform(0.3, 1.0, n)
+    along_x = bool(random.random() < 0.4)
+    drive = {'kind': 'constant_velocity', 'par': [0.05, 0.0 if along_x else 0.03]}
+    if not along_x and random.random() < 0.5:
+        drive = {'kind': 'circle_and_rotation', 'par': [0.06, 1.5, 0.12, 1.1]}
+    build = builders.table if random.random() < 0.6 else builders.plate
+    spring = {'k': k} if build is builders.table else {'k_plate': k, 'k_between': 2 * k}
+    size_m = 0.4 * 0.3 * builders.GRAVITY * 0.1 / k
+    scene = build(
+        drive, random.uniform(0.5, 2.0), int(rows), int(columns), **spring,
+        geometric=not along_x and bool(random.random() < 0.5),
+        mass=random.uniform(0.1, 0.5, n), mu_s=static, mu_k=static * random.uniform(0.3, 0.95, n),
+        u0=builders.offsets(n, size_m, seed, along_x),
+        v0=random.uniform(-0.3, 0.3, (n, 2)) * [1, not along_x],
+    )  # fmt: skip
+    return scene, 10 ** random.uniform(-11, -4)
+
+
+def judge(seed: int) -> Judged:
+    """Return how a scene's error compares with its tolerance, of the largest displacement."""
+    given, tolerance = draw(seed)
+    scene = from_mapping(given)
+    times = sample_times(scene.duration_s, scene.duration_s / SAMPLES)
+    run = simulate(scene, scene.duration_s / SAMPLES, tolerance=tolerance, ledger=False)
+    truth, events = scipy_run(scene, times, *SURE)
+    check, again = scipy_run(scene, times, *CHECK)
+    motion = float(np.abs(truth - truth[0]).max())
+    alike = [event[1:] for event in events] == [event[1:] for event in again]
+    certain = alike and np.abs(check - truth).max() <= tolerance * motion
+    error = float(np.abs(run.u - truth).max()) / (tolerance * motion) if certain else np.nan
+    return Judged(run.path, tolerance, error, len(events), motion)
