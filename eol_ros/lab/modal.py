@@ -8,8 +8,6 @@ zero frequency for each such set, whatever the size of w.
 """
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from eol_ros.core.physics.drive import NONE, VELOCITY
 from eol_ros.core.physics.model import Model
@@ -99,6 +97,9 @@ def frequencies(model: Model, square: np.ndarray) -> tuple[np.ndarray, np.ndarra
     Where soft and stiff springs meet, they are the singular values of A, S = A^T A with a row for
     each spring: their error is 2e-16 of the highest w, that of eigenvalues so much of its square.
     """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     n, root = model.n, np.sqrt(model.mass)
     tied, rim = model.k > 0, model.second >= model.n
     i, j = model.first[tied & ~rim], model.second[tied & ~rim]

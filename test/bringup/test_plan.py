@@ -179,9 +179,10 @@ def test_domain(monkeypatch):
 def bag_of(folder, settings='', **counts):
     """Write a bag with so many images and blocks, of a run with `settings` as YAML."""
     names = {'images': '/eol/camera/image_raw', 'blocks': '/eol/blocks'}
+    types = {'images': 'sensor_msgs/msg/Image', 'blocks': 'eol_msgs/msg/Blocks'}
     writer = BagWriter(
         folder,
-        [BagTopic(name, 'a/msg/B', '', '') for name in names.values()],
+        [BagTopic(name, types[kind], '', '') for kind, name in names.items()],
         {'settings': settings},
     )
     for kind, count in counts.items():

@@ -15,6 +15,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from eol_msgs.msg import Blocks, BlockTap, Corpus, RequestResult, Slip, Wall
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CompressedImage, Image
@@ -27,6 +28,7 @@ from eol_ros.nodes.replay import ReplayNode
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.played import played
+from eol_ros.ros.qos import NO_HASH
 from eol_ros.ros.requests import request_from_msg, request_to_msg
 from eol_ros.ros.stamps import to_msg, to_ns
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS
@@ -404,7 +406,9 @@ def test_two_givers_of_blocks_are_refused(ros, bag):
 )
 def test_who_has_no_name_yet_is_another_program(ros, bag, monkeypatch, names, said):
     """As rmw_fastrtps tells it of a node that it has just met, and of programs without ROS."""
-    ends = [types.SimpleNamespace(node_name=name) for name in ['_NODE_NAME_UNKNOWN_', *names]]
+    more = {'qos_profile': QoSProfile(depth=1), 'topic_type_hash': NO_HASH}
+    names = ['_NODE_NAME_UNKNOWN_', *names]
+    ends = [types.SimpleNamespace(node_name=name, **more) for name in names]
     monkeypatch.setattr(ReplayNode, 'get_publishers_info_by_topic', lambda *_: ends)
     listener = Listener()
     with pytest.raises(ConfigError, match=f'^{said} publishes blocks, and so would the replay'):

@@ -110,28 +110,8 @@ def build(
     """
     from eol_ros.core.sound.layout import arrange
 
-    sources: list[Source] = []
-    parts, silences, notes = [], [], []
-    left_out: list[EolError] = []
-    for i, sound in enumerate(sounds):
-
-        def share(done: float, i: int = i) -> None:
-            progress((i + done) / len(sounds))
-
-        try:
-            source, grains, silent, noted = _analysed(sound, options, share)
-        except EolError as error:
-            left_out.append(error)
-            continue
-        grains['file'] = len(sources)
-        sources.append(source)
-        parts.append(grains)
-        silences.append(silent)
-        notes += noted
-    if not sources:
-        raise left_out[0]
-    notes += [f'{LEFT_OUT}{error}' for error in left_out]
-    grains, placed = np.concatenate(parts), ~np.concatenate(silences)
+    sources, grains, silent, notes = _all_analysed(sounds, options, progress)
+    placed = ~silent
     if not placed.any():
         raise ConfigError(
             f'{sounds[0]}: all {len(grains)} grains are silent (below {options.silence_db:g} dB); '
@@ -155,6 +135,37 @@ def build(
     notes += _move_by_hand(sources, grains, placed)
     key = corpus_file.digest(sounds, options)
     return Corpus(tuple(sources), grains, *names, key, tuple(notes))
+
+
+def _all_analysed(
+    sounds: list[Path], options: Options, progress: Callable[[float], None]
+) -> tuple[list[Source], np.ndarray, np.ndarray, list[str]]:
+    """Return sources, grains, which are silent and notes; a sound that cannot be used is a note.
+
+    Raises what the first raises if none can.
+    """
+    sources: list[Source] = []
+    parts, silences, notes = [], [], []
+    left_out: list[EolError] = []
+    for i, sound in enumerate(sounds):
+
+        def share(done: float, i: int = i) -> None:
+            progress((i + done) / len(sounds))
+
+        try:
+            source, grains, silent, noted = _analysed(sound, options, share)
+        except EolError as error:
+            left_out.append(error)
+            continue
+        grains['file'] = len(sources)
+        sources.append(source)
+        parts.append(grains)
+        silences.append(silent)
+        notes += noted
+    if not sources:
+        raise left_out[0]
+    notes += [f'{LEFT_OUT}{error}' for error in left_out]
+    return sources, np.concatenate(parts), np.concatenate(silences), notes
 
 
 def _projected(grains: np.ndarray, placed: np.ndarray, axes: tuple[str, str]) -> np.ndarray:

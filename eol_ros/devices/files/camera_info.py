@@ -117,7 +117,7 @@ def lens(
     """Return camera matrix (3, 3) and distortion (5,) of plumb_bob, or note what is wrong."""
     camera = matrix(content, 'camera_matrix', (3, 3), wrong)
     values = _values(content, 'distortion_coefficients', wrong, '')
-    if camera is not None and size_px[0]:
+    if camera is not None and all(size_px):
         focal = camera[[0, 1], [0, 1]] / size_px[0]
         middle = camera[:2, 2] / size_px
         if not ((FOCAL[0] <= focal) & (focal <= FOCAL[1])).all():
