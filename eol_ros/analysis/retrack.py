@@ -498,7 +498,7 @@ def _felt(bag: Bag) -> list[Any]:
     return sorted(row for row in rows if row.kind == felt.PROVISIONAL)
 
 
-KEYS = {  # by what the messages of a topic are told apart
+KEYS = {  # columns that identify a message of a topic
     'slips': ('slip', 'kind'),
     'cascades': ('cascade',),
     'grain_triggers': ('sequence',),

@@ -4,6 +4,7 @@
 import cv2
 import numpy as np
 import pytest
+from support.definitions import IMAGE as DEFINITION
 
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
@@ -11,22 +12,6 @@ from eol_ros.devices.camera import sources
 from eol_ros.devices.camera.image_sequence import open_source
 from eol_ros.streams.images import TYPE, Codec
 
-DEFINITION = """std_msgs/Header header
-uint32 height
-uint32 width
-string encoding
-uint8 is_bigendian
-uint32 step
-uint8[] data
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
 T0, STEP = 1_700_000_000_000_000_000, 16_666_667
 IMAGE = np.zeros((40, 60), np.uint8)
 

@@ -4,6 +4,7 @@ import json
 import cv2
 import numpy as np
 import pytest
+from support.definitions import HEADER, IMAGE
 
 from eol_ros import cli
 from eol_ros.core.geometry import rest_lattice
@@ -324,36 +325,12 @@ def test_other_bad_wishes(stack, tmp_path, capsys):
     assert cli.main(['track', str(stack), '--overlay', str(tmp_path / 'seen.gif')]) == 78
 
 
-IMAGE = """std_msgs/Header header
-uint32 height
-uint32 width
-string encoding
-uint8 is_bigendian
-uint32 step
-uint8[] data
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-TAP = """std_msgs/Header header
+TAP = f"""std_msgs/Header header
 uint8 block
 float32 strength
 uint32 board_time_us
 float32 sigma
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
+{HEADER}"""
 
 
 @pytest.mark.parametrize('encoding', ['mono8', '32FC1', 'rgb8'])

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The white LEDs of blocks that flash by themselves, and the bridge that counts them together.
 
-What firmware/block/light.c and firmware/bridge do, over a link without loss: a block lights itself
-when it feels a knock, or is told to. It falls only while the bridge is there and the limit of
+What firmware/block/light.c and firmware/bridge do, over a link without loss: a block lights up at
+a tap, or when the host lights it. It falls only while the bridge is there and the limit of
 flashes allows it: under that of the whole field all fall together, under that of each field of view
 each by itself.
 """

@@ -231,6 +231,43 @@ def test_numbers_of_sides_are_eliminated_as_dense_algebra_does():
     assert not fit.solve(np.zeros((5, 7, 8)), -1, np.zeros(7), np.zeros(7), work)
 
 
+def test_variances_of_residuals_that_err_together_are_as_dense_algebra_has_them():
+    rng, prior = np.random.default_rng(6), np.array([2.0, 3.0, 0.5])
+    groups = 6  # of each side, and of what lies apart
+    starts = np.arange(6) * groups
+    px = pixels.empty()
+    n = np.arange(5 * groups * 8)
+    at = n // 8, n % 8
+    j, r, w = rng.normal(0, 1, (len(n), 8)), rng.normal(0, 1, len(n)), rng.uniform(1, 2, len(n))
+    side, part = n // (groups * 8), rng.integers(0, model.PARTS, len(n))
+    j[side == 4, 7] = 0.0
+    for k in range(8):
+        px[at[0], at[1] + pixels.BY_A + 8 * k] = j[:, k]
+    px[at[0], at[1] + pixels.RESIDUAL], px[at[0], at[1] + pixels.WEIGHT] = r, w
+    px[at[0], at[1] + pixels.AREA] = 1.0
+    px[at[0], at[1] + pixels.PART] = np.where(side < 4, side * model.PARTS + part, -1)
+    equations, kept, work = np.zeros((5, 7, 8)), np.zeros((5, 3, 11)), np.empty((7, 11))
+    wide = np.zeros((len(n), 19))  # of each pixel by all numbers: 7 of the block, 3 of each side
+    wide[:, :7] = j[:, :7]
+    for s in range(4):
+        mine = side == s
+        wide[np.ix_(mine, 7 + 3 * s + np.arange(3))] = j[np.ix_(mine, [3, 4, 7])]
+        rows = j[mine].T * w[mine]
+        both = np.column_stack([rows @ j[mine], rows @ r[mine]])
+        fit.eliminate(both, np.zeros(3), np.zeros(3), prior, kept[s], equations[s])
+    rows = wide[side == 4, :7].T * w[side == 4]
+    equations[4] = np.column_stack([rows @ wide[side == 4, :7], rows @ r[side == 4]])
+    assert fit.solve(equations, -1, np.zeros(7), np.zeros(7), work)
+    place, turn = fit.covariance(px, starts, -1, kept, work, np.empty((24, 3)))
+
+    full = (wide.T * w) @ wide + np.diag(np.r_[np.zeros(7), np.tile(prior, 4)])
+    moves = np.linalg.inv(full)[:3] @ (wide.T * w * r)
+    together = np.where(side < 4, side * 4 + part // 3, 16 + n // 8 % 8)
+    sums = np.stack([moves[:, together == c].sum(axis=1) for c in np.unique(together)])
+    assert place == pytest.approx((sums[:, :2] ** 2).sum(), rel=1e-3)
+    assert turn == pytest.approx((sums[:, 2] ** 2).sum(), rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ('name', 'most_mm', 'mirror'),
     [

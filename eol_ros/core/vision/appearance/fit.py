@@ -60,6 +60,9 @@ NUMBERS = 7  # of a fit: a, b in px and turn in rad from where pixels were gathe
 OWN = 3  # of a side: gain and ground beside the block's, slope of the gain over half a block
 COLUMNS = NUMBERS + 1  # of the equations of one side, the last is that slope
 SUMS = COLUMNS * (COLUMNS + 1) // 2
+# Of covariance: parts of a side that err together, their sums, and those of what lies apart
+TOGETHER, APART_SUMS = 3, 8
+SIDE_SUMS = 4 * PARTS // TOGETHER
 
 
 @njit(inline='always', error_model='numpy')
@@ -368,9 +371,10 @@ def _influences(px, start, stop, by):
 def covariance(px, starts, without, kept, m, sums):
     """Return the variances of place, the sum of both axes in px^2, and of turn, in rad^2.
 
-    Of the residuals themselves: those of each part of a side err together (Liang and Zeger,
+    Of the residuals themselves: those of TOGETHER parts of a side err together (Liang and Zeger,
     Biometrika 73, 1986), as lamps, arms and uneven light make them. After solve, whose m and `kept`
-    are needed, and all_equations of every pixel; it leaves no derivatives. sums: scratch.
+    are needed, and all_equations of every pixel; it leaves no derivatives. sums: scratch,
+    (SIDE_SUMS + APART_SUMS, 3).
     """
     by, at = np.empty((3, COLUMNS)), (3, 4, NUMBERS)
     sums[:] = 0.0
@@ -390,7 +394,7 @@ def covariance(px, starts, without, kept, m, sums):
                 if px[group, AREA + i] == 0.0:
                     continue
                 part = int(px[group, PART + i])
-                row = sums[part // 3 if part >= 0 else 16 + group % 8]
+                row = sums[part // TOGETHER if part >= 0 else SIDE_SUMS + group % APART_SUMS]
                 row[0] += px[group, BY_A + i]
                 row[1] += px[group, BY_B + i]
                 row[2] += px[group, BY_TURN + i]

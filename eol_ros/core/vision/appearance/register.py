@@ -118,7 +118,8 @@ def _room():
         np.empty((n, 11)), np.zeros(n), np.zeros(n), np.empty(own),
         np.empty((fit.COLUMNS + 3, pixels.GROUPS * LANES), np.float32),
         np.empty(fit.SUMS + fit.COLUMNS), np.empty((fit.COLUMNS, fit.COLUMNS + 1)),
-        np.empty((4, m.PARTS, 2)), np.empty(m.MOST_PX, np.float32), np.empty((24, 3)),
+        np.empty((4, m.PARTS, 2)), np.empty(m.MOST_PX, np.float32),
+        np.empty((fit.SIDE_SUMS + fit.APART_SUMS, 3)),
         np.empty((4, 11)), np.empty(4), np.empty(4), np.empty(n), np.empty((5, own)),
     )  # fmt: skip
 
