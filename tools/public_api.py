@@ -25,7 +25,7 @@ API = {
     },
     'Motion': {
         'eol_ros.core.motion.motion': ('Motion', 'Motion.update'),
-        'eol_ros.core.motion.onset': ('onset',),
+        'eol_ros.core.motion.onset': ('onsets',),
     },
     'Sound': {
         'eol_ros.devices.corpus.corpus_build': ('build',),

@@ -46,40 +46,6 @@ SLIP = np.dtype([
 ])  # fmt: skip
 
 
-def onset(
-    times_s: np.ndarray, path_m: np.ndarray, sigma_m: float, period_s: float
-) -> tuple[float, float]:
-    """Estimate when a block began to slip, between images.
-
-    Parameters
-    ----------
-    times_s : ndarray
-        (n,) rising, in s.
-    path_m : ndarray
-        (n,) displacement along the slip in m, the first still at rest; NaN where there is none.
-    sigma_m : float
-        Noise of `path_m`, the error of the rest position included.
-    period_s : float
-        Between images.
-
-    Returns
-    -------
-    onset_s, sigma_s : float
-        Mean and standard deviation of the posterior, on the clock of `times_s`.
-
-    Examples
-    --------
-    >>> t = np.arange(20) / 60
-    >>> found, sigma = onset(t, 0.8 * np.maximum(t - 0.15, 0) ** 2, 2e-5, 1 / 60)
-    >>> round(found, 3), sigma < 2e-3
-    (0.15, True)
-    """
-    found, spread = onsets(
-        np.asarray(times_s)[None], np.asarray(path_m)[None], np.array([sigma_m]), period_s
-    )
-    return float(found[0]), float(spread[0])
-
-
 def onsets(
     times_s: np.ndarray,
     path_m: np.ndarray,
@@ -88,10 +54,35 @@ def onsets(
     latest_s: np.ndarray | None = None,
     acceleration_mps2: float = ACCELERATION_MPS2,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the onsets of b blocks and their standard deviations (b,), as `onset` does.
+    """Estimate when blocks began to slip, between images.
 
-    times_s, path_m: (b, n). sigma_m: (b,). latest_s: (b,) stamps of images that certainly show
-    motion, by default the newest: no onset is later. acceleration_mps2: mean of the prior.
+    Parameters
+    ----------
+    times_s : ndarray
+        (b, n) rising, in s.
+    path_m : ndarray
+        (b, n) displacement along the slip in m, the first still at rest; NaN where there is none.
+    sigma_m : ndarray
+        (b,) noise of `path_m`, the error of the rest position included.
+    period_s : float
+        Between images.
+    latest_s : ndarray, optional
+        (b,) stamps of images that certainly show motion, by default the newest: no onset is later.
+    acceleration_mps2 : float
+        Mean of the prior.
+
+    Returns
+    -------
+    onset_s, sigma_s : ndarray
+        (b,) mean and standard deviation of the posterior, on the clock of `times_s`.
+
+    Examples
+    --------
+    >>> t = np.arange(20)[None] / 60
+    >>> path = 0.8 * np.maximum(t - 0.15, 0) ** 2
+    >>> found, sigma = onsets(t, path, np.array([2e-5]), 1 / 60)
+    >>> found.round(3).tolist(), bool(sigma[0] < 2e-3)
+    ([0.15], True)
     """
     absent = np.isnan(path_m)
     path = np.where(absent, 0.0, path_m).T[:, :, None]

@@ -3,7 +3,7 @@
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -129,12 +129,6 @@ class Corpus:
         if name not in self.descriptors:
             raise KeyError(name)
         return self.grains[name]
-
-    def with_places(self, xy: np.ndarray) -> 'Corpus':
-        """Return the same corpus with its grains at `xy` (n, 2)."""
-        grains = self.grains.copy()
-        grains['x'], grains['y'] = xy.T
-        return replace(self, grains=grains)
 
 
 def table_bounds(side_m: float) -> tuple[float, float, float, float]:

@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Loudness as ITU-R BS.1770-4 defines it: K-weighting, then mean square; and its range."""
+"""Loudness as ITU-R BS.1770-4 defines it: K-weighting, then mean square."""
 
 import numpy as np
 
 from eol_ros.core import elementary
 
-ABSOLUTE_LUFS = -70.0  # what is quieter is silence
-STEP_S = 0.1  # from window to window
 # Goes into the filters with the sound, as a tone of half the sample rate: in silence they would
 # decay into subnormal numbers, which take a processor 14 times as long.
 TINY = 1e-25
@@ -79,52 +77,3 @@ def lufs(mean_square: np.ndarray) -> np.ndarray:
     [-3.7]
     """
     return -0.691 + 10 * elementary.log10(np.maximum(mean_square, 1e-20))
-
-
-def windows_lufs(sound: np.ndarray, rate: float, window_s: float) -> np.ndarray:
-    """Return the loudness of windows that begin every 0.1 s, (m,) LUFS; channels weigh alike.
-
-    0.4 s is momentary loudness, 3 s short-term (EBU Tech 3341). `sound` is (n, channels).
-    """
-    step = round(STEP_S * rate)
-    count = len(sound) // step
-    energy = np.zeros(count)
-    for channel in sound.T:  # one at a time: ten minutes in double precision are large
-        weighted = k_weighted(channel, rate)[0][: count * step]
-        energy += np.square(weighted).reshape(count, step).sum(axis=1)
-    total = np.concatenate([[0.0], np.cumsum(energy)])
-    width = round(window_s / STEP_S)
-    return lufs((total[width:] - total[:-width]) / (width * step))
-
-
-def integrated_lufs(momentary: np.ndarray) -> float:
-    """Return the loudness of a programme from its momentary loudness (m,), every 0.1 s.
-
-    ITU-R BS.1770-4, annex 1: blocks below -70 LUFS are left out, then those 10 LU below the rest.
-    """
-    return _gated(momentary, 10.0)[0]
-
-
-def loudness_range(short_term: np.ndarray) -> float:
-    """Return the loudness range, LU, from short-term loudness (m,) LUFS.
-
-    EBU Tech 3342: from the 10th to the 95th percentile of what is above -70 LUFS and no more than
-    20 LU below the loudness of that.
-    """
-    kept = _gated(short_term, 20.0)[1]
-    if not len(kept):
-        return 0.0
-    low, high = np.percentile(kept, [10, 95])
-    return float(high - low)
-
-
-def _gated(loudness: np.ndarray, below: float) -> tuple[float, np.ndarray]:
-    """Return the mean of what passes both gates, LUFS, and what passes."""
-    kept = loudness[loudness >= ABSOLUTE_LUFS]
-    if len(kept):
-        kept = kept[kept >= _mean(kept) - below]
-    return (_mean(kept) if len(kept) else -np.inf), kept
-
-
-def _mean(loudness: np.ndarray) -> float:
-    return float(10 * elementary.log10(np.mean(elementary.exp10(loudness / 10))))
