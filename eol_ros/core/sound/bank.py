@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sound of a corpus in memory, the voices that read it, and how long it must stay there."""
+"""The sound of a corpus in memory, and the voices that read it."""
 
 import math
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -222,39 +221,3 @@ def _places(triggers: np.ndarray, bank: Bank) -> tuple[np.ndarray, np.ndarray]:
         known = np.isfinite(at).all(axis=1)
         x, y = np.where(known, at.T, (x, y))
     return x, y
-
-
-class Lent:
-    """Banks that voices may still read by their address, though nobody else keeps them.
-
-    A trigger waits in the ring, starts at most `ahead` frames after it is taken from there, and
-    sounds no longer than the longest of its bank: only then may the memory go.
-    """
-
-    def __init__(self, ahead: int):
-        self._ahead = ahead
-        self._loans: dict[int, _Loan] = {}
-
-    def __len__(self) -> int:
-        return len(self._loans)
-
-    def lend(self, bank: Bank, longest: int, head: int) -> None:
-        """Voices of up to `longest` frames have been pushed; the ring's head is at `head` now."""
-        loan = self._loans.setdefault(id(bank), _Loan(bank))
-        loan.longest, loan.head, loan.until = max(longest, loan.longest), head, None
-
-    def settle(self, tail: int, frame: int) -> None:
-        """Let go of what can no longer be read; `tail` of the ring and `frame` are now."""
-        for key, loan in list(self._loans.items()):
-            if loan.until is None and tail >= loan.head:
-                loan.until = frame + self._ahead + loan.longest
-            elif loan.until is not None and frame > loan.until:
-                del self._loans[key]
-
-
-@dataclass
-class _Loan:
-    bank: Bank
-    longest: int = 0  # frames
-    head: int = 0  # of the ring, after the last push
-    until: int | None = None  # frame; None while some may still be in the ring

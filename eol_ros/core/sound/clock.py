@@ -25,7 +25,6 @@ def start_clock(s, now_s):
     s.clock_frame = s.frame
     s.clock_period = 1.0 / s.sample_rate
     s.clock_since = 0.0
-    s.clock_error = 0.0
     s.clock_locks += 1
 
 
@@ -53,7 +52,6 @@ def step_clock(s, now_s):
     s.clock_time = expected + math.sqrt(2.0) * w * error
     s.clock_period += w * w * error / frames
     s.clock_frame = s.frame
-    s.clock_error = error
 
 
 @njit(cache=True)

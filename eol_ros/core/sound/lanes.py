@@ -23,6 +23,7 @@ _FLOAT, _I32, _I64 = _ir.FloatType(), _ir.IntType(32), _ir.IntType(64)
 _FLOATS, _INTS = _ir.VectorType(_FLOAT, WIDTH), _ir.VectorType(_I32, WIDTH)
 _FOUR = _ir.VectorType(_FLOAT, 4)
 _LANE = _ir.Constant(_INTS, list(range(WIDTH)))
+_intrinsic: Any = intrinsic
 
 
 class Lanes(types.Type):
@@ -71,7 +72,14 @@ def _spread(builder, number, kind):
     return _shuffle(builder, one, one, [0] * WIDTH)
 
 
-def _splat(typing_context, number) -> Any:
+def _multiply_add(builder, *args):
+    kind = _ir.FunctionType(_FLOATS, [_FLOATS] * 3)
+    name = f'llvm.fmuladd.v{WIDTH}f32'
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), args)
+
+
+@_intrinsic
+def splat(typing_context, number):
     """Return the float32 `number` in all lanes."""
 
     def codegen(context, builder, sig, args):
@@ -80,7 +88,8 @@ def _splat(typing_context, number) -> Any:
     return lanes(types.float32), codegen
 
 
-def _load(typing_context, address) -> Any:
+@_intrinsic
+def load(typing_context, address):
     """Return the float32 from `address` on."""
 
     def codegen(context, builder, sig, args):
@@ -89,7 +98,8 @@ def _load(typing_context, address) -> Any:
     return lanes(types.int64), codegen
 
 
-def _store(typing_context, address, x) -> Any:
+@_intrinsic
+def store(typing_context, address, x):
     """Write `x` from `address` on."""
 
     def codegen(context, builder, sig, args):
@@ -99,18 +109,18 @@ def _store(typing_context, address, x) -> Any:
     return types.void(types.int64, lanes), codegen
 
 
-def _fma(typing_context, a, b, c) -> Any:
+@_intrinsic
+def fma(typing_context, a, b, c):
     """Return a * b + c, rounded once; twice on processors that cannot."""
 
     def codegen(context, builder, sig, args):
-        kind = _ir.FunctionType(_FLOATS, [_FLOATS] * 3)
-        name = f'llvm.fmuladd.v{WIDTH}f32'
-        return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), args)
+        return _multiply_add(builder, *args)
 
     return lanes(lanes, lanes, lanes), codegen
 
 
-def _least(typing_context, a, b) -> Any:
+@_intrinsic
+def least(typing_context, a, b):
     """Return the lesser of `a` and `b` in each lane."""
 
     def codegen(context, builder, sig, args):
@@ -119,7 +129,8 @@ def _least(typing_context, a, b) -> Any:
     return lanes(lanes, lanes), codegen
 
 
-def _count(typing_context, first) -> Any:
+@_intrinsic
+def count_from(typing_context, first):
     """Return first, first + 1, ..., first + 15; `first` is an int32."""
 
     def codegen(context, builder, sig, args):
@@ -128,7 +139,8 @@ def _count(typing_context, first) -> Any:
     return lanes(types.int32), codegen
 
 
-def _keep(typing_context, x, count) -> Any:
+@_intrinsic
+def keep(typing_context, x, count):
     """Return the first `count` (int32) lanes of `x` and zeros behind them."""
 
     def codegen(context, builder, sig, args):
@@ -139,7 +151,8 @@ def _keep(typing_context, x, count) -> Any:
     return lanes(lanes, types.int32), codegen
 
 
-def _fractions(typing_context, place, step) -> Any:
+@_intrinsic
+def fractions(typing_context, place, step):
     """Return what is behind the point of place + lane * step, int64 with 32 bits behind it."""
 
     def codegen(context, builder, sig, args):
@@ -161,7 +174,8 @@ def _transposed(builder, rows):
     return [_shuffle(builder, mixed[i], mixed[i + 1], h) for i in (0, 2) for h in (first, second)]
 
 
-def _around(typing_context, address, place, step) -> Any:
+@_intrinsic
+def around(typing_context, address, place, step):
     """Return the float32 before, at, one and two behind the whole part of place + lane * step.
 
     Places are int64 with 32 bits behind the point, not negative, and count from `address`. Each
@@ -184,7 +198,8 @@ def _around(typing_context, address, place, step) -> Any:
     return types.UniTuple(lanes, 4)(types.int64, types.int64, types.int64), codegen
 
 
-def _butterfly(typing_context, x, stride) -> Any:
+@_intrinsic
+def butterfly(typing_context, x, stride):
     """Return the sums and differences of lanes `stride` apart: a step of a Hadamard transform.
 
     Lane j becomes x[j] + x[j + stride] where bit `stride` (a literal) of j is clear, and
@@ -204,7 +219,8 @@ def _butterfly(typing_context, x, stride) -> Any:
     return lanes(lanes, stride), codegen
 
 
-def _total(typing_context, x) -> Any:
+@_intrinsic
+def total(typing_context, x):
     """Return the sum of all lanes, in each of them."""
 
     def codegen(context, builder, sig, args):
@@ -216,7 +232,8 @@ def _total(typing_context, x) -> Any:
     return lanes(lanes), codegen
 
 
-def _convolve(typing_context, row, response) -> Any:
+@_intrinsic
+def convolve(typing_context, row, response):
     """Return what sixteen float32 from address `row` make of a response at rest, cut to sixteen.
 
     Lane k is the sum over j <= k of row[j] response[k - j]; fifteen zeros stand before `response`,
@@ -225,9 +242,6 @@ def _convolve(typing_context, row, response) -> Any:
 
     def codegen(context, builder, sig, args):
         row, response = args
-        step = cgutils.get_or_insert_function(
-            builder.module, _ir.FunctionType(_FLOATS, [_FLOATS] * 3), f'llvm.fmuladd.v{WIDTH}f32'
-        )
         sums = []
         for j in range(WIDTH):
             at = builder.add(row, _ir.Constant(_I64, 4 * j))
@@ -237,21 +251,7 @@ def _convolve(typing_context, row, response) -> Any:
             if j < 4:
                 sums.append(builder.fmul(sample, late))
             else:
-                sums[j % 4] = builder.call(step, (sample, late, sums[j % 4]))
+                sums[j % 4] = _multiply_add(builder, sample, late, sums[j % 4])
         return builder.fadd(builder.fadd(sums[0], sums[1]), builder.fadd(sums[2], sums[3]))
 
     return lanes(types.int64, types.int64), codegen
-
-
-splat: Any = intrinsic(_splat)
-load: Any = intrinsic(_load)
-store: Any = intrinsic(_store)
-fma: Any = intrinsic(_fma)
-least: Any = intrinsic(_least)
-count_from: Any = intrinsic(_count)
-keep: Any = intrinsic(_keep)
-fractions: Any = intrinsic(_fractions)
-around: Any = intrinsic(_around)
-butterfly: Any = intrinsic(_butterfly)
-total: Any = intrinsic(_total)
-convolve: Any = intrinsic(_convolve)

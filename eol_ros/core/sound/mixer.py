@@ -14,7 +14,7 @@ from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
 from eol_ros.core.prefetch import CACHE_LINE, prefetch
 from eol_ros.core.sound import clock, grain_filter, room
-from eol_ros.core.sound.bank import Bank, Lent, voice_rows, warm_up
+from eol_ros.core.sound.bank import Bank, voice_rows, warm_up
 from eol_ros.core.sound.buses import blend, pole
 from eol_ros.core.sound.envelope import add_edge, add_flat, fade_out
 from eol_ros.core.sound.lanes import WIDTH
@@ -24,6 +24,7 @@ from eol_ros.core.sound.mixer_layout import (
     CHUNK,
     FOREVER,
     RING,
+    STALE,
     Memory,
     allocate,
     fence,
@@ -42,7 +43,9 @@ LOOK_AHEAD_S = 0.003
 LIMITER_RELEASE_S = 0.08
 DC_HZ = 7.0
 AHEAD_S = 30.0  # a trigger further in the future comes from another clock
-STALE = 'the sound engine was compiled for another version of itself; run: eol compile --force'
+# Until a voice that was pushed has begun: 16 calls of at most 1 s take all from the ring; those
+# before it, and then it, may be AHEAD_S early.
+WAIT_S = 16 + 2 * AHEAD_S
 
 
 @njit(cache=True)
@@ -306,6 +309,7 @@ class Mixer:
         line_size = 1 << int(lines.max() + room.SPAN).bit_length() if room_s else 0
         self.memory, self._table = allocate(
             channels, 2 * max_voices, look_ahead, history, buses, line_size,
+            round(room_s * room.TAIL_DB / 60 * sample_rate),
             1 << latest.bit_length() if latest else 0,
         )  # fmt: skip
         self.address = int(self._table.ctypes.data)
@@ -319,7 +323,6 @@ class Mixer:
         if room_s:
             self.memory.room.delays[:] = lines
             self.memory.room.coefficients[:] = room.coefficients(sample_rate, room_s, room_high_s)
-            s['room_tail'] = round(room_s * room.TAIL_DB / 60 * sample_rate)
         for gain in ('limiter', 'limiter_least', 'held', 'governor', 'fade', 'fade_target'):
             s[gain] = 1
         self.memory.box[:] = ONE
@@ -329,7 +332,7 @@ class Mixer:
         self.memory.weights[:] = k_weighting(sample_rate)[:, [0, 1, 2, 4, 5]].ravel()
         self.set(cubic=cubic, gain_db=gain_db, loudness_lufs=loudness_lufs, governor_db=governor_db)
         s['gain'] = s['gain_target']
-        self._lent = Lent(round(AHEAD_S * sample_rate))
+        self._lent: dict[int, tuple[Bank, float]] = {}  # by id: until which frame it may be read
         publish(s, 0)  # whatever is compiled is so before it is needed
         warm_up()
         if not render(self.address, np.empty((0, channels), np.float32)):
@@ -416,9 +419,11 @@ class Mixer:
         self.push(rows)
         s = self.state[0]
         s['dropped'] += refused
+        now = int(s['frame'])
+        self._lent = {key: kept for key, kept in self._lent.items() if kept[1] >= now}
         if len(rows):
-            self._lent.lend(bank, int(rows['length'].max()), int(s['ring_head']))
-        self._lent.settle(int(s['ring_tail']), int(s['frame']))
+            until = now + WAIT_S * self.sample_rate + int(rows['length'].max())
+            self._lent[id(bank)] = bank, max(until, self._lent.get(id(bank), (bank, 0.0))[1])
 
     def push(self, rows: np.ndarray) -> int:
         """Put voices (n,) VOICE into the ring; return how many fitted. The rest is dropped.

@@ -19,6 +19,7 @@ from eol_ros.core.sound.grain_filter import TABLE
 from eol_ros.core.sound.lanes import WIDTH
 from eol_ros.core.sound.room import LINES, SPAN
 from eol_ros.core.sound.triggers import MAX_RATE
+from eol_ros.errors import ConfigError
 
 CHUNK = 512  # frames mixed in one go: two channels of it and a scratch row stay in the L1 cache
 ROOM = CHUNK + WIDTH  # what is written behind the last frame, up to a whole vector, is unused
@@ -27,6 +28,7 @@ RING = 4096  # triggers on their way to the callback
 WINDOWS = 300  # of 100 ms: the 30 s that the loudness governor looks back
 LOADS = 512  # callbacks whose load is remembered
 FOREVER = 2**62
+STALE = 'the sound engine was compiled for another version of itself; run: eol compile --force'
 
 VOICE = np.dtype(
     [
@@ -113,7 +115,6 @@ STATE = np.dtype(
         ('clock_period', 'f8'),
         ('clock_since', 'f8'),
         ('clock_locks', 'i8'),
-        ('clock_error', 'f8'),
         ('clock_steady', 'i8'),  # 1: frames come at exact times, there is nothing to follow
     ],
     align=True,
@@ -176,9 +177,11 @@ ARRAYS = len(_FIELDS)
 # this number, so that code of another layout does nothing rather than write anywhere.
 _WHAT = (VOICE.descr, STATE.descr, _FIELDS, CHUNK, ROOM, TABLE, GUARD, RING, WINDOWS, LOADS)
 LAYOUT = zlib.crc32(repr((*_WHAT, FOREVER)).encode())
+_intrinsic: Any = intrinsic
 
 
-def _pointer(typing_context, address):
+@_intrinsic
+def pointer(typing_context, address):
     """Turn an int64 into a pointer, which numba has no word for."""
 
     def codegen(context, builder, signature, args):
@@ -187,10 +190,8 @@ def _pointer(typing_context, address):
     return types.voidptr(types.int64), codegen
 
 
-pointer: Any = intrinsic(_pointer)
-
-
-def _fence(typing_context):
+@_intrinsic
+def fence(typing_context):
     """Order the memory accesses before and after it, as the other threads see them too."""
 
     def codegen(context, builder, signature, args):
@@ -198,9 +199,6 @@ def _fence(typing_context):
         return context.get_dummy_value()
 
     return types.void(), codegen
-
-
-fence: Any = intrinsic(_fence)
 
 
 @njit(cache=True)
@@ -247,7 +245,7 @@ def memory(address):
             carray(pointer(t[26]), (LINES, s.line_size), np.float32),
             carray(pointer(t[27]), (4, LINES), np.float32),
             carray(pointer(t[28]), LINES, np.float32),
-            carray(pointer(t[29]), (2, SPAN, LINES), np.float32),
+            carray(pointer(t[29]), (2, SPAN if s.room_tail else 0, LINES), np.float32),
         ),
         Alignment(
             carray(pointer(t[30]), (c, s.align_size), np.float32),
@@ -264,52 +262,27 @@ def allocate(
     history: int,
     buses: int,
     line_size: int,
+    room_tail: int,
     align_size: int,
 ) -> tuple[Memory, np.ndarray]:
-    """Return the zeroed arrays of a mixer and its table, int64: LAYOUT and their addresses."""
-    rows = channels * (1 + buses)
-    arrays = Memory(
-        np.zeros(1, STATE),
-        np.zeros(capacity, VOICE),
-        np.zeros(RING, VOICE),
-        np.zeros(RING, VOICE),
-        np.arange(capacity),
-        np.zeros(capacity, np.int64),
-        np.zeros((max(2, rows), ROOM), np.float32),
-        np.zeros(ROOM + WIDTH, np.float32),
-        np.zeros((channels, look_ahead + CHUNK), np.float32),
-        np.zeros(look_ahead + 2),
-        np.zeros(look_ahead + 2, np.int64),
-        np.zeros(look_ahead + 1, np.int64),
-        np.zeros((channels, 7)),
-        np.zeros(10),
-        np.zeros(WINDOWS),
-        np.zeros((history, channels), np.float32),
-        np.zeros(LOADS),
-        np.zeros(2, np.int64),
-        np.zeros(1 + buses),
-        np.zeros(rows, np.int64),
-        np.zeros((rows, 3)),
-        np.ones(1 + buses),
-        np.zeros((capacity, TABLE), np.float32),
-        Room(
-            np.zeros(1 + buses, np.float32),
-            np.zeros((2, ROOM if line_size else 0), np.float32),
-            np.zeros(LINES, np.int64),
-            np.zeros((LINES, line_size), np.float32),
-            np.zeros((4, LINES), np.float32),
-            np.zeros(LINES, np.float32),
-            np.zeros((2, SPAN if line_size else 0, LINES), np.float32),
-        ),
-        Alignment(
-            np.zeros((channels, align_size), np.float32),
-            np.zeros(channels, np.int64),
-            np.ones(channels, np.float32),
-        ),
-    )
-    s = arrays.state
+    """Return the zeroed arrays of a mixer and its table, int64: LAYOUT and their addresses.
+
+    `memory` alone knows their shapes: it views a table of arrays that are not there yet.
+    """
+    state = np.zeros(1, STATE)
+    s = state[0]
     s['channels'], s['capacity'], s['buses'] = channels, capacity, buses
-    s['line_size'], s['align_size'] = line_size, align_size
+    s['line_size'], s['room_tail'], s['align_size'] = line_size, room_tail, align_size
     s['look_ahead'], s['history'] = look_ahead, history
+    table = np.full(1 + ARRAYS, state.ctypes.data)
+    table[0] = LAYOUT
+    if not fits(table.ctypes.data):
+        raise ConfigError(STALE)
+    _, *views, room, alignment = memory(table.ctypes.data)
+    parts = [kind(*map(np.zeros_like, p)) for kind, p in ((Room, room), (Alignment, alignment))]
+    arrays = Memory._make([state, *map(np.zeros_like, views), *parts])
+    arrays.order[:] = np.arange(capacity)
+    arrays.highs[:] = arrays.alignment.trims[:] = 1
     flat = (*arrays[:-2], *arrays.room, *arrays.alignment)
-    return arrays, np.array([LAYOUT, *(a.ctypes.data for a in flat)], np.int64)
+    table[1:] = [a.ctypes.data for a in flat]
+    return arrays, table

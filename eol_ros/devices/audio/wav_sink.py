@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from eol_ros.core.sound.clock import RELOCK_S, set_clock
-from eol_ros.core.sound.mixer import STALE, Mixer
+from eol_ros.core.sound.mixer import Mixer
+from eol_ros.core.sound.mixer_layout import STALE
 from eol_ros.devices.audio.callback import turn
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.errors import ConfigError
