@@ -26,6 +26,8 @@ grain.
 """
 
 from collections import deque
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,6 +47,7 @@ LONGEST_LEAD_S = 60.0  # a switch farther ahead is left over from before the sta
 BED_EDGE_S = 10.0  # of grains of the bed: longer than any, so half of it swells and half dies away
 FELT_S = 0.01  # a block's acceleration at its knock times this is the speed that its image shows
 SLIP_S = 0.04  # a slip that is felt lasts longer: what may sound again so soon still belongs to it
+NOTHING = np.zeros(0, TRIGGER)
 NOISE_SIGMAS = 6.0  # a step below this many standard deviations of a step is not motion
 
 
@@ -91,14 +94,7 @@ class Selector:
         self._sounded_s = np.zeros(0)
         self._next: tuple[float, Corpus] | None = None
         self._corpus: Corpus | None = None
-        self._weighed: tuple[tuple[str, ...], int] = (
-            (),
-            0,
-        )  # the lines and the seed that `_absent` is of
-        self._absent: np.ndarray | None = None  # (25, grains), where somebody weighs sounds
-        self._matched: tuple[str, ...] = ()  # the lines that `_ranks` is of
-        self._ranks: np.ndarray | None = None  # (grains, lines), where somebody matches
-        self._successor: np.ndarray | None = None  # (grains,), in mode continue
+        self._made: dict[str, tuple[Any, np.ndarray]] = {}  # see `_once`
         if corpus is not None:
             self._take(corpus)
 
@@ -135,10 +131,8 @@ class Selector:
         self._next, self._corpus = None, corpus
         self._grains = np.nonzero(corpus.placed)[0]
         self._last[:] = -1
-        self._weighed, self._absent = ((), 0), None
         self._last_s[:] = -np.inf
-        self._matched, self._ranks = (), None
-        self._successor = None
+        self._made.clear()
         self._durations = corpus.grains['duration_s'][self._grains]
         self._sounded_s = np.full(len(self._grains), -np.inf)
         self._armed = np.ones((N_BLOCKS, len(self._grains)), bool)
@@ -183,7 +177,7 @@ class Selector:
         (0,)
         """
         if self._time_s - BACK_S <= time_s <= self._time_s:
-            return np.zeros(0, TRIGGER)
+            return NOTHING
         if time_s < self._time_s:  # a bag begins again, or the clock was set back
             self._reset()
             self._sounded_s[:] = self._swapped_s = -np.inf
@@ -199,7 +193,7 @@ class Selector:
         while self._second and time_s - self._second[0][0] >= 1.0:
             self._in_second[self._second.popleft()[1]] -= 1
         if not len(self._grains):
-            return np.zeros(0, TRIGGER)
+            return NOTHING
         found = self._of_moving(time_s, before_s, np.nonzero(self.moving & seen)[0])
         if s.ambience_rate and span_s <= FORGET_S:
             found = np.concatenate([found, self._creaks(time_s, span_s)])
@@ -208,12 +202,9 @@ class Selector:
     def _of_moving(self, time_s: float, before_s: float, rows: np.ndarray) -> np.ndarray:
         """Return the triggers (n,) of the blocks `rows` (m,), which move; before_s: last image."""
         if not len(rows):
-            return np.zeros(0, TRIGGER)
-        s, far = self.settings, self._distances(self._at[rows])
-        if s.weights:
-            self._hide(far, rows)
-        like = self._likeness(far, self._at[rows], self.speed[rows], rows) if s.match else far
-        reached = self._reached(far, like)
+            return NOTHING
+        s = self.settings
+        far, reached = self._reached(rows, self._at[rows], self.speed[rows], self._last[rows])
         if s.mode == 'fence':
             touched = self._fence(time_s, rows, far, reached)
         else:
@@ -259,15 +250,12 @@ class Selector:
         """
         s = self.settings
         if s.mode != 'fence' or not s.rearm_at_rest or not len(self._grains):
-            return np.zeros(0, TRIGGER)
+            return NOTHING
         if time_s < self._swapped_s or (self._next is not None and time_s >= self._next[0]):
-            return np.zeros(0, TRIGGER)  # of another corpus than that of the images
-        at = np.array([[x, y]])
-        far, speed = self._distances(at), FELT_S * strength_mps2
-        if s.weights:
-            self._hide(far, np.array([block]))
-        like = self._likeness(far, at, np.array([speed])) if s.match else far
-        column = np.nonzero(self._reached(far, like)[0])[0]
+            return NOTHING  # of another corpus than that of the images
+        speed = FELT_S * strength_mps2
+        far, reached = self._reached(np.array([block]), np.array([[x, y]]), np.array([speed]))
+        column = np.nonzero(reached[0])[0]
         second, found, waits = self._felt_second[block], [], []
         while second and not 0.0 <= time_s - second[0] < 1.0:
             second.popleft()
@@ -314,74 +302,92 @@ class Selector:
     def _leave_m(self) -> float:
         return self.settings.radius * self.settings.rearm_ratio
 
-    def _distances(self, at: np.ndarray) -> np.ndarray:
-        """Return how far the grains are from places (n, 2), (n, grains), in m on the table."""
+    def _distances(self, at: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+        """Return how far the grains are from places (n, 2), (n, grains), in m on the table.
+
+        Those that blocks `rows` (n,) cannot play are infinitely far away.
+        """
         left, low, right, high = self.bounds
         x = left + self._places[0] * (right - left)
         y = low + self._places[1] * (high - low)
-        return np.sqrt((x - at[:, :1]) ** 2 + (y - at[:, 1:]) ** 2)
+        far = np.sqrt((x - at[:, :1]) ** 2 + (y - at[:, 1:]) ** 2)
+        if rows is not None and self.settings.weights:
+            far[self._absent()[rows]] = np.inf
+        return far
 
-    def _hide(self, far: np.ndarray, rows: np.ndarray) -> None:
-        """Put the grains that blocks `rows` cannot play infinitely far away."""
-        s = self.settings
-        if self._weighed != (s.weights, s.seed):
+    def _once(self, name: str, key: Any, make: Callable[[Corpus], np.ndarray]) -> np.ndarray:
+        """Return what `make` makes of the corpus; call it again only for another one or `key`."""
+        if name not in self._made or self._made[name][0] != key:
             assert self._corpus is not None  # there are grains
-            sources = self._corpus.sources
+            self._made[name] = key, make(self._corpus)
+        return self._made[name][1]
+
+    def _absent(self) -> np.ndarray:
+        """Return which grains each block cannot play, (25, grains)."""
+        s = self.settings
+
+        def make(corpus: Corpus) -> np.ndarray:
+            sources = corpus.sources
             share = weights(s.weights, [x.name for x in sources], [x.folder for x in sources])
-            of_grain = share[self._corpus.grains['file'][self._grains]]
             u = chance(s.seed, 0.0, np.arange(N_BLOCKS)[:, None], self._grains, salt=8)
-            self._weighed, self._absent = (s.weights, s.seed), u >= of_grain
-        if self._absent is not None:
-            far[self._absent[rows]] = np.inf
+            return u >= share[corpus.grains['file'][self._grains]]
+
+        return self._once('absent', (s.weights, s.seed), make)
+
+    def _ranks(self) -> np.ndarray:
+        """Return the rank of each grain in the descriptors to match, (grains, lines)."""
+
+        def ranks(corpus: Corpus, name: str) -> np.ndarray:
+            if name not in corpus.descriptors:
+                return np.full(len(self._grains), 0.5)
+            return rank_shares(corpus.grains[name][self._grains])
+
+        names = [line.split()[0] for line in self.settings.match]
+        return self._once(
+            'ranks', names, lambda corpus: np.stack([ranks(corpus, name) for name in names], axis=1)
+        )
 
     def _likeness(
-        self, far: np.ndarray, at: np.ndarray, speed: np.ndarray, rows: np.ndarray | None = None
+        self, far: np.ndarray, at: np.ndarray, speed: np.ndarray, last: np.ndarray | None
     ) -> np.ndarray:
         """Return the distance in descriptors of what lies within reach, as `far` has it in place.
 
-        `rows` are the blocks; without them nothing counts that a block has sounded before.
+        `last`: column of the grain that each block sounded last, -1 for none; None: it is nothing.
         """
-        s = self.settings
-        lines = [line.split() for line in s.match]
-        if self._matched != s.match:
-            assert self._corpus is not None  # there are grains
-            columns = []
-            for name, _, _ in lines:
-                if name not in self._corpus.descriptors:
-                    columns.append(np.full(len(self._grains), 0.5))
-                    continue
-                values = self._corpus.grains[name][self._grains]
-                columns.append(rank_shares(values))
-            self._matched, self._ranks = s.match, np.stack(columns, axis=1)
-        assert self._ranks is not None
+        s, ranks = self.settings, self._ranks()
         half, total = s.space_m / 2, np.zeros(far.shape)
-        for j, (_, weight, source) in enumerate(lines):
+        for j, line in enumerate(s.match):
+            _, weight, source = line.split()
             if source == 'last':
-                if rows is None:
+                if last is None:
                     continue
-                last = self._last[rows]
-                target = np.where(last >= 0, self._ranks[last, j], np.nan)
+                target = np.where(last >= 0, ranks[last, j], np.nan)
             elif source == 'speed':
                 target = np.clip(speed / s.full_mps, 0, 1)
             else:
                 target = np.clip((at[:, 'xy'.index(source)] + half) / (2 * half), 0, 1)
-            apart = (self._ranks[:, j] - target[:, None]) ** 2
+            apart = (ranks[:, j] - target[:, None]) ** 2
             total += float(weight) * np.nan_to_num(apart)
         return np.where(far <= s.radius, total, np.inf)
 
-    def _reached(self, far: np.ndarray, like: np.ndarray) -> np.ndarray:
-        """Return which grains each block reaches, as `choose` says; ties go to the lower number.
+    def _reached(
+        self, rows: np.ndarray, at: np.ndarray, speed: np.ndarray, last: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return distances (n, grains), m, and which grains blocks `rows` (n,) at `at` reach.
 
-        `like` says what is nearest: places, or descriptors.
+        As `choose` says; ties go to the lower number. What is nearest is so in place, or in
+        descriptors, where `match` says so.
         """
-        near = far <= self.settings.radius
-        count = {'all': 0, 'nearest': 1, 'k': self.settings.k}[self.settings.choose]
+        s, far = self.settings, self._distances(at, rows)
+        near = far <= s.radius
+        count = {'all': 0, 'nearest': 1, 'k': s.k}[s.choose]
         if 0 < count < far.shape[1]:
+            like = self._likeness(far, at, speed, last) if s.match else far
             first = np.argsort(like, axis=1, kind='stable')[:, :count]
             among = np.zeros_like(near)
             np.put_along_axis(among, first, True, axis=1)
             near &= among
-        return near
+        return far, near
 
     def _fence(
         self, time_s: float, rows: np.ndarray, far: np.ndarray, reached: np.ndarray
@@ -435,16 +441,17 @@ class Selector:
         """Return the column of the grain that follows the block's last in its sound; -1: none."""
         if self._last[block] < 0 or self._last_s[block] < self._since_s[block]:
             return -1  # of another motion
-        if self._successor is None:
-            assert self._corpus is not None  # there are grains
-            of = self._corpus.grains[self._grains]
+
+        def make(corpus: Corpus) -> np.ndarray:
+            of = corpus.grains[self._grains]
             order = np.lexsort((of['start_s'], of['file']))
             same = of['file'][order][1:] == of['file'][order][:-1]
-            self._successor = np.full(len(order), -1)
-            self._successor[order[:-1][same]] = order[1:][same]
-        follower = int(self._successor[self._last[block]])
-        absent = self._absent if self.settings.weights else None
-        return -1 if absent is not None and absent[block, follower] else follower
+            successor = np.full(len(order), -1)
+            successor[order[:-1][same]] = order[1:][same]
+            return successor
+
+        follower = int(self._once('successor', None, make)[self._last[block]])
+        return -1 if self.settings.weights and self._absent()[block, follower] else follower
 
     def _allowed(self, time_s: float, block: int) -> bool:
         """Count a trigger against the caps of the last second; False if it must be dropped."""
@@ -499,12 +506,10 @@ class Selector:
         likely = 1 - elementary.exp(-s.ambience_rate * span_s * np.nan_to_num(strain) ** 2)
         rows = np.nonzero(~self.moving & (u[:, 0] < likely))[0]
         if not len(rows):
-            return np.zeros(0, TRIGGER)
-        far = self._distances(self._at[rows])
-        if s.weights:
-            self._hide(far, rows)
-            there = np.isfinite(far).any(axis=1)
-            far, rows = far[there], rows[there]
+            return NOTHING
+        far = self._distances(self._at[rows], rows)
+        there = np.isfinite(far).any(axis=1)
+        far, rows = far[there], rows[there]
         out = np.zeros(len(rows), TRIGGER)
         out['time_s'], out['block'] = time_s, -1
         out['grain'] = self._grains[np.argmin(far, axis=1)]
