@@ -134,13 +134,6 @@ def test_a_block_that_moved_before_its_knock_is_believed_apart_from_one_that_res
     assert told[7] == [PROVISIONAL] * 2
 
 
-def test_a_knock_without_motion_is_retracted():
-    told, _ = run(knocks_at([1.2004]), 1)
-
-    assert [one.kind for _, one in told] == [PROVISIONAL, RETRACTED]
-    assert [one.slip for _, one in told] == [0, 0]
-
-
 def test_what_hands_do_to_the_rim_is_not_told_and_does_not_spoil_what_slips_do():
     hands = [knock for block in range(0, 7) for knock in knocks_at([1.2, 1.7, 2.2], WEAK, block)]
     told, _ = run(hands + knocks_at(onsets(6)), 6)

@@ -61,10 +61,6 @@ def test_a_slow_slide_is_not_cut_in_pieces(fps):
     assert events[1].duration_s == pytest.approx(2.0, abs=0.05)
 
 
-def test_noise_alone_moves_nothing():
-    assert watch({}, 60, 40e-6, 20.0) == []
-
-
 @pytest.mark.slow
 def test_false_alarms_come_as_often_as_stated():
     motion = dataclasses.replace(MotionSettings(), false_alarms_per_hour=3600.0)

@@ -37,20 +37,6 @@ def rendered(mixer, rows, size=512):
     return np.concatenate(list(play(mixer, rows, FS, size)))
 
 
-def test_each_bus_goes_through_two_equal_one_poles():
-    bank, t = noise_bank(), triggers(3)
-    bus = np.array([0, 1, 2])
-    found = rendered(with_buses(), voice_rows(t, bank, 2, 2 * bus))
-    wanted = 0.0
-    for k in range(3):  # alone, unfiltered; then scipy does it
-        alone = render_all(Mixer(FS, gain_db=0, governor_db=0), t[k : k + 1], bank, FS)
-        p = pole(CORNERS[k], FS)
-        b, a = ([(1 - p) ** 2], [1, -2 * p, p * p]) if k else ([1.0], [1.0])
-        wanted = wanted + lfilter(b, a, alone.astype(float), axis=0)
-    assert np.abs(found).max() > 0.1
-    assert np.abs(found - wanted).max() < 2e-7
-
-
 def test_lows_are_what_a_one_pole_takes_away():
     bank, t = noise_bank(), triggers(2)
     mixer, corners = with_buses(), np.array([30.0, 300.0, 40.0])

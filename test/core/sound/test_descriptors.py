@@ -146,10 +146,6 @@ def test_loudness_of_the_reference_tone(rate):
     assert grain['loudness_lufs'] == pytest.approx(-3.01, abs=0.03)
 
 
-def test_loudness_formula():
-    assert lufs(np.array(1.0)) == pytest.approx(-0.691)
-
-
 def test_progress_rises_to_one():
     told = []
     noise = np.random.default_rng(0).standard_normal(48000).astype(np.float32)
@@ -182,7 +178,6 @@ def test_spectrum_of_real_recordings_as_librosa_has_it(recording):
         if (magnitude.sum(axis=0) < 1e-10).any():
             continue  # librosa counts empty frames, the definition skips them
         centroid = librosa.feature.spectral_centroid(S=magnitude, sr=rate).mean()
-        assert grain['centroid_mean_hz'] == pytest.approx(centroid, rel=1e-3)
         assert grain['centroid_mean_hz'] == pytest.approx(centroid, rel=1e-4)
         flatness = librosa.feature.spectral_flatness(S=magnitude).mean()
         assert grain['flatness'] == pytest.approx(flatness, rel=1e-3)

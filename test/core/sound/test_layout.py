@@ -3,35 +3,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import KDTree
 from scipy.stats import kendalltau, rankdata
 
 from eol_ros.core.sound import layout
-
-
-@pytest.mark.slow
-@settings(deadline=None, max_examples=50)
-@given(st.integers(1, 700))
-def test_lattice_has_one_place_per_grain_and_no_hole(n):
-    cells = layout.lattice(n)
-    assert cells.shape == (n, 2)
-    assert (cells > 0).all() and (cells < 1).all()
-    assert len(np.unique(cells, axis=0)) == n
-    rows, counts = np.unique(cells[:, 1], return_counts=True)
-    assert counts.max() - counts.min() <= 1
-    assert abs(len(rows) - np.sqrt(n)) <= 0.5  # as many rows as columns, or nearly
-    for row in rows:  # each row is evenly filled from edge to edge
-        x = np.sort(cells[cells[:, 1] == row, 0])
-        np.testing.assert_allclose(x, (np.arange(len(x)) + 0.5) / len(x))
-
-
-@pytest.mark.parametrize('n', [160, 163, 400, 600])
-def test_largest_hole(n):
-    """No point of the square is farther from a grain than the spacing of the lattice."""
-    cells = layout.lattice(n)
-    probe = np.stack(np.meshgrid(*[np.linspace(0, 1, 70)] * 2), axis=-1).reshape(-1, 2)
-    hole = KDTree(cells).query(probe)[0].max()
-    assert hole <= 1.0 / np.sqrt(n)
 
 
 @settings(deadline=None, max_examples=30)
@@ -45,6 +19,19 @@ def test_even_is_the_cheapest_assignment_that_a_swap_can_see(n, seed):
     own = np.diag(cost)
     gain = own[:, None] + own[None] - cost - cost.T  # of swapping two grains
     assert gain.max() <= 1e-12
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(1, 700))
+def test_lattice_has_one_place_per_grain_and_no_hole(n):
+    cells = layout.lattice(n)
+    rows, counts = np.unique(cells[:, 1], return_counts=True)
+    assert len(cells) == n and counts.max() - counts.min() <= 1
+    assert abs(len(rows) - np.sqrt(n)) <= 0.5  # as many rows as columns, or nearly
+    np.testing.assert_allclose(rows, (np.arange(len(rows)) + 0.5) / len(rows))
+    for row in rows:  # each row is evenly filled from edge to edge
+        x = np.sort(cells[cells[:, 1] == row, 0])
+        np.testing.assert_allclose(x, (np.arange(len(x)) + 0.5) / len(x))
 
 
 def correlated(n, rho, seed=0):
@@ -80,19 +67,18 @@ def test_rank_is_the_mean_rank():
     assert layout.ranked(np.array([4.0])).tolist() == [0.5]
 
 
-def test_scaled_takes_octaves_where_it_is_hertz():
-    hz = np.array([100.0, 200.0, 400.0, 1600.0])
-    np.testing.assert_allclose(layout.scaled(hz, 'pitch_hz'), [0, 0.25, 0.5, 1])
-    np.testing.assert_allclose(layout.scaled(hz, 'flatness'), (hz - 100) / 1500)
-
-
-@pytest.mark.parametrize('bad', [[np.nan] * 3, [2.0] * 3])
-def test_what_cannot_be_told_apart_lies_in_the_middle(bad):
-    assert layout.scaled(np.array(bad), 'pitch_hz').tolist() == [0.5] * 3
-
-
-def test_missing_values_lie_in_the_middle():
-    assert layout.scaled(np.array([1.0, np.nan, 3.0]), 'rms_db').tolist() == [0, 0.5, 1]
+@pytest.mark.parametrize(
+    ('values', 'name', 'wanted'),
+    [
+        ([100, 200, 400, 1600], 'pitch_hz', [0, 0.25, 0.5, 1]),  # octaves
+        ([100, 200, 400, 1600], 'flatness', [0, 1 / 15, 0.2, 1]),
+        ([np.nan] * 3, 'pitch_hz', [0.5] * 3),
+        ([2] * 3, 'pitch_hz', [0.5] * 3),
+        ([1, np.nan, 3], 'rms_db', [0, 0.5, 1]),
+    ],
+)
+def test_scaled(values, name, wanted):
+    np.testing.assert_allclose(layout.scaled(np.array(values, float), name), wanted)
 
 
 @settings(deadline=None, max_examples=40)

@@ -227,16 +227,3 @@ def test_code_of_another_layout_does_nothing():
     out = np.full((64, 2), 7, 'f4')
     assert not render(mixer.address, out)
     assert mixer.state.tobytes() == state and (out == 7).all()
-
-
-def test_an_old_corpus_sounds_on_while_the_new_one_begins():
-    old = Bank([np.ones(FS, 'f4')], [0], [0.0], [1.0], FS)
-    new = Bank([-np.ones(FS, 'f4')], [0], [0.0], [1.0], FS)
-    t = np.zeros(1, TRIGGER)
-    t['gain'], t['rate'], t['pan'] = 0.5, 1, -1
-    both, alone = quiet(), quiet()
-    for mixer, banks in ((both, (old, new)), (alone, (old,))):
-        for bank in banks:
-            mixer.push(voice_rows(t, bank, 2))
-    assert not both.render(FS // 2).any()  # one cancels the other: both sound
-    assert np.abs(alone.render(FS // 2)).max() > 0.3

@@ -54,17 +54,6 @@ def test_pans_as_vbap_says(count):
         assert mine == pytest.approx({i: gains[0], j: gains[1]}, abs=1e-6)
 
 
-def test_power_is_equal_all_round_and_a_loudspeaker_alone_has_what_is_there():
-    ring = Ring(parse(FIVE))
-    round_ = np.radians(np.arange(0, 360, 0.5))
-    a, b, left, right = ring.pan(-np.sin(round_), np.cos(round_))
-    assert np.abs(np.hypot(left, right) - 1).max() < 1e-6
-    for number, speaker in enumerate(parse(FIVE)):
-        at = np.radians(speaker.azimuth)
-        a, b, left, right = ring.pan(np.array([-np.sin(at)]), np.array([np.cos(at)]))
-        assert {int(a[0]): float(left[0]), int(b[0]): float(right[0])}[number] == pytest.approx(1)
-
-
 def test_where_nobody_stands_the_nearer_has_it():
     ring = Ring(parse(['left 45', 'right -45']))
     a, b, left, right = ring.pan(np.array([-0.3, 0.2]), np.array([-0.3, -0.3]))

@@ -95,27 +95,3 @@ def test_a_weight_thins_its_sound_and_no_other():
     assert set(none % 2) == {0}
     assert np.sum(none % 2 == 0) >= np.sum(all_of % 2 == 0)
     assert (played(replace(settings, weights=('low tide 1',))) == all_of).all()
-
-
-def test_with_a_silent_sound_away_the_nearest_is_of_another():
-    settings = GrainsSettings(choose='nearest', weights=('ice 0',), radius=0.2)
-    assert set(played(settings) % 2) == {1}
-
-
-def test_likeness_finds_loud_grains_for_fast_blocks():
-    rows = np.zeros(50, GRAIN)
-    rows['x'] = rows['y'] = 0.5
-    rows['duration_s'], rows['loudness_lufs'] = 0.25, np.random.default_rng(2).permutation(50)
-    corpus = Corpus(SOURCES[:1], rows)
-    settings = GrainsSettings(choose='nearest', match=('loudness_lufs 1 speed',), full_mps=1.0)
-    heard = []
-    for speed in (0.02, 0.5, 1.0):
-        selector = Selector(settings, corpus)
-        x, y = (rest_lattice() + 5.0).T.copy()
-        for k in range(3):
-            x[12], y[12] = speed * (k - 1) / 60, 0.0
-            found = selector.update(k / 60, x, y, np.ones(25, bool), np.zeros(25))
-            heard += rows['loudness_lufs'][found['grain']].tolist()
-            if len(found):
-                break
-    assert heard[0] == 1 and heard[2] == 49 and 23 <= heard[1] <= 26
