@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import needs
 from support.waiting import wait_until
 
 from eol_ros.core.sound import projection
@@ -199,13 +198,6 @@ def test_bad_moves(sound, text, said):
     assert 'moved.csv:1' in build([sound], Options()).notes[0]
 
 
-def test_moves_that_cannot_be(sound):
-    corpus = build([sound], Options())
-    for grain, x, y in [(16, 0.5, 0.5), (-1, 0.5, 0.5), (0, 1.5, 0.5), (0, 0.5, float('nan'))]:
-        with pytest.raises(ConfigError):
-            corpus_file.move(corpus, grain, x, y)
-
-
 def count_analyses(monkeypatch):
     from eol_ros.core.sound import descriptors
 
@@ -250,30 +242,24 @@ def spoil(sound, tmp_path, change):
 
 
 @pytest.mark.parametrize(
-    ('change', 'error', 'said'),
+    ('change', 'said'),
     [
-        (lambda d: d.update(version=99), ConfigError, 'version 99, this program reads 1'),
-        (lambda d: d.pop('version'), ConfigError, 'version None'),
-        (lambda d: d.pop('grains'), ConfigError, 'not a corpus'),
-        (lambda d: d.update(grains=[]), ConfigError, 'empty'),
-        (lambda d: d['grains'][2].update(file='no.wav'), ConfigError, 'not as it should be'),
-        (lambda d: d['grains'][2].update(start_s='soon'), ConfigError, 'not as it should be'),
-        (lambda d: d['grains'][2].update(start_s=3.9), ConfigError, 'grain 2 lies outside'),
-        (lambda d: d['grains'][2].update(start_s=None), ConfigError, 'grain 2 lies outside'),
-        (lambda d: d['grains'][2].update(duration_s=0), ConfigError, 'grain 2 lies outside'),
-        (lambda d: d['grains'][2].update(x=1.5), ConfigError, 'grain 2 lies outside'),
-        (lambda d: [g.update(x=None) for g in d['grains']], ConfigError, 'no grain has a place'),
-        (
-            lambda d: d['files'][0].update(sample_rate=None, extra=1),
-            ConfigError,
-            'not as it should',
-        ),
-        (lambda d: d.update(x_name='colour'), ConfigError, "'colour' is no descriptor"),
-        (lambda d: d['files'][0].update(path='gone.wav'), ConfigError, 'not as it should be'),
+        (lambda d: d.update(version=99), 'version 99, this program reads 1'),
+        (lambda d: d.pop('grains'), 'not a corpus'),
+        (lambda d: d.update(grains=[]), 'empty'),
+        (lambda d: d['grains'][2].update(file='no.wav'), 'not as it should be'),
+        (lambda d: d['grains'][2].update(start_s='soon'), 'not as it should be'),
+        (lambda d: d['grains'][2].update(start_s=3.9), 'grain 2 lies outside'),
+        (lambda d: d['grains'][2].update(start_s=None), 'grain 2 lies outside'),
+        (lambda d: d['grains'][2].update(duration_s=0), 'grain 2 lies outside'),
+        (lambda d: d['grains'][2].update(x=1.5), 'grain 2 lies outside'),
+        (lambda d: [g.update(x=None) for g in d['grains']], 'no grain has a place'),
+        (lambda d: d['files'][0].update(sample_rate=None, extra=1), 'not as it should'),
+        (lambda d: d.update(x_name='colour'), "'colour' is no descriptor"),
     ],
 )
-def test_a_spoilt_corpus_is_refused(sound, tmp_path, change, error, said):
-    with pytest.raises(error, match=said):
+def test_a_spoilt_corpus_is_refused(sound, tmp_path, change, said):
+    with pytest.raises(ConfigError, match=said):
         corpus_file.load(spoil(sound, tmp_path, change))
 
 
@@ -306,7 +292,7 @@ def test_a_corpus_whose_sound_is_gone(sound, tmp_path):
         corpus_file.load(path)
 
 
-@pytest.mark.parametrize('text', ['', '{', '[]', '3', '{"grains": 1, "files": 2, "version": 1}'])
+@pytest.mark.parametrize('text', ['', '{', '[]', '{"grains": 1, "files": 2, "version": 1}'])
 def test_what_is_no_corpus(tmp_path, text):
     (tmp_path / 'c.json').write_text(text)
     with pytest.raises(ConfigError, match=r'c\.json'):
@@ -382,22 +368,6 @@ def test_the_newest_wish_wins(sound, tmp_path):
     loader.ask((str(sound), replace(Options(), grain_s=0.05), 0))
     loader.close()
     assert not [t for t in threading.enumerate() if t.name == 'corpus']
-
-
-REAL = Path('/usr/share/sonic-pi/samples')
-
-
-@pytest.mark.slow
-def test_a_corpus_of_real_recordings():
-    names = ('ambi_sauna', 'ambi_swoosh', 'loop_amen', 'guit_harmonics')
-    needs.system('sonic-pi-samples')
-    sounds = [REAL / f'{name}.flac' for name in names]
-    corpus = build(sounds, Options(grain_s=0.2))
-    assert len(corpus) > 60 and corpus.placed.mean() > 0.9
-    sauna = corpus.grains[corpus.grains['file'] == 0]
-    harmonics = corpus.grains[corpus.grains['file'] == 3]
-    assert np.median(sauna['periodicity_mean']) < 0.5 < np.median(harmonics['periodicity_mean'])
-    assert len(np.unique(corpus.grains[['x', 'y']][corpus.placed])) == corpus.placed.sum()
 
 
 def test_a_full_cache_is_one_line(sound, monkeypatch):

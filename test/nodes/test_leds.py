@@ -9,7 +9,7 @@ import types
 
 import numpy as np
 import pytest
-from eol_msgs.msg import BlockTap, LedCommand, Slip
+from eol_msgs.msg import Slip
 from support.spinning import Nodes
 
 from eol_ros.devices.board.fake import FakeBoard, latency_s
@@ -252,11 +252,3 @@ def test_it_imports_nothing_heavy():
 
     assert done.stdout.split() == [], done.stderr
     assert done.returncode == 0
-
-
-def test_messages_are_what_the_table_says(rig):
-    rig.around.slip(0)
-
-    assert rig.until(lambda: rig.around.commands)
-    assert isinstance(rig.around.commands[0], LedCommand)
-    assert rig.leds.taps.msg_type is BlockTap
