@@ -112,11 +112,8 @@ class SoundNode(EolNode):
         self.health.values.update(told, presets=list(presets.names(presets.folder())))
 
     def on_save_preset(self, asked: Asked) -> object:
-        self.instrument.save(
-            asked.values['preset'],
-            lambda words: self.requests.answer(asked, True, words),
-            lambda words: self.requests.answer(asked, False, words),
-        )
+        answer = functools.partial(self.requests.answer, asked)
+        self.instrument.save(asked.values['preset'], answer)
         return LATER
 
     def on_recall_preset(self, asked: Asked) -> None:

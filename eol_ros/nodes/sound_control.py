@@ -55,17 +55,17 @@ class Instrument:
         if not done.successful:
             raise ConfigError(done.reason)
 
-    def save(self, name: str, done: Callable[[str], None], failed: Callable[[str], None]) -> None:
-        """Keep all live settings as a preset; one of the two is called with words when it is."""
+    def save(self, name: str, answer: Callable[[bool, str], None]) -> None:
+        """Keep all live settings as a preset; `answer` tells whether it is kept, and where."""
         path = presets.path_of(name, presets.folder())
 
         def write(now: presets.Preset) -> None:
             try:
                 presets.save(path, now)
             except ConfigError as error:
-                failed(str(error))
+                answer(False, str(error))
             else:
-                done(said('kept_in', name=path.name))
+                answer(True, said('kept_in', name=path.name))
 
         self._now(write)
 

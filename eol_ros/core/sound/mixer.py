@@ -330,7 +330,7 @@ class Mixer:
         s['clock_period'] = 1 / sample_rate
         s['epoch'] = epoch_s
         self.memory.weights[:] = k_weighting(sample_rate)[:, [0, 1, 2, 4, 5]].ravel()
-        self.set(cubic=cubic, gain_db=gain_db, loudness_lufs=loudness_lufs, governor_db=governor_db)
+        self.set(cubic, gain_db, loudness_lufs, governor_db)
         s['gain'] = s['gain_target']
         self._lent: dict[int, tuple[Bank, float]] = {}  # by id: until which frame it may be read
         publish(s, 0)  # whatever is compiled is so before it is needed
@@ -343,23 +343,11 @@ class Mixer:
         """Frames by which the limiter delays; triggers start that much earlier to be in time."""
         return int(self.state['look_ahead'][0])
 
-    def set(
-        self,
-        cubic: bool | None = None,
-        gain_db: float | None = None,
-        loudness_lufs: float | None = None,
-        governor_db: float | None = None,
-    ) -> None:
+    def set(self, cubic: bool, gain_db: float, loudness_lufs: float, governor_db: float) -> None:
         """Change what may change while it sounds; the gain glides."""
         s = self.state
-        if cubic is not None:
-            s['cubic'] = bool(cubic)
-        if gain_db is not None:
-            s['gain_target'] = elementary.exp10(gain_db / 20)
-        if loudness_lufs is not None:
-            s['loudness'] = loudness_lufs
-        if governor_db is not None:
-            s['governor_range'] = governor_db
+        s['cubic'], s['gain_target'] = cubic, elementary.exp10(gain_db / 20)
+        s['loudness'], s['governor_range'] = loudness_lufs, governor_db
 
     def fade(self, to: float, seconds: float, at_once_from: float | None = None) -> None:
         """Fade the master to 0 or 1 in `seconds`; `at_once_from` jumps there first."""

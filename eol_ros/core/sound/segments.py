@@ -180,11 +180,6 @@ def onset_cut(
     return cuts[ends - starts >= MIN_S * rate]
 
 
-def whole(n_samples: int) -> np.ndarray:
-    """Take the recording as one grain; return (1, 2) samples."""
-    return np.array([[0, n_samples]], np.int64)
-
-
 def from_labels(labels: np.ndarray, n_samples: int, rate: int) -> np.ndarray:
     """Cut at `labels` (n, 2): start and end of each grain in seconds, clipped to the sound."""
     cuts = np.clip(np.round(np.asarray(labels, float) * rate), 0, n_samples).astype(np.int64)

@@ -130,20 +130,9 @@ class Voicing:
         """How many outputs hear grains."""
         return max(1, self.settings.channels - self.settings.sub_output)
 
-    @property
-    def plain(self) -> bool:
-        """Whether all that hangs on the size of a rupture is off, and the filter of grains."""
-        s = self.settings
-        parts = (s.rate_scaling, s.dynamics_db, s.onset_duck_db, bussed(s))
-        return not any(parts) and s.sub_db <= OFF_DB and s.filter == 'off'
-
     def rows(self, triggers: np.ndarray, bank: Bank) -> tuple[np.ndarray, np.ndarray]:
         """Return the voices (m,) VOICE of `triggers` (n,) TRIGGER, and which were refused (n,)."""
         s, refused = self.settings, np.ones(len(triggers), bool)
-        if self.plain:
-            rows, number = numbered_rows(triggers, bank, self.loudspeakers, ring=self._ring)
-            refused[number] = False
-            return rows, refused
         good = np.flatnonzero(playable(triggers, len(bank)))
         t = triggers[good]
         area, since_s, grew = self._grown(t)

@@ -321,7 +321,7 @@ def _cut(heard, options: Options, times: np.ndarray | None) -> np.ndarray:
     elif times is not None:
         cuts = segments.from_labels(times, len(samples), rate)
     else:
-        cuts = segments.whole(len(samples))
+        cuts = np.array([[0, len(samples)]])
     if not len(cuts):
         raise ConfigError(
             f'{heard.path}: cutting it by {o.segment} leaves no grain; cut it otherwise'

@@ -5,7 +5,9 @@ Light on purpose: no scipy, no libsndfile. Whoever only plays a corpus made befo
 nothing else; `corpus_build` makes one.
 """
 
+import csv
 import hashlib
+import io
 import json
 import math
 import os
@@ -144,7 +146,7 @@ def sha256(path: Path) -> str:
             while block := file.read(1 << 20):
                 digest.update(block)
     except OSError as error:
-        raise DeviceMissing(f'{path}: cannot be read ({_why(error)})') from None
+        raise DeviceMissing(f'{path}: cannot be read ({error.strerror or error})') from None
     return digest.hexdigest()
 
 
@@ -319,12 +321,12 @@ def _check(path, sources, grains) -> None:
 def save_csv(corpus: Corpus, path: Path) -> None:
     """Write one line per grain, with the same names as the JSON."""
     names = _columns(corpus)
-    lines = [','.join(('file', *names))]
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator='\n')
+    rows.writerow(('file', *names))
     for grain in corpus.grains:
-        name = corpus.sources[grain['file']].path
-        values = [_plain(grain[n]) for n in names]
-        lines.append(','.join([_quoted(name), *('' if v is None else repr(v) for v in values)]))
-    write_text(path, '\n'.join(lines) + '\n')
+        rows.writerow((corpus.sources[grain['file']].path, *(_plain(grain[n]) for n in names)))
+    write_text(path, text.getvalue())
 
 
 def save_labels(corpus: Corpus, path: Path) -> None:
@@ -416,15 +418,7 @@ def _plain(value) -> float | None:
     return float(f'{value:.{DIGITS}g}') if math.isfinite(value) else None
 
 
-def _quoted(text: str) -> str:
-    return '"' + text.replace('"', '""') + '"' if set(text) & set(',"\n') else text
-
-
 def write_text(path: Path, text: str) -> None:
     """Write all or nothing: a reader never meets half a file."""
     with writing(path):
         DISK.write(path, text)
-
-
-def _why(error: Exception) -> str:
-    return str(getattr(error, 'strerror', None) or error)

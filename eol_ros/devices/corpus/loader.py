@@ -25,7 +25,6 @@ class CorpusLoader:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._spec: CorpusSpec | None = None
         self._outcome: Corpus | EolError | None = None
         self._child: subprocess.Popen | None = None
         self._thread: threading.Thread | None = None
@@ -44,12 +43,11 @@ class CorpusLoader:
         """Begin to load; an older spec is given up."""
         self._seen = _look(spec)
         with self._lock:
-            self._spec, self._outcome = spec, None
-            self._asked += 1
-            self._stop_child()
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._work, name='corpus', daemon=True)
-                self._thread.start()
+            self._give_up()
+            self._thread = threading.Thread(
+                target=self._work, args=(spec, self._asked), name='corpus', daemon=True
+            )
+            self._thread.start()
 
     def changed(self, spec: CorpusSpec) -> bool:
         """Whether a file that the corpus is made of has changed since this was last asked."""
@@ -66,35 +64,29 @@ class CorpusLoader:
     def close(self) -> None:
         """Give up whatever is being made."""
         with self._lock:
-            self._spec, self._asked = None, self._asked + 1
-            self._stop_child()
+            self._give_up()
             thread = self._thread
         if thread is not None:
             thread.join(2.0)
 
-    def _stop_child(self) -> None:
+    def _give_up(self) -> None:
+        self._asked, self._outcome = self._asked + 1, None
         if self._child is not None and self._child.poll() is None:
             self._child.kill()
 
-    def _work(self) -> None:
-        while True:
-            with self._lock:
-                spec, number = self._spec, self._asked
-                if spec is None:
-                    self._thread = None
-                    return
-            outcome = self._load(spec, number)
-            with self._lock:
-                self._child = None
-                if number == self._asked:
-                    self._spec, self._outcome = None, outcome
+    def _work(self, spec: CorpusSpec, number: int) -> None:
+        outcome = self._load(spec, number)
+        with self._lock:
+            if number == self._asked:
+                self._child, self._outcome = None, outcome
 
     def _load(self, spec: CorpusSpec, number: int) -> Corpus | EolError:
         def started(child: subprocess.Popen) -> None:
             with self._lock:
-                self._child = child
                 if number != self._asked:
                     child.kill()
+                else:
+                    self._child = child
 
         try:
             return corpus_build.apart(*spec, started)

@@ -89,7 +89,3 @@ def test_steady_noise_and_silence_have_no_onsets_inside():
 def test_labels_are_clipped_to_the_sound():
     cuts = segments.from_labels(np.array([[0.0, 0.5], [0.4, 9.0], [5.0, 6.0]]), RATE, RATE)
     assert cuts.tolist() == [[0, 4000], [3200, 8000]]
-
-
-def test_whole():
-    assert segments.whole(5).tolist() == [[0, 5]]
