@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sound files of every kind, good and bad."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import soundfile
-from support import needs
 
 from eol_ros.devices.audio import audio_file
 from eol_ros.errors import ConfigError, DeviceMissing
@@ -113,15 +110,6 @@ def test_a_place_that_cannot_be_written(tmp_path):
         audio_file.write(tmp_path / 'no' / 'a.wav', np.zeros(10), 48000)
     with pytest.raises(ConfigError, match='cannot write'):
         audio_file.write(tmp_path / 'a.nonsense', np.zeros(10), 48000)
-
-
-def test_a_real_recording():
-    needs.system('sonic-pi-samples')
-    path = Path('/usr/share/sonic-pi/samples/ambi_sauna.flac')
-    sound = audio_file.read_mono(path)
-    assert (sound.rate, sound.channels, sound.duration_s) == (44100, 2, 9.0)
-    reference, _ = soundfile.read(path)
-    np.testing.assert_allclose(sound.samples, reference.mean(axis=1), atol=1e-6)
 
 
 @pytest.mark.slow

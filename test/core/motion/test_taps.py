@@ -5,7 +5,6 @@ import pytest
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.motion.felt import Knock
 from eol_ros.core.motion.motion import Motion, _Begun
-from eol_ros.core.motion.slips import START, STOP
 from eol_ros.settings import MotionSettings
 
 
@@ -26,15 +25,6 @@ def run(taps, arrival_lag_s):
         slips += new
         cascades += closed
     return slips, cascades
-
-
-def test_camera_alone():
-    slips, cascades = run([], 0)
-    assert [(s.event.kind, s.event.block, s.tapped) for s in slips] == [
-        (START, 7, False),
-        (STOP, 7, False),
-    ]
-    assert [(c.nucleus, c.size) for c in cascades] == [(7, 1)]
 
 
 def test_tap_says_when():

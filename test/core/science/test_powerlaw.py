@@ -54,13 +54,6 @@ def test_bias_and_coverage_of_the_truncated_fit():
 
 
 @pytest.mark.slow
-def test_an_unlimited_law_is_found_again():
-    for tau, x_min in ((1.6, 1), (2.5, 3), (3.2, 1)):
-        found = fit(histogram(np.minimum(sample(tau, x_min, None, 50_000, rng(3)), 10**6)), x_min)
-        assert abs(found.tau - tau) < 4 * found.error + 0.005
-
-
-@pytest.mark.slow
 @pytest.mark.filterwarnings('ignore')
 def test_powerlaw_agrees_where_there_is_no_upper_limit():
     """The package of Alstott, Bullmore and Plenz (PLoS ONE 9 (2014) e85777) as oracle."""

@@ -189,15 +189,6 @@ def test_pan_has_equal_power_on_any_number_of_loudspeakers():
     assert pan(-3.0, 2) == pan(-1.0, 2)
 
 
-@pytest.mark.parametrize('channels', [1, 4])
-def test_other_numbers_of_channels(channels):
-    bank, *_ = noise_bank()
-    t = score(np.random.default_rng(10), 30, 0.3, len(bank))
-    out = render_all(quiet(channels=channels), t, bank, FS // 2)
-    assert out.shape == (FS // 2, channels)
-    assert (np.abs(out).max(axis=0) > 0).all()
-
-
 def test_a_bank_stays_in_memory_for_as_long_as_it_may_be_read():
     """Voices know addresses only: nobody but the mixer may know that they still read there."""
     mixer = Mixer(FS, governor_db=0)

@@ -56,14 +56,6 @@ def test_frequency_and_level_of_an_area(area, hz):
     assert peak == pytest.approx((area / 25) ** 1.5 * np.sqrt(0.5), rel=0.15)
 
 
-def test_only_a_rupture_that_grows_gives_a_pulse():
-    t = spreading(3)
-    t['block'] = 7, 7, 8
-    rows, refused = Voicing(SUB).rows(t, bank())
-    assert len(rows) == 3 + 2 and not refused.any()
-    assert len(Voicing(replace(SUB, sub_db=-90.0)).rows(t, bank())[0]) == 3
-
-
 def test_an_output_of_its_own():
     settings = replace(SUB, channels=3, sub_output=True)
     rows, _ = Voicing(settings).rows(spreading(25), bank())
