@@ -101,28 +101,25 @@ def frame_starts(cuts: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
 
 def frames_of(samples: np.ndarray, cut: np.ndarray, size: int) -> np.ndarray:
     """Return the frames (k, size) inside one cut; what lies past its end is silence."""
-    starts = frame_starts(cut[None], size)[0]
-    inside = np.zeros(max(int(starts[-1]) + size, int(cut[1])) - int(cut[0]))
-    inside[: cut[1] - cut[0]] = samples[cut[0] : cut[1]]
-    return np.lib.stride_tricks.sliding_window_view(inside, size)[starts - cut[0]]
+    grain = samples[cut[0] : cut[1]]
+    found = _batches(grain, np.array([[0, len(grain)]]), size)
+    return np.concatenate([frames for _, frames in found])
 
 
 def _batches(
-    samples: np.ndarray, cuts: np.ndarray, size: int, progress: Callable[[float], None]
+    samples: np.ndarray,
+    cuts: np.ndarray,
+    size: int,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """Yield (slice of frames, (k, size) frames); what lies past a grain's end is silence."""
     starts, owner = frame_starts(cuts, size)
-    last = max(len(samples) - size, 0)  # frames that begin later reach past the recording
-    tail = np.concatenate([samples[last:], np.zeros(size, samples.dtype)])
-    inside = np.lib.stride_tricks.sliding_window_view(samples if last else tail, size)
-    beyond = np.lib.stride_tricks.sliding_window_view(tail, size)
+    padded = np.concatenate([samples, np.zeros(size, samples.dtype)])
+    inside = np.lib.stride_tricks.sliding_window_view(padded, size)
     room = cuts[owner, 1] - starts  # less than a frame only in short grains
     for i in range(0, len(starts), BATCH):
         part = slice(i, min(i + BATCH, len(starts)))
-        begin = starts[part]
-        frames = inside[np.minimum(begin, last)].astype(np.float64)
-        late = begin > last
-        frames[late] = beyond[begin[late] - last]
+        frames = inside[starts[part]].astype(np.float64)
         if (room[part] < size).any():
             frames[np.arange(size) >= room[part, None]] = 0
         yield part, frames

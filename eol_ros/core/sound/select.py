@@ -44,7 +44,7 @@ from eol_ros.settings import GrainsSettings
 
 FORGET_S = 0.25  # a block unseen for longer starts again
 LONGEST_LEAD_S = 60.0  # a switch farther ahead is left over from before the stamps began again
-BED_EDGE_S = 10.0  # of grains of the bed: longer than any, so half of it swells and half dies away
+AMBIENCE_EDGE_S = 10.0  # longer than any grain: half of it swells and half dies away
 FELT_S = 0.01  # a block's acceleration at its knock times this is the speed that its image shows
 SLIP_S = 0.04  # a slip that is felt lasts longer: what may sound again so soon still belongs to it
 NOTHING = np.zeros(0, TRIGGER)
@@ -518,7 +518,7 @@ class Selector:
             s.ambience_playback_rate * elementary.exp2(2 * u[rows, 2] - 1), MIN_RATE, MAX_RATE
         )
         out['pan'] = np.clip(s.pan_width * self._at[rows, 0] / (s.space_m / 2), -1, 1)
-        out['attack_s'] = out['release_s'] = BED_EDGE_S
+        out['attack_s'] = out['release_s'] = AMBIENCE_EDGE_S
         return out
 
 
