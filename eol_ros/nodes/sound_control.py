@@ -6,8 +6,10 @@ the other are asked for, so that a bag has both.
 """
 
 import dataclasses
+import functools
 import time
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rclpy.parameter import parameter_value_to_python
@@ -35,7 +37,6 @@ class Instrument:
         self._node = node
         self._clients: dict[str, AsyncParameterClient] = {}
         self._glide: Any = None
-        self._files: dict[str, tuple[int, presets.Preset]] = {}
         self._pair: tuple[str, str] | None = None
         self._told: dict[str, dict[str, Any]] = {}  # of the morph between this pair
 
@@ -96,10 +97,7 @@ class Instrument:
 
     def _preset(self, name: str) -> presets.Preset:
         path = presets.path_of(name, presets.folder())
-        stamp = path.stat().st_mtime_ns if path.is_file() else 0
-        if self._files.get(name, (0, {}))[0] != stamp or not stamp:
-            self._files[name] = stamp, presets.load(path)
-        return self._files[name][1]
+        return _loaded(path, path.stat().st_mtime_ns if path.is_file() else 0)
 
     def _stop(self) -> None:
         if self._glide is not None:
@@ -143,6 +141,11 @@ class Instrument:
             then({other: told, node.NAME: mine})
 
         client.get_parameters(names, found)
+
+
+@functools.lru_cache(16)  # a controller asks for two of them again and again
+def _loaded(path: Path, mtime_ns: int) -> presets.Preset:
+    return presets.load(path)
 
 
 def as_setting(kind: type, name: str, given: Sequence[Any]) -> Any:

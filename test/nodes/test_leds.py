@@ -2,8 +2,6 @@
 """The leds node over real DDS, with the twin's board on a real pty."""
 
 import contextlib
-import subprocess
-import sys
 import time
 import types
 
@@ -241,14 +239,3 @@ def test_the_limit_goes_off_only_with_a_reason(ros, make_rig):
         LedsNode(LedsSettings(port='twin', flash_limit='false'))
     rig = make_rig(port='twin', flash_limit='false', flash_limit_off_because='a video of one slip')
     assert rig.leds.lights.values()['flash_limit'] == 'off: a video of one slip'
-
-
-def test_it_imports_nothing_heavy():
-    code = (
-        'import sys, eol_ros.nodes.leds, eol_ros.devices.board.twin; '
-        "print(*{'cv2', 'numba', 'scipy', 'sounddevice', 'aiohttp'} & set(sys.modules))"
-    )
-    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True)
-
-    assert done.stdout.split() == [], done.stderr
-    assert done.returncode == 0
