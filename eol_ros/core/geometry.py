@@ -20,6 +20,15 @@ RIM_SIDE_M = 5 * BLOCK_SIDE_M + 6 * SPRING_M  # 0.960
 PLATFORM_SIDE_M = 1.40
 RIM_REACH_M = (PLATFORM_SIDE_M - RIM_SIDE_M) / 2  # from rest until the rim meets the edge
 
+_IDS = np.arange(N_BLOCKS).reshape(ROWS, COLS)
+_OUTER = np.concatenate([_IDS[:, 0], _IDS[:, -1], _IDS[0], _IDS[-1]])
+# (60, 2) blocks at the ends of each spring, in the order of `spring_ends`; -1: the rim.
+SPRING_BLOCKS = np.concatenate([
+    np.stack([_IDS[:, :-1].ravel(), _IDS[:, 1:].ravel()], axis=1),
+    np.stack([_IDS[:-1].ravel(), _IDS[1:].ravel()], axis=1),
+    np.stack([_OUTER, np.full(len(_OUTER), -1)], axis=1),
+])  # fmt: skip
+
 
 def rest_lattice() -> np.ndarray:
     """Return the block centres at rest, shape (25, 2) in metres; row 0 is nearest (lowest y)."""

@@ -12,15 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eol_ros.core.geometry import (
-    BLOCK_SIDE_M,
-    COLS,
-    N_BLOCKS,
-    ROWS,
-    neighbours,
-    rest_lattice,
-    spring_ends,
-)
+from eol_ros.core.geometry import COLS, ROWS, SPRING_BLOCKS, neighbours, spring_ends
 from eol_ros.core.measure.estimate import Estimate
 from eol_ros.core.physics.builders import GRAVITY
 from eol_ros.errors import EolError
@@ -113,23 +105,8 @@ def pull_of_springs(
     ends = spring_ends(places, np.zeros(3) if rim is None else rim)
     way = ends[:, 1] - ends[:, 0]
     force = (1 - natural_m / np.hypot(*way.T))[:, None] * way
-    owners = _OWNERS
-    return force[owners[:, 0] == block].sum(axis=0) - force[owners[:, 1] == block].sum(axis=0)
-
-
-def _owners() -> np.ndarray:
-    """Return the blocks (60, 2) at the ends of each spring of `spring_ends`, -1 for the rim.
-
-    Read off the resting table, of which `spring_ends` keeps the order.
-    """
-    rest = np.column_stack([rest_lattice(), np.zeros(N_BLOCKS)])
-    ends = spring_ends(rest, np.zeros(3))
-    apart = np.abs(ends[:, :, None] - rest[None, None, :, :2]).max(axis=3)
-    near = apart.argmin(axis=2)
-    return np.where(apart.min(axis=2) < 0.51 * BLOCK_SIDE_M, near, -1)
-
-
-_OWNERS = _owners()
+    first, second = SPRING_BLOCKS.T
+    return force[first == block].sum(axis=0) - force[second == block].sum(axis=0)
 
 
 def fit(

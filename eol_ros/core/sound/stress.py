@@ -10,11 +10,9 @@ the rim, so what its springs pull at the outer blocks is left out.
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import COLS, N_BLOCKS, PITCH_M, ROWS
+from eol_ros.core.geometry import N_BLOCKS, PITCH_M, SPRING_BLOCKS
 
-_IDS = np.arange(N_BLOCKS).reshape(ROWS, COLS)
-FIRST = np.concatenate([_IDS[:, :-1].ravel(), _IDS[:-1].ravel()])  # (40,) blocks at the springs
-SECOND = np.concatenate([_IDS[:, 1:].ravel(), _IDS[1:].ravel()])
+FIRST, SECOND = SPRING_BLOCKS[SPRING_BLOCKS[:, 1] >= 0].T.copy()  # (40,) blocks at the springs
 
 
 def stress(at: np.ndarray, break_m: float) -> np.ndarray:
