@@ -71,15 +71,6 @@ def test_the_spectrum_is_that_of_brunes_source(bus):
     assert np.abs(20 * np.log10(ratio[band] / brune[band])).max() < 1.0
 
 
-@pytest.mark.slow
-def test_block_size_changes_no_bit_and_tails_end_in_silence():
-    bank, t = noise_bank(), triggers(12)
-    rows = voice_rows(t, bank, 2, 2 * (np.arange(12) % 3))
-    outs = [rendered(with_buses(), rows, size) for size in (1, 37, 512, 2000)]
-    assert all(np.array_equal(out, outs[0]) for out in outs[1:])
-    assert outs[0].any() and not outs[0][-1000:].any()
-
-
 def test_buses_that_nobody_uses_change_no_bit():
     bank, t = noise_bank(), triggers(12)
     rows = voice_rows(t, bank, 2)

@@ -87,14 +87,6 @@ def test_a_grain_sounds_as_if_its_sound_had_been_filtered_before(band):
     assert snr_db(found, heard(OFF, t, Bank([there.astype('f4')], *cut)).astype(float)) > 115
 
 
-@pytest.mark.slow
-def test_how_output_is_cut_changes_no_bit():
-    few = replace(LOW, polyphony=12, filter_by='area', filter_octaves=3.0)
-    outs = [heard(few, triggers_of(200), noise_bank(), block=n) for n in (1, 37, 256, 512, 4096)]
-    assert outs[0].any()
-    assert all(np.array_equal(out, outs[0]) for out in outs[1:])
-
-
 def test_off_is_as_if_there_were_none():
     off = replace(LOW, filter='off', filter_by='area', filter_octaves=4.0)
     plain = heard(OFF, triggers_of(60), noise_bank())

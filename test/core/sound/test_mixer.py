@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from support.sound_reference import reference, score, snr_db
 
+from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import STEAL_S, Mixer, render
 from eol_ros.core.sound.mixer_layout import RING
-from eol_ros.core.sound.offline import render_all
+from eol_ros.core.sound.offline import play, render_all
 from eol_ros.core.sound.pan import pan
 from eol_ros.core.sound.triggers import TRIGGER
+from eol_ros.core.sound.voicing import Voicing, new_mixer
+from eol_ros.settings import SoundSettings
 
 FS = 48000
 
@@ -46,15 +49,27 @@ def test_agrees_with_the_double_precision_reference(cubic, varied):
 
 
 @pytest.mark.slow
-def test_block_size_changes_no_bit():
+@pytest.mark.parametrize('filter', ['off', 'low-pass'])
+def test_block_size_changes_no_bit(filter):
+    """With buses, room, sub voice and filters; loud, so that limiter and stealing work."""
+    settings = SoundSettings(
+        polyphony=20,
+        gain_db=12.0,
+        loudness_lufs=-40.0,
+        filter=filter,
+        filter_by='area',
+        filter_octaves=3.0,
+    )
     rng = np.random.default_rng(3)
     bank, *_ = noise_bank()
     triggers = score(rng, 300, 0.8, len(bank), rate=rng.uniform(0.3, 3, 300), gain=4.0)
+    triggers['rate'][::3], triggers['block'] = 1, rng.integers(-1, N_BLOCKS, 300)
+    rows, _ = Voicing(settings).rows(triggers, bank)
     outs = []
-    for size in (1, 37, 64, 256, 512, 2000):  # loud, few voices: the limiter and stealing work
-        mixer = Mixer(FS, max_voices=20, loudness_lufs=-40)
+    for size in (1, 37, 64, 256, 512, 2000):
+        mixer = new_mixer(settings)
         mixer.fade(1.0, 0.3, at_once_from=0.0)
-        outs.append(render_all(mixer, triggers, bank, FS, size))
+        outs.append(np.concatenate(list(play(mixer, rows, FS, size))))
         assert mixer.state['stolen'][0] > 50
         assert mixer.state['limiter_least'][0] < 0.9
         assert mixer.state['governor_db'][0] < 0
@@ -194,21 +209,25 @@ def test_a_bank_stays_in_memory_for_as_long_as_it_may_be_read():
     mixer = Mixer(FS, governor_db=0)
     t = np.zeros(1, TRIGGER)
     t['gain'], t['rate'], t['time_s'] = 0.5, 1, 20.0  # far ahead: it waits
+    banks = []
     for _ in range(3):
         bank = Bank([np.ones(FS, 'f4')], [0], [0.0], [0.5], FS)
-        gone = weakref.ref(bank)
+        banks.append(weakref.ref(bank))
         mixer.play(t, bank)
+        mixer.render(64)
         del bank
-    mixer.render(20 * FS)
-    assert gone() is not None
-    assert mixer.state['voices'][0] == 3 and np.abs(mixer.render(FS // 2)).max() > 0.5
     another = Bank([np.ones(FS, 'f4')], [0], [0.0], [0.5], FS)
+    mixer.render(19 * FS)
+    mixer.play(t[:0], another)
+    assert all(kept() is not None for kept in banks)
+    mixer.render(FS)
+    assert mixer.state['voices'][0] == 3 and np.abs(mixer.render(FS // 2)).max() > 0.5
     for _ in range(3):
         mixer.render(20 * FS)
         t['time_s'] += 25
         mixer.play(t, another)
     gc.collect()
-    assert gone() is None
+    assert all(kept() is None for kept in banks)
 
 
 def test_code_of_another_layout_does_nothing():
