@@ -4,6 +4,7 @@
 import numpy as np
 from scipy.signal import bilinear, lfilter
 
+from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.triggers import TRIGGER
 
 
@@ -57,6 +58,21 @@ def filtered(x, hz, q, band, sample_rate):
 def snr_db(found, wanted):
     """Return the ratio of `wanted` to the difference, dB."""
     return 10 * np.log10((wanted**2).sum() / ((found - wanted) ** 2).sum())
+
+
+def noise_bank():
+    """Return a bank of one grain: half a second of noise at 48 kHz."""
+    noise = 0.1 * np.random.default_rng(1).standard_normal(48000)
+    return Bank([noise.astype('f4')], [0], [0.0], [0.5], 48000)
+
+
+def spreading(count, step_s=0.02, begin_s=10.0):
+    """Return triggers of a cascade that takes block after block along the rows, to and fro."""
+    way = [row * 5 + (c if row % 2 == 0 else 4 - c) for row in range(5) for c in range(5)]
+    t = np.zeros(count, TRIGGER)
+    t['time_s'], t['block'] = begin_s + step_s * np.arange(count), way[:count]
+    t['gain'], t['rate'] = 1.0, 1.0
+    return t
 
 
 def score(rng, count, span_s, n_grains, rate=1.0, gain=0.05):

@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from support.sound_reference import noise_bank
 
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.buses import pole
@@ -19,11 +20,6 @@ def with_buses(**options):
     mixer = Mixer(FS, governor_db=0, **{'gain_db': 0, 'buses': 2, **options})
     mixer.set_corners(CORNERS)
     return mixer
-
-
-def noise_bank():
-    rng = np.random.default_rng(1)
-    return Bank([0.1 * rng.standard_normal(FS).astype('f4')], [0], [0.0], [0.5], FS)
 
 
 def triggers(count):

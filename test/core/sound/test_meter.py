@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from support.sound_reference import score
+from support.sound_reference import noise_bank, score
 
-from eol_ros.core.sound.bank import Bank, voice_rows
+from eol_ros.core.sound.bank import voice_rows
 from eol_ros.core.sound.meter import BANDS, PAIRS, Meter, Spectrum, waveform
 from eol_ros.core.sound.mixer import Mixer
 
@@ -44,8 +44,7 @@ def test_spectrum_of_silence_and_of_other_rates():
 
 def test_reading_is_of_what_was_put_out():
     rng = np.random.default_rng(2)
-    bank = Bank([rng.standard_normal(FS).astype('f4') * 0.1], [0], [0.0], [0.5], FS)
-    mixer = Mixer(FS)
+    bank, mixer = noise_bank(), Mixer(FS)
     meter = Meter(mixer)
     silent = meter.read()
     assert (silent.peak_dbfs, silent.voices) == (-120, 0)

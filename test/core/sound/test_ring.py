@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.quiet_settings import SOUND
+from support.sound_reference import noise_bank
 
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import Mixer
@@ -70,9 +71,7 @@ def test_the_nearer_is_later_and_quieter():
 
 @pytest.mark.parametrize('size', [pytest.param(1, marks=pytest.mark.slow), 100, 512, 2000])
 def test_the_mixer_aligns_whatever_the_block(size):
-    rng = np.random.default_rng(1)
-    bank = Bank([0.1 * rng.standard_normal(FS).astype('f4')], [0], [0.0], [0.5], FS)
-    t = np.zeros(2, TRIGGER)
+    bank, t = noise_bank(), np.zeros(2, TRIGGER)
     t['gain'], t['rate'], t['pan'], t['time_s'] = 0.5, 1.0, (-1, 1), (0.05, 0.1)
     rows = voice_rows(t, bank, 2)
     plain = np.concatenate(list(play(Mixer(FS, gain_db=0), rows, FS // 2)))

@@ -8,23 +8,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.quiet_settings import SOUND
+from support.sound_reference import spreading
 
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.offline import play
 from eol_ros.core.sound.sub import PULSE_HZ, RISE, pulse, pulse_bank
-from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.sound.voicing import Voicing
 
 FS = 48000
 SUB = replace(SOUND, sub_db=0.0)
 
 
-def spreading(count):
-    """Neighbouring blocks of a row, of the two rows, and so on: each grain lets it grow."""
-    t = np.zeros(count, TRIGGER)
-    way = [row * 5 + (c if row % 2 == 0 else 4 - c) for row in range(5) for c in range(5)]
-    t['time_s'], t['block'], t['gain'], t['rate'] = 0.02 * np.arange(count), way[:count], 0.0, 1.0
+def silent(count):
+    """A cascade of grains that are not heard: their bank is gone when the sub voice sounds."""
+    t = spreading(count, begin_s=0.0)
+    t['gain'] = 0.0
     return t
 
 
@@ -46,7 +45,7 @@ def test_the_pulse_is_a_moment_rate_on_a_tone():
 
 @pytest.mark.parametrize(('area', 'hz'), [(1, 60.0), (4, 30.0), (9, 20.0), (25, 18.0)])
 def test_frequency_and_level_of_an_area(area, hz):
-    rows, _ = Voicing(SUB).rows(spreading(area), bank())
+    rows, _ = Voicing(SUB).rows(silent(area), bank())
     last = rows[-1:].copy()
     last['time_s'] = 0.0
     out = heard(last)[:, 0].astype(float)
@@ -58,17 +57,17 @@ def test_frequency_and_level_of_an_area(area, hz):
 
 def test_an_output_of_its_own():
     settings = replace(SUB, channels=3, sub_output=True)
-    rows, _ = Voicing(settings).rows(spreading(25), bank())
+    rows, _ = Voicing(settings).rows(silent(25), bank())
     out = heard(rows, channels=3)
     assert np.abs(out[:, 2]).max() > 0.5 and not out[:, :2].any()
-    both = heard(Voicing(SUB).rows(spreading(25), bank())[0])
+    both = heard(Voicing(SUB).rows(silent(25), bank())[0])
     assert both.any(axis=0).all()
 
 
 def test_the_pulse_stays_in_memory_when_its_maker_is_gone():
     """Voices know addresses only."""
     kept = weakref.ref(pulse_bank(FS))
-    rows, _ = Voicing(SUB).rows(spreading(1), bank())
+    rows, _ = Voicing(SUB).rows(silent(1), bank())
     gc.collect()
     assert kept() is not None
     assert rows['source'][-1] == kept().address[0]

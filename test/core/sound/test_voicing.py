@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.quiet_settings import SOUND
+from support.sound_reference import noise_bank as bank
+from support.sound_reference import spreading
 
 from eol_ros.core.geometry import N_BLOCKS, neighbours
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer_layout import VOICE
 from eol_ros.core.sound.rupture import Ruptures
-from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.sound.voicing import (
     BUSES,
     Voicing,
@@ -23,20 +24,6 @@ from eol_ros.core.sound.voicing import (
 
 FS = 48000
 OFF = SOUND
-
-
-def bank():
-    rng = np.random.default_rng(1)
-    return Bank([0.1 * rng.standard_normal(FS).astype('f4')], [0], [0.0], [0.5], FS)
-
-
-def spreading(count, step_s=0.02, begin_s=10.0):
-    """A rupture that takes block after block along the rows, to and fro."""
-    way = [row * 5 + (c if row % 2 == 0 else 4 - c) for row in range(5) for c in range(5)]
-    t = np.zeros(count, TRIGGER)
-    t['time_s'], t['block'] = begin_s + step_s * np.arange(count), way[:count]
-    t['gain'], t['rate'] = 1.0, 1.0
-    return t
 
 
 class Oracle:
