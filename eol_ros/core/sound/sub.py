@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sub voice: the moment of a rupture as one slow wave, for a subwoofer or a shaker.
+"""The sub voice: the moment of a cascade as one slow wave, for a subwoofer or a shaker.
 
 The moment rate of Brune's source is M0 w^2 t e^(-w t) with w = 2 pi f_c (J. Geophys. Res. 75 (1970)
 4997, eq. 36 far from the source). That envelope on a tone of the corner's order of frequency is one
-pulse of the voice. Each block that joins the rupture gives a pulse of the moment reached so far:
+pulse of the voice. Each block that joins the cascade gives a pulse of the moment reached so far:
 M0 ~ A D ~ A^(3/2), as slip grows with the radius (Kanamori, Anderson, Bull. Seism. Soc. Am. 65
 (1975) 1073), and its frequency goes as the corner's, A^(-1/2).
 """
@@ -60,7 +60,7 @@ def moments(area: np.ndarray) -> np.ndarray:
 
 
 def pulses(triggers: np.ndarray, area: np.ndarray, low_hz: float, high_hz: float) -> np.ndarray:
-    """Return the pulses (n,) TRIGGER of grains that let a rupture grow to `area` (n,)."""
+    """Return the pulses (n,) TRIGGER of grains that let a cascade grow to `area` (n,)."""
     out = np.zeros(len(triggers), TRIGGER)
     out['time_s'], out['pan'], out['block'] = triggers['time_s'], triggers['pan'], triggers['block']
     out['rate'] = frequencies_hz(area, low_hz, high_hz) / PULSE_HZ

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Triggers to voices whose sound says how large the rupture is: source scaling, dynamics, sub.
+"""Triggers to voices whose sound says how large the cascade is: source scaling, dynamics, sub.
 
 Brune, "Tectonic stress and the spectra of seismic shear waves from earthquakes", J. Geophys. Res.
 75 (1970) 4997: a source of radius r has a flat displacement spectrum up to a corner frequency that
-goes as 1/r, and falls as f^-2 above it: 1 / (1 + (f / f_c)^2), after his eq. 31 and 36. A rupture
+goes as 1/r, and falls as f^-2 above it: 1 / (1 + (f / f_c)^2), after his eq. 31 and 36. A cascade
 of A blocks has r ~ A^(1/2), so f_c ~ A^(-1/2): the same sound, larger, is slower by A^(1/2) and
-darker. The area is that of now, as the rupture has grown so far (`rupture.py`).
+darker. The area is that of now, as the cascade has grown so far (`cascade_area.py`).
 
 What is heard is not displacement but its rate, whose spectrum rises as f below the corner: a small
-rupture has no lows. So a second corner, far below the first and as A^(-1/2) too, takes them away.
+cascade has no lows. So a second corner, far below the first and as A^(-1/2) too, takes them away.
 
 A corner is a property of the area, not of the grain: grains of like areas are summed on a bus, and
 a bus is filtered once (`buses.py`), so that the loop over the grains does not know of it.
@@ -19,11 +19,11 @@ import numpy as np
 from eol_ros.core import elementary
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.bank import Bank, numbered_rows, playable, voice_rows
+from eol_ros.core.sound.cascade_area import CascadeAreas
 from eol_ros.core.sound.grain_filter import tuned
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.mixer_layout import VOICE
 from eol_ros.core.sound.ring import Ring, alignment, mistakes, parse
-from eol_ros.core.sound.rupture import Ruptures
 from eol_ros.core.sound.sub import pulse_bank, pulses
 from eol_ros.core.sound.triggers import MAX_GAIN, MAX_RATE, MIN_RATE
 from eol_ros.errors import ConfigError
@@ -102,7 +102,7 @@ def new_mixer(settings: SoundSettings, epoch_s: float = 0.0) -> Mixer:
 
 
 class Voicing:
-    """Makes voices of triggers; keeps which rupture each belongs to, so feed it in their order.
+    """Makes voices of triggers; keeps which cascade each belongs to, so feed it in their order.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class Voicing:
 
     def __init__(self, settings: SoundSettings):
         self.settings = settings
-        self._ruptures = Ruptures(settings.cascade_gap_s)
+        self._cascades = CascadeAreas(settings.cascade_gap_s)
         self._ring = Ring(parse(settings.speakers)) if settings.speakers else None
 
     @property
@@ -147,7 +147,7 @@ class Voicing:
         t['gain'] = np.minimum(t['gain'] * elementary.exp10(level_db / 20), MAX_GAIN)
         first = None
         if bussed(s):
-            # Creaks are no ruptures: they keep their lows.
+            # Creaks are no cascades: they keep their lows.
             first = s.channels * (bus_of(area) + first_bus(s) * (t['block'] >= 0))
         rows, number = numbered_rows(t, bank, self.loudspeakers, first, self._ring)
         refused[good[number]] = False
@@ -161,7 +161,7 @@ class Voicing:
         return rows, refused
 
     def _filter(self, rows: np.ndarray, grain: np.ndarray, area: np.ndarray, bank: Bank) -> None:
-        """Give the voices `rows` (n,) their filter; of grains (n,), of ruptures of areas (n,)."""
+        """Give the voices `rows` (n,) their filter; of grains (n,), of cascades of areas (n,)."""
         s = self.settings
         share = np.zeros(len(rows))
         if s.filter_by == 'area':
@@ -174,7 +174,7 @@ class Voicing:
         rows['damping'], rows['band'] = 1 / s.filter_q, s.filter == 'band-pass'
 
     def _sub(self, triggers: np.ndarray, area: np.ndarray) -> np.ndarray:
-        """Return the voices of the sub voice, for grains that let a rupture grow to `area`."""
+        """Return the voices of the sub voice, for grains that let a cascade grow to `area`."""
         s = self.settings
         t = pulses(triggers, area, s.sub_low_hz, s.sub_high_hz)
         t['gain'] *= elementary.exp10(s.sub_db / 20)
@@ -185,10 +185,10 @@ class Voicing:
         return rows
 
     def _grown(self, triggers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (n,) area so far, seconds since the onset, and whether the rupture grew."""
-        self._ruptures.gap_s = self.settings.cascade_gap_s
+        """Return (n,) area so far, seconds since the onset, and whether the cascade grew."""
+        self._cascades.gap_s = self.settings.cascade_gap_s
         found = [
-            self._ruptures.add(time_s, block) if 0 <= block < N_BLOCKS else (1, 10**6, False)
+            self._cascades.add(time_s, block) if 0 <= block < N_BLOCKS else (1, 10**6, False)
             for time_s, block in zip(
                 triggers['time_s'].tolist(), triggers['block'].tolist(), strict=True
             )

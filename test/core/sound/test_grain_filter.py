@@ -100,7 +100,7 @@ def cutoffs(settings, triggers, bank):
     return np.arctan(rows['tuning']) * FS / np.pi
 
 
-def test_a_larger_rupture_moves_the_cutoff():
+def test_a_larger_cascade_moves_the_cutoff():
     t = np.zeros(N_BLOCKS, TRIGGER)
     t['block'], t['gain'], t['rate'] = np.arange(N_BLOCKS), 1.0, 1.0
     t['time_s'] = 0.01 * np.arange(N_BLOCKS)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sub voice: its pulse against the formula, and what a growing rupture makes of it."""
+"""The sub voice: its pulse against the formula, and what a growing cascade makes of it."""
 
 import gc
 import weakref

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How large a rupture is, and what its grains become."""
+"""How large a cascade is, and what its grains become."""
 
 from dataclasses import replace
 
@@ -11,8 +11,8 @@ from support.sound_reference import spreading
 
 from eol_ros.core.geometry import N_BLOCKS, neighbours
 from eol_ros.core.sound.bank import Bank, voice_rows
+from eol_ros.core.sound.cascade_area import CascadeAreas
 from eol_ros.core.sound.mixer_layout import VOICE
-from eol_ros.core.sound.rupture import Ruptures
 from eol_ros.core.sound.voicing import (
     BUSES,
     Voicing,
@@ -53,9 +53,9 @@ def test_areas_agree_with_connected_components(seed):
     rng = np.random.default_rng(seed)
     ms = np.cumsum(rng.choice([0, 3, 17, 40, 120, 400], 300, p=[0.3, 0.2, 0.2, 0.15, 0.1, 0.05]))
     blocks = rng.integers(0, N_BLOCKS, 300)
-    ruptures, oracle = Ruptures(0.1), Oracle(100)
+    cascades, oracle = CascadeAreas(0.1), Oracle(100)
     for t, block in zip(ms.tolist(), blocks.tolist(), strict=True):
-        area, since_ms, _ = ruptures.add(1e-3 * t, block)
+        area, since_ms, _ = cascades.add(1e-3 * t, block)
         assert (area, since_ms) == oracle.add(t, block)
 
 
@@ -65,17 +65,17 @@ def test_areas_do_not_hang_on_where_the_time_axis_begins():
     blocks = rng.integers(0, N_BLOCKS, 400).tolist()
     found = []
     for begin_s in (0.0, 0.025, 1234.5678, 86400.1, 3e6):
-        ruptures = Ruptures(0.15)
+        cascades = CascadeAreas(0.15)
         times = (begin_s + stamps).tolist()
-        found.append([ruptures.add(*pair) for pair in zip(times, blocks, strict=True)])
+        found.append([cascades.add(*pair) for pair in zip(times, blocks, strict=True)])
     assert all(f == found[0] for f in found[1:])
 
 
-def test_stamps_that_begin_again_begin_a_rupture():
-    ruptures = Ruptures(0.15)
-    assert ruptures.add(100.0, 0)[0] == 1
-    assert ruptures.add(5.0, 1) == (1, 0, True)
-    assert ruptures.add(5.1, 0) == (2, 100, True)
+def test_stamps_that_begin_again_begin_a_cascade():
+    cascades = CascadeAreas(0.15)
+    assert cascades.add(100.0, 0)[0] == 1
+    assert cascades.add(5.0, 1) == (1, 0, True)
+    assert cascades.add(5.1, 0) == (2, 100, True)
 
 
 def test_off_is_the_plain_voices():
@@ -107,7 +107,7 @@ def test_corners_fall_as_the_root_of_the_area():
     assert (rows['channel_a'] // 2 == bus).all() and (rows['channel_b'] // 2 == bus).all()
 
 
-def test_small_ruptures_lack_lows_and_creaks_and_sub_do_not():
+def test_small_cascades_lack_lows_and_creaks_and_sub_do_not():
     settings = replace(OFF, low_corner_hz=200.0, corner_hz=8000.0, sub_db=-6.0)
     t, sound = spreading(25), bank()
     t['block'][0] = -1
@@ -154,7 +154,7 @@ def test_the_beginning_leaves_room():
 def test_one_by_one_and_all_at_once_are_the_same():
     settings = replace(OFF, rate_scaling=1.0, corner_hz=6000.0, dynamics_db=15.0, sub_db=-6.0)
     sound, t = bank(), spreading(25)
-    t['block'][::6] = -1  # of nobody: part of no rupture
+    t['block'][::6] = -1  # of nobody: part of no cascade
     whole, _ = Voicing(settings).rows(t, sound)
     live = Voicing(settings)
     rows = np.concatenate([live.rows(t[k : k + 1], sound)[0] for k in range(25)])
@@ -163,7 +163,7 @@ def test_one_by_one_and_all_at_once_are_the_same():
     assert len(whole) == 25 + 20 and (grains['rate'][::6] == 1).all()
 
 
-def test_what_cannot_be_played_is_told_and_part_of_no_rupture():
+def test_what_cannot_be_played_is_told_and_part_of_no_cascade():
     t = spreading(4)
     t['time_s'][1], t['gain'][2] = np.nan, -1
     rows, refused = Voicing(replace(OFF, rate_scaling=1.0)).rows(t, bank())

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How large the rupture has grown that a grain belongs to, told by the grains before it alone.
+"""How large the cascade has grown that a grain belongs to, told by the grains before it alone.
 
-A rupture grows while it sounds: its area is not known before it is over. So what a grain knows is
+A cascade grows while it sounds: its area is not known before it is over. So what a grain knows is
 the area so far, the blocks that have sounded in it up to now. The triggers say which block sounds
 when, live and in a bag alike, so this needs no other topic and gives the same answer offline.
 """
@@ -18,13 +18,13 @@ NUDGE = 0.37
 
 
 @dataclass
-class _Rupture:
+class _Cascade:
     onset_s: float
     blocks: set[int]
 
 
-class Ruptures:
-    """Follows the blocks that sound; a block joins the rupture of its neighbours, corners included.
+class CascadeAreas:
+    """Follows the blocks that sound; a block joins the cascade of its neighbours, corners included.
 
     Parameters
     ----------
@@ -35,35 +35,35 @@ class Ruptures:
     --------
     Blocks 0, 1 and 6 touch, block 24 is far away.
 
-    >>> ruptures = Ruptures(0.15)
-    >>> [ruptures.add(t, block) for t, block in ((0.0, 0), (0.1, 1), (0.1, 24), (0.2, 6), (2, 6))]
+    >>> cascades = CascadeAreas(0.15)
+    >>> [cascades.add(t, block) for t, block in ((0.0, 0), (0.1, 1), (0.1, 24), (0.2, 6), (2, 6))]
     [(1, 0, True), (2, 100, True), (1, 0, True), (3, 200, True), (1, 0, True)]
     """
 
     def __init__(self, gap_s: float):
         self.gap_s = gap_s
         self._last_s = [float('-inf')] * N_BLOCKS
-        self._of: list[_Rupture | None] = [None] * N_BLOCKS
+        self._of: list[_Cascade | None] = [None] * N_BLOCKS
 
     def add(self, time_s: float, block: int) -> tuple[int, int, bool]:
         """Take one grain that sounds; return area so far, ms since the onset, and if it grew."""
         gap = int(1e3 * self.gap_s)
-        joined: list[_Rupture] = []
+        joined: list[_Cascade] = []
         for other in TOUCHING[block]:
             past = _milliseconds(time_s - self._last_s[other])
-            rupture = self._of[other]
+            cascade = self._of[other]
             if past < -gap:  # the stamps began again
                 self._of[other] = None
-            elif rupture is not None and past <= gap and rupture not in joined:
-                joined.append(rupture)
+            elif cascade is not None and past <= gap and cascade not in joined:
+                joined.append(cascade)
         if joined:
             first = min(joined, key=lambda r: r.onset_s)
-            for rupture in joined:
-                if rupture is not first:
-                    first.blocks |= rupture.blocks
-                    self._of = [first if r is rupture else r for r in self._of]
+            for cascade in joined:
+                if cascade is not first:
+                    first.blocks |= cascade.blocks
+                    self._of = [first if r is cascade else r for r in self._of]
         else:
-            first = _Rupture(time_s, set())
+            first = _Cascade(time_s, set())
         grew = block not in first.blocks
         first.blocks.add(block)
         self._of[block], self._last_s[block] = first, time_s
