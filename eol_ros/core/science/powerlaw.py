@@ -22,6 +22,8 @@ BLOCKS = 20  # long enough to hold what hangs together; with 50 more true laws a
 REJECTED = 0.05  # the p-value below which a law is called none
 FEWEST = 30  # events in the range of a fit: with fewer, a slope would be invented
 AUTOMATON_B = 0.77  # of the 5x5 automaton, alpha 0.20 (docs/science.md)
+GREATEST_END = 100  # of the lower ends that are tried
+REPEATS = 400  # samples that are drawn
 STEEPEST, FLATTEST = 12.0, -4.0
 TAU_TOLERANCE = 1e-12
 UNLIMITED = 1 << 20  # untruncated: sums go this far, the zeta function does the rest
@@ -143,13 +145,13 @@ def fit(counts: np.ndarray, x_min: int = 1, x_max: int | None = None) -> Fit:
     return Fit(tau, float(error), x_min, x_max, int(total), ks, float(likelihood))
 
 
-def candidates(counts: np.ndarray, x_max: int | None = None, largest: int = 100) -> list[Fit]:
+def candidates(counts: np.ndarray, x_max: int | None = None) -> list[Fit]:
     """Return the fits of `counts` (m,) from every lower end that leaves a factor of four.
 
     `nearest` chooses among them. Raises FitError where there is none.
     """
     fits = []
-    for x_min in range(1, min(largest, len(counts) - 2) + 1):
+    for x_min in range(1, min(GREATEST_END, len(counts) - 2) + 1):
         if x_max is not None and x_max < 4 * x_min:
             break  # less than that says nothing about a slope
         try:
@@ -246,7 +248,7 @@ def goodness(
     fits: list[Fit],
     rng: np.random.Generator,
     blocks: int = BLOCKS,
-    repeats: int = 400,
+    repeats: int = REPEATS,
 ) -> Goodness:
     """Test a power law where events depend on those before them.
 
@@ -312,9 +314,7 @@ def goodness(
     return Goodness(error, (worse + 1) / (repeats + 1))
 
 
-def band(
-    areas: np.ndarray, rng: np.random.Generator, blocks: int = BLOCKS, repeats: int = 400
-) -> np.ndarray:
+def band(areas: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return where N(>= A) of as long a catalogue would lie in 95 of 100 cases, for A = 1 to 25.
 
     Blocks of the catalogue are drawn again, as in `goodness`, so cascades may depend on those
@@ -326,10 +326,6 @@ def band(
         (n,) int, distinct blocks of each cascade, in order of time.
     rng : Generator
         Draws the blocks.
-    blocks : int
-        How many a sample has.
-    repeats : int
-        How many samples are drawn.
 
     Returns
     -------
@@ -349,7 +345,7 @@ def band(
     (True, True)
     """
     areas = np.asarray(areas)
-    drawn = _drawn_histograms(areas, 1, N_BLOCKS, rng, blocks, repeats)
+    drawn = _drawn_histograms(areas, 1, N_BLOCKS, rng, BLOCKS, REPEATS)
     at_least = drawn[:, ::-1].cumsum(axis=1)[:, ::-1]
     # what is left over when blocks of one length are cut is scaled for
     at_least = at_least * (len(areas) / at_least[:, 0].mean())

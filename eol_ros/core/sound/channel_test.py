@@ -18,10 +18,10 @@ PEAK = 0.25  # of the noise, before the master
 PATIENCE_S = 4.0  # where no channel is measured for so long, the output stands still
 
 
-def pink_noise(sample_rate: float, seconds: float = BURST_S, seed: int = 1) -> np.ndarray:
+def pink_noise(sample_rate: float, seconds: float = BURST_S) -> np.ndarray:
     """Return noise (n,) f4 as loud in each octave, which shows what a loudspeaker lacks."""
     n = round(seconds * sample_rate)
-    spectrum = np.fft.rfft(np.random.default_rng(seed).standard_normal(n))
+    spectrum = np.fft.rfft(np.random.default_rng(1).standard_normal(n))
     hz = np.fft.rfftfreq(n, 1 / sample_rate)
     spectrum *= (hz > 60) / np.sqrt(np.maximum(hz, 60))
     noise = np.fft.irfft(spectrum, n)

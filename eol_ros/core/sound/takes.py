@@ -4,14 +4,15 @@
 import numpy as np
 
 HOP_S = 0.01  # a level each
+LEAST_S = 0.05
 
 
 class Takes:
     """Takes of a sound that comes block by block; the same whatever the blocks.
 
     A take begins `before_s` before the level (RMS of 10 ms, dBFS) reaches `on_db`, and ends when it
-    has been below `off_db` for `hold_s`, or after `most_s`. One of less than `least_s` is left out:
-    a knock on the stand.
+    has been below `off_db` for `hold_s`, or after `most_s`. One of less than LEAST_S is left out: a
+    knock on the stand.
 
     Examples
     --------
@@ -29,13 +30,12 @@ class Takes:
         off_db: float = -50.0,
         before_s: float = 0.05,
         hold_s: float = 0.3,
-        least_s: float = 0.05,
         most_s: float = 30.0,
     ):
         self.level_db = -np.inf  # of the newest 10 ms
         self._hop = max(1, round(HOP_S * rate))
         self._on, self._off = on_db, off_db
-        hops = [max(1, round(s / HOP_S)) for s in (before_s, hold_s, least_s, most_s)]
+        hops = [max(1, round(s / HOP_S)) for s in (before_s, hold_s, LEAST_S, most_s)]
         self._before, self._hold, self._least, self._most = hops
         self._rest = np.zeros(0, np.float32)
         self._kept: list[np.ndarray] = []  # hops of the take, or the last before one

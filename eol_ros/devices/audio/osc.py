@@ -97,12 +97,12 @@ class OscOut:
 class OscIn:
     """Receives on UDP `port` (0: any free one); raises DeviceMissing if that is taken."""
 
-    def __init__(self, port: int, host: str = '127.0.0.1'):
+    def __init__(self, port: int):
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self.bad = 0  # packets that were no OSC
         try:
-            self._socket.bind((host, port))
+            self._socket.bind(('127.0.0.1', port))
         except OSError as error:
             self._socket.close()
             raise DeviceMissing(
