@@ -4,6 +4,16 @@
 import numpy as np
 
 
+def render(field, slips, seconds, rate_hz=250.0):
+    """Levels on a time grid, shape (n, 25); slips take effect at their own times."""
+    pending, out = sorted(slips)[::-1], []
+    for t in np.arange(int(seconds * rate_hz)) / rate_hz:
+        while pending and pending[-1][0] <= t:
+            field.slip(*pending.pop())
+        out.append(field.levels(t))
+    return np.array(out)
+
+
 def count_flashes(luminance):
     """Pairs of opposing changes of 10 % or more, from the samples alone (WCAG 2.2, 2.3.1)."""
     transitions, direction, extreme = 0, 0, luminance[0]

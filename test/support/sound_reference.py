@@ -5,6 +5,7 @@ import numpy as np
 from scipy.signal import bilinear, lfilter
 
 from eol_ros.core.sound.bank import Bank
+from eol_ros.core.sound.offline import play
 from eol_ros.core.sound.triggers import TRIGGER
 
 
@@ -58,6 +59,11 @@ def filtered(x, hz, q, band, sample_rate):
 def snr_db(found, wanted):
     """Return the ratio of `wanted` to the difference, dB."""
     return 10 * np.log10((wanted**2).sum() / ((found - wanted) ** 2).sum())
+
+
+def rendered(mixer, rows, frames=48000, size=512):
+    """Return the frames (frames, channels) of a new `mixer`, in blocks of `size`."""
+    return np.concatenate(list(play(mixer, rows, frames, size)))
 
 
 def noise_bank():

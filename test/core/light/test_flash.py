@@ -5,20 +5,9 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from support.flashes import count_flashes, most_flashes_in_a_second
+from support.flashes import count_flashes, most_flashes_in_a_second, render
 
 from eol_ros.core.light.flash import FLASHES_PER_S, MIN_PERIOD_S, FlashField
-
-
-def render(field, slips, seconds, rate_hz=250.0):
-    """Levels on a time grid, shape (n, 25); slips take effect at their own times."""
-    times = np.arange(int(seconds * rate_hz)) / rate_hz
-    pending, out = sorted(slips), []
-    for t in times:
-        while pending and pending[0][0] <= t:
-            field.slip(*pending.pop(0))
-        out.append(field.levels(t))
-    return np.array(out)
 
 
 def test_counter_counts():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support import flash_bound as sight
 from support.fields_of_view import RATE_HZ, fields, most_in_a_second
+from support.flashes import render
 
 from eol_ros.core.geometry import N_BLOCKS, PITCH_M, rest_lattice
 from eol_ros.core.light.local import (
@@ -26,16 +27,6 @@ SECONDS = 3.0
 @pytest.fixture(scope='module')
 def areas_sr():
     return np.concatenate([fields(rest_lattice(), eye) for eye in EYES])
-
-
-def render(field, slips, seconds=SECONDS):
-    """Levels on a time grid, shape (n, 25); slips take effect at their own times."""
-    pending, out = sorted(slips)[::-1], []
-    for t in np.arange(int(seconds * RATE_HZ)) / RATE_HZ:
-        while pending and pending[-1][0] <= t:
-            field.slip(*pending.pop())
-        out.append(field.levels(t))
-    return np.array(out)
 
 
 def random_slips(random):
@@ -131,7 +122,7 @@ def test_a_hold_keeps_light_at_least_for_the_period(until_s, from_s):
 def test_levels_depend_on_neither_looks_nor_the_zero_of_time():
     slips = [(0.0, 1), (0.11, 2), (0.15, 2), (0.5, 24), (0.6, 2), (0.7, 2)]
     seldom, later = LocalField(0.3), LocalField(0.3)
-    often = render(LocalField(0.3), slips, 2.0)[-1]
+    often = render(LocalField(0.3), slips, 2.0, RATE_HZ)[-1]
     for t, block in slips:
         seldom.slip(t, block)
         later.slip(t, block)
@@ -146,8 +137,8 @@ def test_no_adversary_makes_a_field_flash_four_times(areas_sr, decay_s):
     free = 0
     for period_s, offset in itertools.product((0.12, 0.24, 0.25, 0.3, 0.334), (0, 6)):
         slips = adversary(period_s, offset)
-        assert most_in_a_second(render(LocalField(decay_s), slips), areas_sr) <= 3
-        open_ = render(LocalField(decay_s, limited=False), slips)
+        assert most_in_a_second(render(LocalField(decay_s), slips, SECONDS, RATE_HZ), areas_sr) <= 3
+        open_ = render(LocalField(decay_s, limited=False), slips, SECONDS, RATE_HZ)
         free = max(free, most_in_a_second(open_, areas_sr))
     assert free > 3
 
@@ -157,8 +148,8 @@ def test_no_random_slips_make_a_field_flash_four_times(areas_sr, count):
     random, free = np.random.default_rng(count), 0
     for _ in range(count):
         decay_s, slips = float(random.choice([0.02, 0.1, 0.35])), random_slips(random)
-        assert most_in_a_second(render(LocalField(decay_s), slips), areas_sr) <= 3
+        assert most_in_a_second(render(LocalField(decay_s), slips, SECONDS, RATE_HZ), areas_sr) <= 3
         if not free:
-            open_ = render(LocalField(decay_s, limited=False), slips)
+            open_ = render(LocalField(decay_s, limited=False), slips, SECONDS, RATE_HZ)
             free = most_in_a_second(open_, areas_sr)
     assert free > 3

@@ -3,9 +3,9 @@
 
 import numpy as np
 import pytest
+from support.sound_reference import rendered
 
 from eol_ros.core.sound.bank import Bank, voice_rows
-from eol_ros.core.sound.offline import play
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.sound.voicing import Voicing, new_mixer
 from eol_ros.settings import SoundSettings
@@ -28,7 +28,7 @@ def heard(sounds, start, duration, rates, settings):
     bank = Bank(sounds, FILE, start, duration, RATE)
     rows, refused = Voicing(settings).rows(triggers(rates), bank)
     assert not refused.any()
-    return np.concatenate(list(play(new_mixer(settings), rows, RATE // 2)))
+    return rendered(new_mixer(settings), rows, RATE // 2)
 
 
 @pytest.mark.parametrize('rates', [(1, 1, 1), (0.5, 1.0, 1.7)])

@@ -4,12 +4,12 @@
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from support.sound_reference import noise_bank
+from support.sound_reference import noise_bank, rendered
 
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.buses import pole
 from eol_ros.core.sound.mixer import Mixer
-from eol_ros.core.sound.offline import play, render_all
+from eol_ros.core.sound.offline import render_all
 from eol_ros.core.sound.triggers import TRIGGER
 
 FS = 48000
@@ -27,10 +27,6 @@ def triggers(count):
     t['time_s'], t['gain'], t['rate'] = 0.01 * np.arange(count), 0.5, 1.0
     t['pan'] = np.linspace(-1, 1, count)
     return t
-
-
-def rendered(mixer, rows, size=512):
-    return np.concatenate(list(play(mixer, rows, FS, size)))
 
 
 def test_lows_are_what_a_one_pole_takes_away():

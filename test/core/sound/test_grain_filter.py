@@ -6,13 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.quiet_settings import SOUND
-from support.sound_reference import filtered, score, snr_db
+from support.sound_reference import filtered, rendered, score, snr_db
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.grain_filter import LEAST_HZ, MOST, TABLE, design, run, tuned
 from eol_ros.core.sound.lanes import WIDTH
-from eol_ros.core.sound.offline import play
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.sound.voicing import Voicing, new_mixer
 
@@ -53,10 +52,10 @@ def test_a_resonance_has_its_height_and_its_place():
     assert not through_filter(click, 5000.0, 0.5, False)[-FS // 2 :].any()  # at rest, not denormal
 
 
-def heard(settings, triggers, bank, frames=FS, block=512):
+def heard(settings, triggers, bank):
     rows, refused = Voicing(settings).rows(triggers, bank)
     assert not refused.any()
-    return np.concatenate(list(play(new_mixer(settings), rows, frames, block)))
+    return rendered(new_mixer(settings), rows)
 
 
 def triggers_of(count, seed=3):

@@ -4,13 +4,13 @@ import weakref
 
 import numpy as np
 import pytest
-from support.sound_reference import reference, score, snr_db
+from support.sound_reference import reference, rendered, score, snr_db
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import STEAL_S, Mixer, render
 from eol_ros.core.sound.mixer_layout import RING
-from eol_ros.core.sound.offline import play, render_all
+from eol_ros.core.sound.offline import render_all
 from eol_ros.core.sound.pan import pan
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.sound.voicing import Voicing, new_mixer
@@ -69,7 +69,7 @@ def test_block_size_changes_no_bit(filter):
     for size in (1, 37, 64, 256, 512, 2000):
         mixer = new_mixer(settings)
         mixer.fade(1.0, 0.3, at_once_from=0.0)
-        outs.append(np.concatenate(list(play(mixer, rows, FS, size))))
+        outs.append(rendered(mixer, rows, FS, size))
         assert mixer.state['stolen'][0] > 50
         assert mixer.state['limiter_least'][0] < 0.9
         assert mixer.state['governor_db'][0] < 0

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.quiet_settings import SOUND
-from support.sound_reference import noise_bank
+from support.sound_reference import noise_bank, rendered
 
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import Mixer
-from eol_ros.core.sound.offline import play
 from eol_ros.core.sound.ring import Ring, Speaker, alignment, parse
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.sound.voicing import Voicing, new_mixer
@@ -74,10 +73,10 @@ def test_the_mixer_aligns_whatever_the_block(size):
     bank, t = noise_bank(), np.zeros(2, TRIGGER)
     t['gain'], t['rate'], t['pan'], t['time_s'] = 0.5, 1.0, (-1, 1), (0.05, 0.1)
     rows = voice_rows(t, bank, 2)
-    plain = np.concatenate(list(play(Mixer(FS, gain_db=0), rows, FS // 2)))
+    plain = rendered(Mixer(FS, gain_db=0), rows, FS // 2)
     mixer = Mixer(FS, gain_db=0, latest=301)
     mixer.align(np.array([300, 0]), np.array([0.5, 1.0]))
-    out = np.concatenate(list(play(mixer, rows, FS // 2, size)))
+    out = rendered(mixer, rows, FS // 2, size)
     assert np.array_equal(out[:, 1], plain[:, 1])
     assert np.array_equal(out[300:, 0], np.float32(0.5) * plain[:-300, 0])
     assert plain[:-300, 0].any()
