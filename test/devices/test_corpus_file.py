@@ -78,14 +78,15 @@ def test_json_and_sound_can_be_carried_elsewhere(sound, tmp_path):
 
 
 def test_csv_has_the_numbers_of_the_json(sound, tmp_path):
-    corpus = build([sound], Options())
+    sound = sound.rename(tmp_path / 'a, "b".wav')
+    corpus = build([sound], Options(more_descriptors=True))
     corpus_file.save_csv(corpus, tmp_path / 'c.csv')
     with open(tmp_path / 'c.csv', newline='') as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(corpus)
     for row, grain in zip(rows, corpus.grains, strict=True):
         assert row['file'] == str(sound)
-        for name in GRAIN.names[1:]:
+        for name in corpus.grains.dtype.names[1:]:
             value = float(row[name]) if row[name] else np.nan
             np.testing.assert_allclose(value, grain[name], rtol=1e-8)
 
@@ -472,10 +473,6 @@ def test_further_descriptors_are_there_where_they_are_asked_for(sound, tmp_path,
     corpus = build_cached([sound], options)
     assert set(MORE_DESCRIPTORS) <= set(corpus.descriptors) and 'pca_1' not in corpus.descriptors
     assert np.isfinite(corpus.values('mfcc_12')).all()
-    corpus_file.save_csv(corpus, tmp_path / 'c.csv')
-    with open(tmp_path / 'c.csv', newline='') as file:
-        first = next(csv.DictReader(file))
-    assert float(first['harmonic_ratio']) == pytest.approx(corpus.values('harmonic_ratio')[0])
     corpus_file.save(corpus, tmp_path / 'c.json')
     loaded = corpus_file.load(tmp_path / 'c.json', trusted=True)
     assert loaded.same_as(corpus)

@@ -2,17 +2,13 @@
 """Several sounds in one corpus: which is meant, how much of it sounds, where it lies."""
 
 import re
-from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
-from eol_ros.core.sound.select import Selector
+from eol_ros.core.sound.corpus import Source
 from eol_ros.core.sound.sources import absent, regions, weights
 from eol_ros.errors import ConfigError
-from eol_ros.settings import FORMS, GrainsSettings
+from eol_ros.settings import FORMS
 
 SOURCES = (Source('/a/ice-2-1.wav', 48000, 99.0), Source('/b/low tide.flac', 48000, 99.0))
 NAMES = [source.name for source in SOURCES]
@@ -68,30 +64,3 @@ def test_a_region_that_cannot_be_is_refused(line):
 def test_forms(form, good, bad):
     assert all(re.fullmatch(FORMS[form], line) for line in good)
     assert not any(re.fullmatch(FORMS[form], line) for line in bad)
-
-
-def played(settings, grains=400):
-    """Which grains of a lattice of two sounds in turn 25 wandering blocks sound."""
-    rows = np.zeros(grains, GRAIN)
-    random = np.random.default_rng(1)
-    rows['x'], rows['y'] = random.random((2, grains))
-    rows['file'], rows['duration_s'] = np.arange(grains) % 2, 0.25
-    selector, found = Selector(settings, Corpus(SOURCES, rows)), []
-    at = rest_lattice()
-    for k in range(60):
-        x, y = (at + 0.06 * np.array([np.sin(k / 4), np.cos(k / 4)])).T.copy()
-        found += selector.update(k / 60, x, y, np.ones(25, bool), np.zeros(25))['grain'].tolist()
-    return np.array(found)
-
-
-def test_a_weight_thins_its_sound_and_no_other():
-    settings = GrainsSettings(block_cap=1000, total_cap=10000)
-    all_of = played(settings)
-    half = played(replace(settings, weights=('low tide 0.5',)))
-    none = played(replace(settings, weights=('low tide 0',)))
-    count = np.sum(all_of % 2 == 1)
-    assert count > 150
-    assert abs(np.sum(half % 2 == 1) / count - 0.5) < 0.12
-    assert set(none % 2) == {0}
-    assert np.sum(none % 2 == 0) >= np.sum(all_of % 2 == 0)
-    assert (played(replace(settings, weights=('low tide 1',))) == all_of).all()
