@@ -17,7 +17,7 @@ from eol_ros.core.motion.felt import (
     Knock,
     _octave,
 )
-from eol_ros.core.motion.motion import Motion
+from eol_ros.core.motion.motion import Motion, _Begun
 from eol_ros.core.motion.slips import START
 from eol_ros.settings import MotionSettings
 
@@ -34,11 +34,11 @@ def onsets(count):
     return [1.0004 + EVERY_S * k for k in range(count)]
 
 
-def run(knocks, count, delay_s=0.007, level=0.99, slips=True, lost=(), hidden=()):
+def run(knocks, count, delay_s=0.007, level=0.99, slips=True, lost=(), hidden=(), closed=None):
     """Return what is told of knocks, with the number of images by then, and the slips.
 
     delay_s: from a knock to its arrival, one or one for each. lost: images that never come.
-    hidden: images in which block 7 is not seen.
+    hidden: images in which block 7 is not seen. closed: takes the cascades.
     """
     random = np.random.default_rng(0)
     motion = Motion(MotionSettings(tap_probability=level))
@@ -57,9 +57,11 @@ def run(knocks, count, delay_s=0.007, level=0.99, slips=True, lost=(), hidden=()
             continue
         seen = np.ones(N_BLOCKS, bool)
         seen[7] = image not in hidden
-        new, _ = motion.update(t, place[:, 0], place[:, 1], seen)
+        new, over = motion.update(t, place[:, 0], place[:, 1], seen)
         told += [(image + 1, one) for one in motion.felt_slips()]
         found += new
+        if closed is not None:
+            closed += over
     return told, found
 
 
@@ -150,13 +152,13 @@ def test_what_hands_do_to_the_rim_is_not_told_and_does_not_spoil_what_slips_do()
 def test_when_a_knock_arrives_does_not_matter(delay_s):
     knocks = knocks_at([1.2, 1.9], STRONG) + knocks_at(onsets(6)) + knocks_at([1.21], STRONG, 3)
     random = np.random.default_rng(1)
-    usual, _ = run(knocks, 6)
-    other, _ = run(knocks, 6, delay_s * random.uniform(0.5, 1.0, len(knocks)))
+    usual, slips = run(knocks, 6)
+    other, others = run(knocks, 6, delay_s * random.uniform(0.5, 1.0, len(knocks)))
 
     def order(told):
         return sorted((one for _, one in told), key=lambda one: (one.knock, one.kind))
 
-    assert order(other) == order(usual)
+    assert order(other) == order(usual) and others == slips
 
 
 def test_nothing_that_the_camera_does_alone_depends_on_knocks():
@@ -171,6 +173,36 @@ def test_nothing_that_the_camera_does_alone_depends_on_knocks():
             left = {'onset_s': 0.0, 'onset_sigma_s': 0.0, 'duration_s': 0.0}
             event = dataclasses.replace(one.event, **left)
             assert event == dataclasses.replace(other.event, **left)
+
+
+def test_a_tap_says_when():
+    cascades, at_s = [], onsets(1)[0]
+    start, stop = run(knocks_at([at_s]), 1, closed=cascades)[1]
+    alone = run([], 1)[1][1]
+    assert stop.tapped and not start.tapped and not alone.tapped
+    assert stop.event.onset_s == pytest.approx(at_s, abs=3e-4)
+    assert stop.event.onset_sigma_s < 2.1e-4
+    (cascade,) = cascades
+    assert cascade.onset_s == stop.event.onset_s and (cascade.nucleus, cascade.size) == (7, 1)
+    ends = [one.event.onset_s + one.event.duration_s for one in (stop, alone)]
+    assert ends[0] == pytest.approx(ends[1])
+
+
+@pytest.mark.parametrize(('later_s', 'block'), [(0.0, 8), (0.3, 7), (-0.3, 7)])
+def test_a_tap_of_another_block_or_time_says_nothing(later_s, block):
+    told, (_, stop) = run(knocks_at([onsets(1)[0] + later_s], block=block), 1)
+    assert not stop.tapped
+    assert [(one.kind, one.slip) for _, one in told] == [(PROVISIONAL, 0), (RETRACTED, 0)]
+
+
+@pytest.mark.parametrize(('late_s', 'is_it'), [(0.045, True), (-0.045, True), (0.06, False)])
+def test_an_onset_that_the_images_see_late_is_still_that_of_its_knock(late_s, is_it):
+    """As of a slip that follows another within 0.1 s, whose rest is told after it has begun."""
+    motion = Motion(MotionSettings())
+    motion._begun = [_Begun(slip=9, block=3, onset_s=2.0 + late_s, onset_sigma_s=1e-3)]
+    knock = Knock(2_000_000_000, 3, 2e-4, 1.0)
+    assert motion._fuse(knock) == (9 if is_it else 0)
+    assert motion._fuse(knock) == 0  # it has been given away
 
 
 def test_knocks_wait_for_images_and_are_told_when_they_come():
