@@ -39,8 +39,7 @@ def ice(seconds: float = 120.0, rate: int = 48000, seed: int = 1) -> np.ndarray:
         makers += [(int(start), make) for start in places]
     for start, make in makers:
         size = min(random.pareto(1.5) + 1, 20.0)
-        event = make(random, rate, size)[: n - start]
-        sound[start : start + len(event)] += event
+        _place(sound, make(random, rate, size), start)
     return _mastered(sound, rate)
 
 
