@@ -11,18 +11,17 @@ import csv
 import itertools
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from eol_ros.devices.bag.batches import Batch, joined
+from eol_ros.devices.bag.batches import NOTHING, Batch, joined
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.errors import ConfigError, UsageError
 from eol_ros.streams.cdr import Decoder
 
 BATCH = 4096  # messages decoded at a time
 TIMES = ('log_time', 'publish_time')
-NOTHING = Batch(np.zeros(0, np.int64), np.zeros(0, np.int64), [])
 
 
 class Table(np.ndarray):
@@ -90,9 +89,7 @@ class Bag(BagReader):
 
     def __init__(self, path: str | Path) -> None:
         super().__init__(path)
-        self._kept: dict[str, Table] = {}
-        self._stamps: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        self._thin: dict[tuple[str, float], Table] = {}
+        self._kept: dict[tuple, Any] = {}  # what was collected, by kind and topic
 
     def keep(
         self,
@@ -112,29 +109,36 @@ class Bag(BagReader):
         thin : mapping
             For each topic the step in s of which the rows are kept that `thinned` returns.
         """
-        used = {self.name(t): asked for t, asked in (each or {}).items() if self.count(t)}
-        steps = {self.name(t): step_s for t, step_s in (thin or {}).items() if self.count(t)}
-        rows = {
-            self.name(t): self._rows(self.name(t), f) for t, f in topics.items() if self.count(t)
-        }
-        pieces = {name: self._rows(name, fields, 0) for name, (fields, _) in used.items()}
-        thinner = {n: _Thinner(self.start_ns, s, self._rows(n)) for n, s in steps.items()}
-        stamps: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {name: [] for name in used}
-        for name, batch in self._large({*rows, *used, *steps}):
-            if name in rows:
-                rows[name].add(batch)
-            if name in used:
-                stamps[name].append((batch.log_ns, _stamps_ns(batch.data)))
-                used[name][1](pieces[name].of(batch))
-            if name in steps:
-                thinner[name].add(batch)
-        self._kept |= {name: taken.table() for name, taken in rows.items()}
-        self._stamps |= {name: _times(both) for name, both in stamps.items()}
-        self._thin |= {(name, steps[name]): one.table() for name, one in thinner.items()}
+
+        def there(asked: Mapping[str, Any] | None) -> Iterator[tuple[str, Any]]:
+            return ((self.name(t), value) for t, value in (asked or {}).items() if self.count(t))
+
+        wanted: dict[tuple, _Collector] = {}
+        for name, fields in there(topics):
+            wanted['table', name] = self._rows(name, fields)
+        for name, (fields, call) in there(each):
+            wanted['each', name] = _Each(self._rows(name, fields, 0), call)
+            wanted['stamps', name] = _Stamps()
+        for name, step_s in there(thin):
+            wanted['thin', name, step_s] = self._thinner(name, step_s)
+        self._kept |= self._collect(wanted)
 
     def release(self) -> None:
         """Keep nothing any more: what follows is read from the bag, with all its fields."""
-        self._kept, self._stamps, self._thin = {}, {}, {}
+        self._kept = {}
+
+    def _collect(
+        self, wanted: dict[tuple, '_Collector'], start_ns: int = 0, end_ns: int | None = None
+    ) -> dict[tuple, Any]:
+        """Read the bag once, and return what each collector of a topic makes of its messages."""
+        for name, batch in self._large({key[1] for key in wanted}, start_ns, end_ns):
+            for key, collector in wanted.items():
+                if key[1] == name:
+                    collector.add(batch)
+        return {key: collector.found() for key, collector in wanted.items()}
+
+    def _thinner(self, name: str, step_s: float) -> '_Thinner':
+        return _Thinner(self.start_ns, step_s, self._rows(name))
 
     def _rows(self, name: str, fields: Collection[str] = (), most: int | None = None) -> '_Rows':
         """Return an empty table of a topic that has room for `most` messages, None: for all."""
@@ -165,12 +169,13 @@ class Bag(BagReader):
         The message begins with a header, as all of the graph do that have a stamp.
         """
         name = self.find(topic)
-        if name in self._kept:
-            return self._kept[name]['log_time'], self._kept[name]['stamp']
-        if name not in self._stamps:
-            both = [(b.log_ns, _stamps_ns(b.data)) for _, b in self.batches([name])]
-            self._stamps[name] = _times(both)
-        received_at, stamp = self._stamps[name]
+        if ('table', name) in self._kept:
+            table = self._kept['table', name]
+            return table['log_time'], table['stamp']
+        key = 'stamps', name
+        if key not in self._kept:
+            self._kept |= self._collect({key: _Stamps()})
+        received_at, stamp = self._kept[key]
         return received_at, stamp
 
     def thinned(self, topic: str, step_s: float) -> Table:
@@ -178,13 +183,10 @@ class Bag(BagReader):
 
         The message begins with a header; a row has half a step of distance at least.
         """
-        name = self.find(topic)
-        if (name, step_s) in self._thin:
-            return self._thin[name, step_s]
-        thinner = _Thinner(self.start_ns, step_s, self._rows(name))
-        for _, batch in self.batches([name]):
-            thinner.add(batch)
-        return thinner.table()
+        key = 'thin', self.find(topic), step_s
+        wanted: dict[tuple, _Collector] = {key: self._thinner(key[1], step_s)}
+        table: Table = self._kept[key] if key in self._kept else self._collect(wanted)[key]
+        return table
 
     def decoder(self, name: str, only: Collection[str] = ()) -> Decoder:
         """Return the decoder of the full topic name; see `Decoder` for `only`."""
@@ -227,52 +229,52 @@ class Bag(BagReader):
         name = self.find(topic)
         start_ns = self.start_ns + round(start_s * 1e9)
         end_ns = None if end_s is None else self.start_ns + round(end_s * 1e9)
-        if name in self._kept:
-            whole = self._kept[name]
+        if ('table', name) in self._kept:
+            whole: Table = self._kept['table', name]
             received = whole['log_time'].astype('i8')
             first = np.searchsorted(received, start_ns)
             last = len(whole) if end_ns is None else np.searchsorted(received, end_ns)
             return whole[first:last]
-        if len(keys := self.variants(name)) > 1:
-            return self._of_all(keys, start_ns, end_ns)
-        rows = self._rows(name)
-        for _, batch in self._large([name], start_ns, end_ns):
-            rows.add(batch)
-        return rows.table()
+        wanted: dict[tuple, _Collector] = {('table', k): self._rows(k) for k in self.variants(name)}
+        tables = list(self._collect(wanted, start_ns, end_ns).values())
+        return tables[0] if len(tables) == 1 else _of_all(tables)
 
-    def _of_all(self, keys: Sequence[str], start_ns: int, end_ns: int | None) -> Table:
-        """Return the messages of all definitions of a topic, each decoded by its own.
 
-        The columns are those that all of them have.
-        """
-        tables = {}
-        for key in keys:
-            rows = self._rows(key)
-            for _, batch in self._large([key], start_ns, end_ns):
-                rows.add(batch)
-            tables[key] = rows.table()
-        first = tables[keys[0]]
-        names = [
-            n for n in first.dtype.names or ()
-            if all(n in (t.dtype.names or ()) for t in tables.values())
-            and len({(t[n].shape[1:], t[n].dtype.names) for t in tables.values()}) == 1
-        ]  # fmt: skip
-        columns = {n: np.concatenate([t[n] for t in tables.values()]) for n in names}
-        order = np.argsort(columns['log_time'], kind='stable')
-        kinds = [(n, c.dtype, c.shape[1:]) for n, c in columns.items()]
-        table = np.empty(len(order), kinds).view(Table)
-        for n, values in columns.items():
-            table[n] = values[order]
-        table.topic, table.comments = first.topic, first.comments
-        return table
+class _Collector(Protocol):
+    """Makes something of the messages of a topic, which come some at a time."""
 
-    def tables(self, topics: Sequence[str]) -> dict[str, Table]:
-        """Return the tables of those of `topics` that have messages; the bag is read once."""
-        names = {self.name(topic): topic for topic in topics if self.count(topic)}
-        rows = {name: self._rows(name) for name in names}
-        for name, batch in self._large(names):
-            rows[name].add(batch)
-        return {topic: rows[name].table() for name, topic in names.items()}
+    def add(self, batch: Batch) -> None:
+        """Take the messages that follow."""
+
+    def found(self) -> Any:
+        """Return what was made of them; begin again."""
+
+
+class _Each:
+    """Hands over the table of each batch."""
+
+    def __init__(self, rows: '_Rows', call: Callable[[Table], object]):
+        self._rows, self._call = rows, call
+
+    def add(self, batch: Batch) -> None:
+        self._rows.add(batch)
+        self._call(self._rows.found())
+
+    def found(self) -> None: ...
+
+
+class _Stamps:
+    """When messages were received, and their stamps: two (n,) datetime64[ns]."""
+
+    def __init__(self) -> None:
+        self._parts = [np.zeros((2, 0), np.int64)]
+
+    def add(self, batch: Batch) -> None:
+        self._parts.append(np.stack([batch.log_ns, _stamps_ns(batch.data)]))
+
+    def found(self) -> tuple[np.ndarray, np.ndarray]:
+        received_at, stamp = np.concatenate(self._parts, axis=1).view('M8[ns]')
+        return received_at, stamp
 
 
 class _Thinner:
@@ -285,7 +287,6 @@ class _Thinner:
         self._rows = rows
 
     def add(self, batch: Batch) -> None:
-        """Take the messages that follow."""
         at_ns = _stamps_ns(batch.data)
         step = (at_ns - self._start_ns) // self._step_ns
         for i in np.flatnonzero(np.diff(step, prepend=self._last_step)).tolist():
@@ -296,22 +297,14 @@ class _Thinner:
         if len(self._picked) >= BATCH // 4:
             self._decode()
 
-    def table(self) -> Table:
-        """Return the rows that were picked."""
+    def found(self) -> Table:
         self._decode()
-        return self._rows.table()
+        return self._rows.found()
 
     def _decode(self) -> None:
         if self._picked:
             self._rows.add(joined(self._picked))
             self._picked = []
-
-
-def _times(both: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Return receptions and stamps, (n,) int64 each in parts, as two (n,) datetime64[ns]."""
-    none = np.zeros(0, np.int64)
-    received, stamped = (np.concatenate([none, *(b[k] for b in both)]) for k in (0, 1))
-    return received.view('M8[ns]'), stamped.view('M8[ns]')
 
 
 def _stamps_ns(messages: Sequence[bytes]) -> np.ndarray:
@@ -328,15 +321,6 @@ def _stamps_ns(messages: Sequence[bytes]) -> np.ndarray:
     return found
 
 
-def _decoded(decoder: Decoder, batch: Batch) -> dict[str, np.ndarray]:
-    """Return the columns of messages."""
-    times = {
-        'log_time': batch.log_ns.view('M8[ns]'),
-        'publish_time': batch.publish_ns.view('M8[ns]'),
-    }
-    return times | decoder.table(batch.data)
-
-
 class _Rows:
     """A table that grows without a second copy of itself: memory is taken for all rows at once."""
 
@@ -349,7 +333,8 @@ class _Rows:
 
     def add(self, batch: Batch) -> None:
         """Take the messages that follow; a few thousand, for each is held twice meanwhile."""
-        columns = _decoded(self._decoder, batch)
+        times = batch.log_ns.view('M8[ns]'), batch.publish_ns.view('M8[ns]')
+        columns = dict(zip(TIMES, times, strict=True)) | self._decoder.table(batch.data)
         kept = (*TIMES, *self._fields) if self._fields else tuple(columns)
         kinds = np.dtype([(f, columns[f].dtype, columns[f].shape[1:]) for f in kept])
         if not self._parts or kinds != self._parts[-1].dtype:
@@ -362,26 +347,12 @@ class _Rows:
         self._left -= len(batch.data)
         self._count = last
 
-    def of(self, batch: Batch) -> Table:
-        """Return the table of one batch alone."""
-        self._parts, self._count = [], 0
-        self.add(batch)
-        return self.table()
-
-    def table(self) -> Table:
-        """Return what has been taken."""
+    def found(self) -> Table:
         if not self._parts:
             self.add(NOTHING)
         self._close()
-        whole = self._parts[0]
-        if len(self._parts) > 1:
-            names = whole.dtype.names or ()
-            columns = {f: _joined([part[f] for part in self._parts]) for f in names}
-            whole = np.empty(
-                len(columns['log_time']), [(f, c.dtype, c.shape[1:]) for f, c in columns.items()]
-            )
-            for field, values in columns.items():
-                whole[field] = values
+        parts, self._parts = self._parts, []
+        whole = parts[0] if len(parts) == 1 else _stacked(parts, parts[0].dtype.names or ())
         table = whole.view(Table)
         table.topic, table.comments = self._name, self._decoder.comments
         return table
@@ -390,6 +361,30 @@ class _Rows:
         if self._parts and self._count < len(self._parts[-1]):
             self._parts[-1] = self._parts[-1][: self._count].copy()
         self._count = 0
+
+
+def _stacked(parts: Sequence[np.ndarray], names: Sequence[str]) -> np.ndarray:
+    """Return the fields `names` of tables of several dtypes as one."""
+    columns = {name: _joined([part[name] for part in parts]) for name in names}
+    kinds = [(name, column.dtype, column.shape[1:]) for name, column in columns.items()]
+    whole = np.empty(sum(map(len, parts)), kinds)
+    for name, column in columns.items():
+        whole[name] = column
+    return whole
+
+
+def _of_all(tables: Sequence[Table]) -> Table:
+    """Return the messages of all definitions of a topic: the columns that all of them have."""
+    first = tables[0]
+    names = [
+        n for n in first.dtype.names or ()
+        if all(n in (t.dtype.names or ()) for t in tables)
+        and len({(t[n].shape[1:], t[n].dtype.names) for t in tables}) == 1
+    ]  # fmt: skip
+    whole = _stacked(tables, names)
+    table = whole[np.argsort(whole['log_time'], kind='stable')].view(Table)
+    table.topic, table.comments = first.topic, first.comments
+    return table
 
 
 def open_bag(path: str | Path) -> Bag:

@@ -132,7 +132,8 @@ def _digest(bag: Bag, zone: datetime.tzinfo | None) -> Digest:
     begin = datetime.datetime.fromtimestamp(bag.start_ns / S_NS, datetime.timezone.utc)
     offset = begin.astimezone(zone).utcoffset() or datetime.timedelta()
     zone_ns = round(offset.total_seconds()) * S_NS
-    tables = bag.tables(TOPICS)
+    bag.keep(dict.fromkeys(TOPICS, ()))
+    tables = {topic: bag.table(topic) for topic in TOPICS if bag.count(topic)}
     slips, taps = np.zeros((0, 2), np.int64), np.zeros((0, 2), np.int64)
     if 'slips' in tables:
         starts = tables['slips'][tables['slips']['kind'] == START]

@@ -170,7 +170,7 @@ def _recover(args) -> int:
     lost = 0
     for file in cut:
         try:
-            done = repair(file.path, known=file)
+            done = repair(file.path)
         except BlockingIOError:
             raise UsageError(
                 f'{file.path}: is being recorded; --output OUT writes what there is of it so far'

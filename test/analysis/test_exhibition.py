@@ -285,18 +285,6 @@ def test_panel_report_and_exhibition_give_one_answer(tmp_path):
     assert report.law(onsets['area'][order]) != whole['cascades']  # so the order matters
 
 
-def test_topics_are_read_in_one_pass_and_are_the_same(week):
-    bag = open_bag(week / 'day1')
-    found = bag.tables(['slips', 'cascades', 'blocks'])
-
-    assert set(found) == {'slips', 'cascades'}
-    for topic, table in found.items():
-        other = bag.table(topic)
-        assert table.topic == other.topic and table.dtype == other.dtype
-        for name in table.dtype.names:
-            assert [str(v) for v in table[name]] == [str(v) for v in other[name]]
-
-
 @pytest.mark.slow
 def test_two_processes_read_the_same_as_one(week, digests, monkeypatch):
     monkeypatch.setenv(work.THREADS, '1')

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
-from support.bag_samples import POINT, T0, TEXT, point, text
+from support.bag_samples import POINT, T0, TEXT, point, rows_of, text
 
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.recover import repair
@@ -74,7 +74,7 @@ def in_batches(bag):
     """What `batches` gives, which does not take messages apart one by one."""
     found = {}
     for topic, batch in bag.batches(list(bag.topics)):
-        found.setdefault(topic, []).extend(zip(*(list(c) for c in batch), strict=True))
+        found.setdefault(topic, []).extend(rows_of(batch))
     return found
 
 

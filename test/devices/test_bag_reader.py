@@ -6,7 +6,7 @@ import struct
 import numpy as np
 import pytest
 from mcap.writer import CompressionType, IndexType, Writer
-from support.bag_samples import POINT, T0, TEXT, point, text, write_bag
+from support.bag_samples import POINT, T0, TEXT, point, rows_of, text, write_bag
 
 from eol_ros.devices.bag.reader import BagReader, bags_in
 from eol_ros.devices.bag.writer import BagWriter
@@ -102,7 +102,7 @@ def test_batches_are_in_order_although_chunks_and_files_overlap(tmp_path, files)
         for topic in bag.topics:
             expected = [(m.log_ns, m.publish_ns, m.data) for m in bag.messages([topic], *span)]
             batches = [batch for _, batch in bag.batches([topic], *span)]
-            got = [row for batch in batches for row in zip(*batch, strict=True)]
+            got = [row for batch in batches for row in rows_of(batch)]
             assert [row[0] for row in got] == sorted(row[0] for row in got)
             assert sorted(got) == sorted(expected) and len(got) > 9
     assert len(list(bag.batches(['/eol/point']))) > 3 or files > 1
@@ -181,7 +181,7 @@ def test_bags_of_other_programs_are_read(tmp_path, compression, options):
     assert bag.counts == {'/eol/point': 100} and bag.damage == []
     assert bag.topics['/eol/point'].definition == POINT.definition
     assert bag.files[0].metadata['notes'] == {'by': 'them'}
-    got = [row for _, b in bag.batches(['/eol/point']) for row in zip(*b, strict=True)]
+    got = [row for _, batch in bag.batches(['/eol/point']) for row in rows_of(batch)]
     assert got == [(log_ns, log_ns, data) for log_ns, _, data in sent]
 
 

@@ -46,3 +46,24 @@ def write_bag(folder: Path, count: int = 100, about=None, **options) -> BagWrite
         if i % 10 == 0:
             bag.write('/eol/text', text(f'word {i}'), now + 1, T0, i // 10 + 1)
     return bag
+
+
+def rows_of(batch) -> list[tuple[int, int, bytes]]:
+    """Return reception, sending and data of each message of a batch."""
+    return list(zip(batch.log_ns.tolist(), batch.publish_ns.tolist(), batch.data, strict=True))
+
+
+def bag_of(folder: Path, messages: list, **about: str):
+    """Return a bag of messages of the graph: topic, message, seconds since T0."""
+    from rclpy.serialization import serialize_message
+
+    from eol_ros.analysis.bag import open_bag
+    from eol_ros.ros.definitions import describe
+
+    names = dict.fromkeys(topic for topic, _, _ in messages)
+    bag = BagWriter(folder, [BagTopic(f'/eol/{t}', **describe(t)) for t in names], about)
+    for topic, message, at_s in sorted(messages, key=lambda m: m[2]):
+        at_ns = T0 + round(at_s * 1e9)
+        bag.write(f'/eol/{topic}', bytes(serialize_message(message)), at_ns, at_ns)
+    bag.close()
+    return open_bag(folder)

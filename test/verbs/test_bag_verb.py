@@ -308,15 +308,15 @@ def test_recover_deletes_nothing_of_which_it_saves_nothing(tmp_path, capsys, k):
 
 def test_recover_keeps_the_file_until_its_copy_has_been_read_back(tmp_path, capsys, monkeypatch):
     path = cut_at(tmp_path / 'run', 1.0)
-    before, copy = path.read_bytes(), recover._copy
+    before, copy = path.read_bytes(), recover.write_file
 
-    def broken(old, work, breathe):
-        copy(old, work, breathe)
+    def broken(work, *more):
+        copy(work, *more)
         data = bytearray(work.read_bytes())
         data[BagReader(work).files[0].places[0].offset + 60] ^= 4  # as by a bad disk
         work.write_bytes(data)
 
-    monkeypatch.setattr(recover, '_copy', broken)
+    monkeypatch.setattr(recover, 'write_file', broken)
     assert cli.main(['bag', 'recover', str(tmp_path / 'run')]) == 1
     assert 'left as it is' in capsys.readouterr().err
     assert [p.name for p in (tmp_path / 'run').iterdir()] == [path.name]

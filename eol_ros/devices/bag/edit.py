@@ -40,7 +40,7 @@ def copy(
     if out.suffix == '.mcap':
         if not out.absolute().parent.is_dir():
             raise ConfigError(f'{out}: there is no such folder')
-        return write_file(out, topics, messages, about, found)
+        return write_file(out, topics, messages, {RUN_METADATA: about}, found)
     bag = BagWriter(out, topics, about)
     for m in messages:
         bag.write(m.topic, m.data, m.log_ns, m.publish_ns, m.sequence)
@@ -53,14 +53,15 @@ def write_file(
     out: Path,
     topics: Collection[BagTopic],
     messages: Iterator[BagMessage],
-    about: Mapping[str, str],
+    metadata: Mapping[str, Mapping[str, str]],
     gaps: Callable[[], Mapping[str, str]],
 ) -> int:
     """Write `messages` to a new file; `gaps` is called when all are written. Count them."""
     file = BagFile(out, topics)
     channel = {topic.key: number for number, topic in enumerate(topics, 1)}
     try:
-        file.add_metadata(RUN_METADATA, about)
+        for name, texts in metadata.items():
+            file.add_metadata(name, texts)
         for m in messages:
             file.write(channel[m.topic], m.data, m.log_ns, m.publish_ns, m.sequence)
         file.add_metadata(GAPS_METADATA, gaps())

@@ -6,7 +6,7 @@ end of the reading. An index is used where its checksum is right; else the file 
 once and each chunk proved (see `scan`).
 """
 
-import heapq
+import io
 import itertools
 import struct
 import warnings
@@ -18,13 +18,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple, TypeVar
 
 import yaml
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, Header, Message, Metadata, Schema, Statistics
+from mcap.records import (
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Header,
+    Message,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
+from mcap.stream_reader import StreamReader
 
 from eol_ros.devices.bag import scan
 from eol_ros.devices.bag.damage import Damage, Place, span
 from eol_ros.devices.bag.mcap_file import LIBRARY, BagTopic
-from eol_ros.devices.bag.scan import HEAD, MAGIC, ChunkMessage, DamagedRecord, Found
+from eol_ros.devices.bag.scan import HEAD, MAGIC, DamagedRecord, Found
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, RUN_METADATA
 from eol_ros.errors import BagDamaged, ConfigError, DeviceMissing
 
@@ -32,7 +45,6 @@ if TYPE_CHECKING:
     from eol_ros.devices.bag.batches import Batch
 
 FOOTER = struct.Struct('<BQQQI')  # opcode, length, start of the summary, of its offsets, crc
-_INDEX = struct.Struct('<QQQQI')  # start, end, offset, length, bytes of the map that follows
 _T = TypeVar('_T')
 _NAMED = 'offered_qos_profiles', 'topic_type_hash'  # in the metadata of a channel
 _OTHERS = {
@@ -81,7 +93,9 @@ class Contents:
 
     def add(self, found: Found) -> None:
         """Take what was found in the file; a chunk is proved."""
-        record, messages = found.record, {}
+        from eol_ros.devices.bag.batches import heads_in, span_of  # NumPy, which few need
+
+        record, data = found.record, b''
         self.attachments += not found.why and found.raw[:1] == bytes([Opcode.ATTACHMENT])
         if found.why:
             self.holes.append((len(self.places), found))
@@ -90,18 +104,22 @@ class Contents:
         elif isinstance(record, Metadata):
             self.metadata.append((found.offset, record))
         elif isinstance(record, Message):
-            messages = {record.channel_id: [(record.log_time, 0)]}
+            data = found.raw
         elif isinstance(record, Chunk):
-            trusted = bool(record.uncompressed_crc)
             try:
-                messages = scan.index_of(scan.unpack(record), lambda d: self.define(d, trusted))
+                data = scan.unpack(record)
+                for definition in scan.definitions_in(data):
+                    self.define(definition, trusted=bool(record.uncompressed_crc))
             except DamagedRecord as error:
                 self.add(found._replace(why=str(error)))
-        if messages:
-            self.counts.update({k: len(entries) for k, entries in messages.items()})
-            kind = (record.compression, True) if isinstance(record, Chunk) else ('', False)
-            times, channels = scan.span_of(messages), frozenset(messages)
-            self.places.append(Place(*times, found.offset, found.end, channels, *kind))
+                return
+        if not data or not len(heads := heads_in(data)[0]):
+            return
+        channels = heads['channel'].tolist()
+        self.counts.update(channels)
+        kind = (record.compression, True) if isinstance(record, Chunk) else ('', False)
+        place = *span_of(heads), found.offset, found.end, frozenset(channels), *kind
+        self.places.append(Place(*place))
 
     def _of(self, record: Schema | Channel) -> dict:
         return self.schemas if isinstance(record, Schema) else self.channels
@@ -110,14 +128,14 @@ class Contents:
 class BagFileReader:
     """One MCAP file: what is in it, and its messages.
 
-    `breathe` is called for each record of a file that has no index, which takes a while to read.
+    `breathe` is called for each chunk that is read, and for each record of a file without an index.
     `quiet`: damage is in `damage`, and no warning.
     """
 
     def __init__(
         self, path: Path, breathe: Callable[[], object] = lambda: None, quiet: bool = False
     ):
-        self.path, self._quiet = path, quiet
+        self.path, self.breathe, self._quiet = path, breathe, quiet
         self.topics: dict[str, BagTopic] = {}  # by key
         self.keys: dict[int, str] = {}  # of each channel
         self.counts: dict[str, int] = {}
@@ -132,7 +150,7 @@ class BagFileReader:
         self.start_ns = self.end_ns = 0  # when the first and the last message was received
         try:
             with open(path, 'rb') as file:
-                self._read(file, breathe)
+                self._read(file)
         except OSError as error:
             raise DeviceMissing(f'{path}: {error.strerror}') from None
 
@@ -140,59 +158,49 @@ class BagFileReader:
         self, topics: Collection[str] | None, start_ns: int, end_ns: int | None
     ) -> Iterator[BagMessage]:
         """Yield the messages in order of reception; skip and tell what cannot be read."""
-        names = self._names(topics)
-        waiting: list[tuple[int, int, int, ChunkMessage]] = []
-
-        def first() -> BagMessage:
-            m = heapq.heappop(waiting)[3]
-            return BagMessage(names[m.channel], m.log_ns, m.publish_ns, m.sequence, m.data)
-
-        def take(_: Chunk, data: bytes) -> list[ChunkMessage]:
-            return list(scan.messages_in(data, names))
-
-        for place, found in self.each(take, names, start_ns, end_ns):
-            while waiting and waiting[0][0] < place.start_ns:
-                yield first()
-            for count, m in enumerate(found):
-                if m.log_ns >= start_ns and (end_ns is None or m.log_ns < end_ns):
-                    heapq.heappush(waiting, (m.log_ns, place.offset, count, m))
-        while waiting:
-            yield first()
+        for batch in self._in_order(topics, start_ns, end_ns):
+            for head, data in zip(batch.heads.tolist(), batch.data, strict=True):
+                channel, sequence, log_ns, publish_ns = head
+                yield BagMessage(self.keys[channel], log_ns, publish_ns, sequence, data)
 
     def batches(
         self, topics: Collection[str], start_ns: int, end_ns: int | None
     ) -> Iterator[tuple[str, 'Batch']]:
         """Yield what `messages` yields, some of one topic at a time; each topic in its order."""
-        from eol_ros.devices.bag.batches import batches_in, joined  # NumPy, which few need
+        for batch in self._in_order(topics, start_ns, end_ns):
+            for channel, own in batch.by_channel():
+                yield self.keys[channel], own
 
-        names = self._names(topics)
-        waiting: dict[str, Batch] = {}  # may lie behind messages of the next chunk
-        for place, found in self.each(lambda _, d: batches_in(d, names), names, start_ns, end_ns):
-            for topic, batch in list(waiting.items()):
-                ready, waiting[topic] = batch.split(place.start_ns)
-                if ready.data:
-                    yield topic, ready
-            for number, batch in found.items():
-                topic = names[number]
-                _, batch = batch.split(start_ns)
-                if end_ns is not None:
-                    batch, _ = batch.split(end_ns)
-                before = waiting.get(topic)
-                waiting[topic] = joined([before, batch]) if before else batch
-        for topic, batch in waiting.items():
-            if batch.data:
-                yield topic, batch
+    def _in_order(
+        self, topics: Collection[str] | None, start_ns: int, end_ns: int | None
+    ) -> Iterator['Batch']:
+        """Yield the messages in order of reception, as many at a time as are known to be next."""
+        import numpy as np  # which few need
 
-    def prove(self, breathe: Callable[[], object] = lambda: None) -> int:
+        from eol_ros.devices.bag.batches import NOTHING, batch_in, joined
+
+        names = {c: key for c, key in self.keys.items() if topics is None or key in topics}
+        first: dict[str, int] = {}  # of several channels of a topic
+        numbers = np.full(1 << 16, -1)
+        for channel, key in names.items():
+            numbers[channel] = first.setdefault(key, channel)
+        waiting = NOTHING  # may lie behind messages of the next chunk
+        found = self.each(lambda _, data: batch_in(data, numbers), names, start_ns, end_ns)
+        for place, batch in found:
+            ready, waiting = waiting.split(place.start_ns)
+            yield ready
+            _, batch = batch.split(start_ns)
+            if end_ns is not None:
+                batch, _ = batch.split(end_ns)
+            waiting = joined([waiting, batch])
+        yield waiting
+
+    def prove(self) -> int:
         """Read every chunk against its checksum, and return how many messages can be read.
 
         `damage` then has all that `messages` would skip.
         """
-        count, known = 0, self.contents.channels.keys()
-        for _, found in self.each(lambda _, data: scan.index_of(data)):
-            count += sum(len(entries) for k, entries in found.items() if k in known)
-            breathe()
-        return count
+        return sum(len(batch.data) for batch in self._in_order(None, 0, None))
 
     def rename(self, keys: dict[str, str]) -> None:
         """Give the topics the keys that they have in the bag."""
@@ -202,9 +210,11 @@ class BagFileReader:
 
     def times_of(self, place: Place) -> list[int]:
         """Return when each message of a place was received; none if it cannot be read."""
+        from eol_ros.devices.bag.batches import heads_in
+
         with open(self.path, 'rb') as file:
-            index = self.read(file, place, lambda _, data: scan.index_of(data)) or {}
-        return [ns for entries in index.values() for ns, _ in entries]
+            found = self.read(file, place, lambda _, data: heads_in(data)[0]['log_ns'].tolist())
+        return found or []
 
     def within(self, low: int, high: int) -> None:
         """Let only the messages received from `low` to `high` count."""
@@ -229,6 +239,7 @@ class BagFileReader:
                 inside = place.end_ns >= start_ns and (end_ns is None or place.start_ns < end_ns)
                 known = channels is not None and place.channels
                 wanted = not known or not place.channels.isdisjoint(channels or ())
+                self.breathe()
                 found = self.read(file, place, take) if inside and wanted else None
                 if found is not None:
                     yield place, found
@@ -246,9 +257,6 @@ class BagFileReader:
             self._damaged(place.offset, place.end, str(error), place.start_ns, place.end_ns)
             return None
 
-    def _names(self, topics: Collection[str] | None) -> dict[int, str]:
-        return {c: key for c, key in self.keys.items() if topics is None or key in topics}
-
     def _damaged(self, start: int, end: int, why: str, start_ns: int = 0, end_ns: int = 0) -> None:
         damage = Damage(self.path.name, start, end, why, start_ns, end_ns)
         if damage not in self.damage:
@@ -256,7 +264,7 @@ class BagFileReader:
             if not self._quiet:
                 warnings.warn(damage.text(self.start_ns), BagDamaged, stacklevel=2)
 
-    def _read(self, file: BinaryIO, breathe: Callable[[], object]) -> None:
+    def _read(self, file: BinaryIO) -> None:
         self.size = scan.size_of(file)
         if not self._begins(file):
             return
@@ -265,10 +273,10 @@ class BagFileReader:
         right_end = scan.read_at(file, max(size - len(MAGIC), 0), min(len(MAGIC), size)) == MAGIC
         try:
             found, index_wrong = from_index(file, size, self.ours), False
-        except (DamagedRecord, struct.error, ValueError):
+        except (DamagedRecord, McapError, struct.error, ValueError):
             found, index_wrong = None, True  # and not just left out
         self.indexed = found is not None
-        self.contents = contents = found or walked(file, size, self.ours, breathe)
+        self.contents = contents = found or walked(file, size, self.ours, self.breathe)
         self.start_ns, self.end_ns = contents.start_ns, contents.end_ns
         for k, hole in contents.holes:
             times = span(hole, contents.places[:k], contents.places[k:])
@@ -370,16 +378,19 @@ def from_index(file: BinaryIO, size: int, ours: bool) -> Contents | None:
     if (crc or ours) and crc != zlib.crc32(footer[:-4], zlib.crc32(data)):
         raise DamagedRecord('wrong checksum')
     found, statistics = Contents(data_end=start, complete=True), None
-    for at, end in itertools.pairwise(scan.edges_in(data)):
-        kind = data[at]
-        if kind == Opcode.CHUNK_INDEX:
-            _add_place(found, data[at + HEAD.size : end])
-        elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
-            found.define(scan.parse(data[at:end]), trusted=True)
-        elif kind == Opcode.METADATA_INDEX:
-            _add_metadata(found, file, *struct.unpack_from('<QQ', data, at + HEAD.size))
-        elif kind == Opcode.STATISTICS:
-            statistics = scan.parse(data[at:end])
+    for record in StreamReader(io.BytesIO(data + footer + MAGIC), skip_magic=True).records:
+        if isinstance(record, ChunkIndex):
+            begin, end = record.chunk_start_offset, record.chunk_start_offset + record.chunk_length
+            times = record.message_start_time, record.message_end_time
+            channels = frozenset(record.message_index_offsets)
+            if times[1] or channels:  # else definitions only
+                found.places.append(Place(*times, begin, end, channels, record.compression))
+        elif isinstance(record, (Schema, Channel)):
+            found.define(record, trusted=True)
+        elif isinstance(record, MetadataIndex):
+            _add_metadata(found, file, record.offset, record.length)
+        elif isinstance(record, Statistics):
+            statistics = record
     if not isinstance(statistics, Statistics):
         return None
     if statistics.message_count and not found.places:
@@ -388,16 +399,6 @@ def from_index(file: BinaryIO, size: int, ours: bool) -> Contents | None:
     found.start_ns, found.end_ns = statistics.message_start_time, statistics.message_end_time
     found.attachments = statistics.attachment_count
     return found
-
-
-def _add_place(found: Contents, body: bytes) -> None:
-    start_ns, end_ns, offset, length, count = _INDEX.unpack_from(body)
-    channels = frozenset(k for k, _ in struct.iter_unpack('<HQ', body[36 : 36 + count]))
-    behind = 44 + count  # after the length of the message indexes
-    kind = body[behind + 4 : behind + 4 + int.from_bytes(body[behind : behind + 4], 'little')]
-    if end_ns or channels:  # else definitions only
-        place = Place(start_ns, end_ns, offset, offset + length, channels, kind.decode())
-        found.places.append(place)
 
 
 def _add_metadata(found: Contents, file: BinaryIO, offset: int, length: int) -> None:

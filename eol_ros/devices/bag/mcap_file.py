@@ -3,7 +3,7 @@
 
 The records are those of the `mcap` package. Its Writer has one chunk at a time and one zstd level:
 a 1 MB infrared image takes 8 ms at its level 3 and 1.3 ms at level 1, where it also becomes
-smaller, and images would lie among the small messages. A repair writes chunks as they are.
+smaller, and images would lie among the small messages.
 """
 
 import os
@@ -22,6 +22,7 @@ from mcap.records import (
     DataEnd,
     Footer,
     Header,
+    MessageIndex,
     Metadata,
     MetadataIndex,
     Schema,
@@ -29,16 +30,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from eol_ros.devices.bag.scan import (
-    CRC_KEY,
-    MAGIC,
-    Index,
-    chunk_head,
-    message_indexes,
-    packed,
-    pairs_crc,
-    span_of,
-)
+from eol_ros.devices.bag.scan import CRC_KEY, MAGIC, chunk_head, packed, pairs_crc
 from eol_ros.devices.files.names import shown
 from eol_ros.disk import DISK, Disk
 
@@ -47,7 +39,6 @@ CHUNK_BYTES = 1 << 20  # the most that a killed writer or a flipped bit can lose
 CHUNK_NS = 1_000_000_000  # the same in time
 BIG_BYTES = 1 << 16  # such messages, images, get a chunk each: who wants the rest skips them
 ZSTD_LEVEL = 1
-Definitions = tuple[Collection[Schema], Collection[Channel]]
 _MESSAGE = struct.Struct('<BQHIQQ')  # opcode, length, channel, sequence, log time, publish time
 
 
@@ -109,11 +100,12 @@ class _Chunk:
 
     def __init__(self) -> None:
         self.data = bytearray()
-        self.start_ns = 0
-        self.index: Index = {}
+        self.start_ns = self.end_ns = 0
+        self.index: dict[int, list[tuple[int, int]]] = {}  # log time, offset; by channel
 
     def add(self, channel: int, data: bytes, log_ns: int, publish_ns: int, sequence: int) -> None:
         self.start_ns = min(self.start_ns, log_ns) if self.index else log_ns
+        self.end_ns = max(self.end_ns, log_ns)
         self.index.setdefault(channel, []).append((log_ns, len(self.data)))
         self.data += _MESSAGE.pack(
             Opcode.MESSAGE, 22 + len(data), channel, sequence & 0xFFFFFFFF, log_ns, publish_ns
@@ -124,8 +116,8 @@ class _Chunk:
 class BagFile:
     """Writes one MCAP file; every method may raise OSError.
 
-    Channel numbers are 1 + the index into `topics`, or those of `definitions`. Nothing is readable
-    before `flush`, and all that was flushed stays readable when the process is killed.
+    Channel numbers are 1 + the index into `topics`. Nothing is readable before `flush`, and all
+    that was flushed stays readable when the process is killed.
     """
 
     def __init__(
@@ -134,9 +126,8 @@ class BagFile:
         topics: Collection[BagTopic],
         level: int = ZSTD_LEVEL,
         disk: Disk = DISK,
-        definitions: Definitions | None = None,
     ):
-        schemas, channels = definitions or describe_topics(topics)
+        schemas, channels = describe_topics(topics)
         self.path = path
         self._disk = disk
         self.counts = {channel.id: 0 for channel in channels}  # messages
@@ -152,7 +143,9 @@ class BagFile:
         self.file.write(MAGIC + packed(Header('ros2', LIBRARY)) + described)
         # Once more in a chunk: a flipped bit in a definition would change what messages mean, and
         # only chunks have a checksum. Where a file is cut, it has no summary.
-        self._write_chunk(described, {}, self._compressor.compress(described), 'zstd')
+        definitions = _Chunk()
+        definitions.data += described
+        self._write_chunk(definitions)
 
     @property
     def size_bytes(self) -> int:
@@ -174,23 +167,17 @@ class BagFile:
         """
         if self._chunk.index and abs(log_ns - self._chunk.start_ns) >= CHUNK_NS:
             self._end_chunk()
+        self.start_ns = min(self.start_ns, log_ns) if self.message_count else log_ns
+        self.end_ns = max(self.end_ns, log_ns)
+        self.counts[channel] += 1
+        self.message_count += 1
         big = len(data) >= BIG_BYTES
         chunk = _Chunk() if big else self._chunk
         chunk.add(channel, data, log_ns, publish_ns, sequence)
-        self._count(channel, 1, log_ns, log_ns)
-        if big and hurry:
-            self._write_chunk(bytes(chunk.data), chunk.index, bytes(chunk.data), '')
-        elif big:
-            self._compress(chunk)
+        if big:
+            self._write_chunk(chunk, compressed=not hurry)
         elif len(chunk.data) >= CHUNK_BYTES:
             self._end_chunk()
-
-    def copy_chunk(self, data: bytes, index: Index, stored: bytes, compression: str) -> None:
-        """Add the messages of a chunk that is `stored` in another file of the same channels."""
-        self._end_chunk()
-        for channel, entries in index.items():
-            self._count(channel, len(entries), *span_of({channel: entries}))
-        self._write_chunk(data, index, stored, compression)
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Add a named map of texts, with its checksum: the format has none for it."""
@@ -245,42 +232,32 @@ class BagFile:
         except OSError:
             pass  # the disk refuses the rest: that is why it is abandoned
 
-    def _count(self, channel: int, count: int, start_ns: int, end_ns: int) -> None:
-        self.start_ns = min(self.start_ns, start_ns) if self.message_count else start_ns
-        self.end_ns = max(self.end_ns, end_ns)
-        self.counts[channel] += count
-        self.message_count += count
-
     def _end_chunk(self) -> None:
         chunk, self._chunk = self._chunk, _Chunk()
         if chunk.index:
-            self._compress(chunk)
+            self._write_chunk(chunk)
 
-    def _compress(self, chunk: _Chunk) -> None:
-        index = {channel: sorted(entries) for channel, entries in chunk.index.items()}
-        self._write_chunk(chunk.data, index, self._compressor.compress(chunk.data), 'zstd')
-
-    def _write_chunk(
-        self, data: bytes | bytearray, index: Index, stored: bytes, compression: str
-    ) -> None:
-        """Write a chunk with the records `data`, and its message indexes."""
-        at, (start_ns, end_ns) = self.file.tell(), span_of(index)
-        crc, count = zlib.crc32(data), len(stored)
-        head = chunk_head((start_ns, end_ns), len(data), crc, compression, count)
+    def _write_chunk(self, chunk: _Chunk, compressed: bool = True) -> None:
+        """Write a chunk and its message indexes."""
+        at, times, size = self.file.tell(), (chunk.start_ns, chunk.end_ns), len(chunk.data)
+        stored = self._compressor.compress(chunk.data) if compressed else chunk.data
+        compression, count = 'zstd' if compressed else '', len(stored)
+        head = chunk_head(times, size, zlib.crc32(chunk.data), compression, count)
         self.file.write(head)
         self.file.write(stored)  # not copied into a record of mcap: an image has a megabyte
         indexes_at = behind = at + len(head) + count
         places = {}
-        for channel, entry in message_indexes(index):
+        for channel, entries in chunk.index.items():
+            entry = packed(MessageIndex(channel, sorted(entries)))
             places[channel] = behind
             behind += len(entry)
             self.file.write(entry)
         self._chunk_count += 1
         self._chunk_index += packed(ChunkIndex(
             chunk_length=indexes_at - at, chunk_start_offset=at, compression=compression,
-            compressed_size=count, message_start_time=start_ns, message_end_time=end_ns,
+            compressed_size=count, message_start_time=times[0], message_end_time=times[1],
             message_index_length=behind - indexes_at, message_index_offsets=places,
-            uncompressed_size=len(data),
+            uncompressed_size=size,
         ))  # fmt: skip
 
     def _statistics(self) -> Statistics:

@@ -195,7 +195,9 @@ class BagReader:
 
         Each topic is in order of reception; one is not in order with another.
         """
-        from eol_ros.devices.bag.batches import batch_of
+        import numpy as np  # which few need
+
+        from eol_ros.devices.bag.batches import MESSAGE_DTYPE, Batch
 
         start_ns, end_ns = self._within(start_ns, end_ns)
         files, apart = self._files(start_ns, end_ns)
@@ -206,7 +208,9 @@ class BagReader:
         messages = self.messages(topics, start_ns, end_ns)
         while some := list(itertools.islice(messages, MERGED)):
             for topic in {m.topic: None for m in some}:
-                yield topic, batch_of([m for m in some if m.topic == topic])
+                own = [m for m in some if m.topic == topic]
+                heads = [(0, m.sequence, m.log_ns, m.publish_ns) for m in own]
+                yield topic, Batch(np.array(heads, MESSAGE_DTYPE), [m.data for m in own])
 
     def _files(self, start_ns: int, end_ns: int | None) -> tuple[list[BagFileReader], bool]:
         """Return the files with messages of a span, and whether they follow each other in time."""

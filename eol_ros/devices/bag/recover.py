@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Repairs the files of a killed or unplugged recorder: `*.mcap.part` becomes `*.mcap`.
 
-A repair writes the chunks that are right to a new file beside the old one, with the index and the
-end that it lacks, and reads all of that back. Then the new file takes the place of the old one. A
-file of which anything is lost, or from which nothing can be read, is renamed, never deleted.
+A repair writes all that can be read to a new file beside the old one, and reads it back. Then the
+new file takes the place of the old one. A file of which anything is lost, or from which nothing can
+be read, is renamed, never deleted.
 """
 
 import contextlib
@@ -14,18 +14,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from mcap.records import Chunk
-
-from eol_ros.devices.bag import scan
+from eol_ros.devices.bag.edit import DAMAGED, write_file
 from eol_ros.devices.bag.file import BagFileReader, add_topic
-from eol_ros.devices.bag.mcap_file import BagFile, BagTopic
+from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.reader import files_of, open_files
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, RUN_METADATA, FileSummary, metadata_text
 from eol_ros.disk import DISK
 from eol_ros.errors import EolError
 
 BESIDE = '.recovering'  # the new file, which will replace the old one
-DAMAGED = '.damaged'  # an original of which something is lost
+ASIDE = '.damaged'  # an original of which something is lost
 GB = 1e9
 
 
@@ -54,66 +52,59 @@ def leftovers(root: Path) -> list[Path]:
 
 
 def repair(
-    path: Path,
-    breathe: Callable[[], None] = lambda: None,
-    min_free_gb: float = 0.0,
-    known: BagFileReader | None = None,
+    path: Path, breathe: Callable[[], object] = lambda: None, min_free_gb: float = 0.0
 ) -> Repaired:
     """Give a file the index and the end that it lacks, and bring `metadata.yaml` up to date.
 
     A file without a readable message is renamed to NAME.damaged, unchanged, and so is one of which
-    something is lost. A file outside a bag folder gets no `metadata.yaml`. `known`: what has been
-    read of the file. Raises OSError, NoRoom, BlockingIOError if another process writes the file,
-    and the errors of `breathe`.
+    something is lost. A file outside a bag folder gets no `metadata.yaml`. Raises OSError, NoRoom,
+    BlockingIOError if another process writes the file, and the errors of `breathe`.
     """
     target = path.with_name(path.name.removesuffix(PART))
     work = target.with_name(target.name + BESIDE)
     with open(path, 'rb') as held:
         fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        unchanged = known and known.size == path.stat().st_size
-        old = known if known and unchanged else BagFileReader(path, breathe, quiet=True)
+        if path != target and target.exists():  # a repair was cut off before its last step
+            count, aside = sum(BagFileReader(target, quiet=True).counts.values()), _set_aside(path)
+            _bring_up_to_date(target)
+            return Repaired(path, target, count, aside=aside)
+        old = BagFileReader(path, breathe, quiet=True)
         count = sum(old.counts.values())
-        of_another = False
-        swapped = path != target and target.exists()  # a repair was cut off before its last step
-        if swapped:
-            made, own = BagFileReader(target), count
-            count = sum(made.counts.values()) if made.indexed else 0
-            of_another = count != own  # then the file that is there is not made of this one
-        elif count and not old.indexed:  # else it was cut off just before it got its name
-            _write(old, work, breathe, min_free_gb)
+        if count and not old.indexed:  # else it was cut off just before it got its name
+            _write(old, work, min_free_gb)
     if not count:
-        kept = _set_aside(path)
+        aside = _set_aside(path)
         if any(path.parent.glob('*.mcap')):
             _bring_up_to_date(target)
-        return Repaired(path, None, 0, aside=kept)
+        return Repaired(path, None, 0, aside=aside)
     damage = _lost(old)
-    aside: Path | None = None
-    source = path if old.indexed else work
-    if path != target and not swapped:
-        DISK.rename(source, target)
-    if of_another or (damage and not old.indexed):
-        aside = _set_aside(path)
-    elif path != target:
+    kept = _set_aside(path) if damage and not old.indexed else None
+    DISK.rename(path if old.indexed else work, target)
+    if path != target:
         path.unlink(missing_ok=True)
-    if path == target != source:
-        DISK.rename(source, target)
     _bring_up_to_date(target)
-    return Repaired(path, target, count, damage, aside)
+    return Repaired(path, target, count, damage, kept)
 
 
-def _write(old: BagFileReader, work: Path, breathe: Callable[[], None], min_free_gb: float) -> None:
+def _write(old: BagFileReader, work: Path, min_free_gb: float) -> None:
     """Write the messages of `old` to a complete file `work`, and read them back."""
-    path, size, free = old.path, old.path.stat().st_size, shutil.disk_usage(old.path.parent).free
+    path, size, free = old.path, old.size, shutil.disk_usage(old.path.parent).free
     if free - size < min_free_gb * GB:
         raise NoRoom(
             f'{path.name} needs {size / GB:.2f} GB beside it to be recovered, {free / GB:.2f} GB '
             'are free; `--output OUT` writes a new bag on another disk'
         )
+    gaps = old.metadata.get(GAPS_METADATA, {}) | {'recovered': f'from {path.name}'}
+    kept = {n: m for n, m in old.metadata.items() if n not in (GAPS_METADATA, 'rosbag2')}
+
+    def lost() -> dict[str, str]:
+        return gaps | ({DAMAGED: json.dumps(lines)} if (lines := _lost(old)) else {})
+
     work.unlink(missing_ok=True)
     try:
-        _copy(old, work, breathe)
-        made, count = BagFileReader(work, quiet=True), sum(old.counts.values())
-        read = made.prove(breathe)
+        write_file(work, old.topics.values(), old.messages(None, 0, None), kept, lost)
+        made, count = BagFileReader(work, old.breathe, quiet=True), sum(old.counts.values())
+        read = made.prove()
         if made.damage or not made.indexed or not read == count == sum(made.counts.values()):
             raise EolError(
                 f'{path}: left as it is: of {count} messages {read} could be read back from the '
@@ -121,38 +112,6 @@ def _write(old: BagFileReader, work: Path, breathe: Callable[[], None], min_free
             )
     except BaseException:
         work.unlink(missing_ok=True)
-        raise
-
-
-def _copy(old: BagFileReader, work: Path, breathe: Callable[[], None]) -> None:
-    """Copy the chunks that are right, and what the file says of itself."""
-    contents = old.contents
-    known = contents.channels
-    new = BagFile(work, (), definitions=(contents.schemas.values(), known.values()))
-
-    def copy(chunk: Chunk, data: bytes) -> None:
-        index = scan.index_of(data)
-        if index.keys() <= known.keys():
-            new.copy_chunk(data, index, chunk.data, chunk.compression)
-            return
-        for m in scan.messages_in(data, known):
-            new.write(m.channel, m.data, m.log_ns, m.publish_ns, m.sequence)
-
-    try:
-        for name, pairs in old.metadata.items():
-            if name not in (GAPS_METADATA, 'rosbag2'):
-                new.add_metadata(name, pairs)
-        with open(old.path, 'rb') as file:
-            for place in contents.places:
-                breathe()
-                old.read(file, place, copy)
-        gaps = {**old.metadata.get(GAPS_METADATA, {}), 'recovered': f'from {old.path.name}'}
-        if lost := _lost(old):
-            gaps['damaged'] = json.dumps(lost)
-        new.add_metadata(GAPS_METADATA, gaps)
-        new.close()
-    except BaseException:
-        new.abandon()
         raise
 
 
@@ -167,15 +126,15 @@ def _lost(old: BagFileReader) -> tuple[str, ...]:
 def _set_aside(path: Path) -> Path:
     """Rename a file to NAME.damaged, or NAME.2.damaged where that is taken; return the new name."""
     name = path.name.removesuffix(PART)
-    aside, number = path.with_name(name + DAMAGED), 2
+    aside, number = path.with_name(name + ASIDE), 2
     while aside.exists():
-        aside, number = path.with_name(f'{name}.{number}{DAMAGED}'), number + 1
+        aside, number = path.with_name(f'{name}.{number}{ASIDE}'), number + 1
     DISK.rename(path, aside)
     return aside
 
 
 def repair_all(
-    root: Path, breathe: Callable[[], None] = lambda: None, min_free_gb: float = 0.0
+    root: Path, breathe: Callable[[], object] = lambda: None, min_free_gb: float = 0.0
 ) -> Iterator[Repaired]:
     """Repair every left-over file under `root`, one as each is asked for; raises as `repair`."""
     for part in leftovers(root) if root.is_dir() else []:

@@ -16,9 +16,9 @@ from pathlib import Path
 
 from eol_ros import folders
 from eol_ros.devices.bag.edit import write_file
-from eol_ros.devices.bag.reader import BagMessage, BagReader
+from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.recover import BESIDE, in_use, rewrite_metadata
-from eol_ros.devices.bag.writer import PART
+from eol_ros.devices.bag.writer import PART, RUN_METADATA
 from eol_ros.disk import DISK
 from eol_ros.errors import EolError
 from eol_ros.streams.graph import namespace_of, relative_name
@@ -158,7 +158,8 @@ class Folder:
         """Rewrite the files of a bag without images; each takes its name when it is complete."""
         self._without.add(stored.path)
         for file in BagReader(stored.path).files:
-            self._thin(BagReader(file.path), file.path.with_name(file.path.name + THIN))
+            thin = file.path.with_name(file.path.name + THIN)
+            self._thin(BagReader(file.path), thin)
         rewrite_metadata(stored.path)
 
     def remove(self, stored: Stored) -> None:
@@ -190,9 +191,11 @@ class Folder:
         if not bag.count(self._images):
             return
         gaps = bag.gaps | {PICTURES_REMOVED: str(bag.counts[images])}
-        messages = self._breathing(bag.messages(bag.topics.keys() - {images}))
+        bag.files[0].breathe = self._breathe
+        messages = bag.messages(bag.topics.keys() - {images})
         try:
-            write_file(thin, bag.topics.values(), messages, bag.about, lambda: gaps)
+            about = {RUN_METADATA: bag.about}
+            write_file(thin, bag.topics.values(), messages, about, lambda: gaps)
             if bag.damage:
                 raise OSError(f'{bag.path}: damaged, so it is left as it is')
             os.utime(thin, ns=(changed.st_atime_ns, changed.st_mtime_ns))
@@ -200,12 +203,6 @@ class Folder:
             DISK.rename(thin, bag.path)
         finally:
             thin.unlink(missing_ok=True)
-
-    def _breathing(self, messages: Iterator[BagMessage]) -> Iterator[BagMessage]:
-        for count, message in enumerate(messages):
-            if count % 1000 == 0:
-                self._breathe()
-            yield message
 
 
 def _parts(folder: Path) -> list[Path]:

@@ -12,14 +12,14 @@ import os
 import re
 import struct
 import zlib
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Iterator
 from typing import Any, BinaryIO, NamedTuple
 
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, McapRecord, MessageIndex, Metadata, Schema
+from mcap.records import Channel, Chunk, DataEnd, McapRecord, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
 from eol_ros.errors import pip_install
@@ -44,7 +44,6 @@ OVERLAP = 24  # bytes of a record that _ANCHOR looks at, and more
 _ANCHOR = re.compile(
     rb'(?=\x06[\s\S]{4}\0{4}|\x0c[\s\S]{4}\0{4}[\x07\x0c]\0{3}(?:eol_ros|rosbag2))'
 )
-Index = dict[int, list[tuple[int, int]]]  # (log time, offset) of the messages, by channel
 
 
 class DamagedRecord(Exception):
@@ -64,16 +63,6 @@ class Found(NamedTuple):
     record: Any = None
     why: str = ''
     framed: bool = False
-
-
-class ChunkMessage(NamedTuple):
-    """One message of a chunk."""
-
-    channel: int
-    sequence: int
-    log_ns: int
-    publish_ns: int
-    data: bytes
 
 
 def packed(record: McapRecord) -> bytes:
@@ -196,26 +185,11 @@ def edges_in(data: bytes) -> list[int]:
     return edges
 
 
-def messages_in(data: bytes, channels: Collection[int]) -> Iterator[ChunkMessage]:
-    """Yield the messages of a chunk that are of these `channels`; raise DamagedRecord."""
+def definitions_in(data: bytes) -> Iterator[Schema | Channel]:
+    """Yield the definitions in a chunk; raise DamagedRecord."""
     for at, end in itertools.pairwise(edges_in(data)):
-        if data[at] == Opcode.MESSAGE:
-            channel, sequence, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(data, at + HEAD.size)
-            if channel in channels:
-                body = data[at + HEAD.size + MESSAGE_HEAD.size : end]
-                yield ChunkMessage(channel, sequence, log_ns, publish_ns, body)
-
-
-def index_of(data: bytes, define: Callable[[Schema | Channel], None] | None = None) -> Index:
-    """Return the index of a chunk; `define` gets the definitions in it. Raise DamagedRecord."""
-    found: Index = {}
-    for at, end in itertools.pairwise(edges_in(data)):
-        if data[at] == Opcode.MESSAGE:
-            channel, _, log_ns, _ = MESSAGE_HEAD.unpack_from(data, at + HEAD.size)
-            found.setdefault(channel, []).append((log_ns, at))
-        elif define and data[at] in (Opcode.SCHEMA, Opcode.CHANNEL):
-            define(parse(data[at:end]))
-    return {channel: sorted(entries) for channel, entries in found.items()}
+        if data[at] in (Opcode.SCHEMA, Opcode.CHANNEL):
+            yield parse(data[at:end])
 
 
 def definitions_at(file: BinaryIO, at: int, end: int) -> Iterator[Schema | Channel]:
@@ -224,18 +198,6 @@ def definitions_at(file: BinaryIO, at: int, end: int) -> Iterator[Schema | Chann
     while isinstance(found.record, (Schema, Channel)) and not found.why:
         yield found.record
         found = record_at(file, found.end, end)
-
-
-def span_of(index: Index) -> tuple[int, int]:
-    """Return the first and the last log time in the index of a chunk; (0, 0) without messages."""
-    stamps = [log_ns for entries in index.values() for log_ns, _ in (entries[0], entries[-1])]
-    return (min(stamps), max(stamps)) if stamps else (0, 0)
-
-
-def message_indexes(index: Index) -> Iterator[tuple[int, bytes]]:
-    """Yield the channel and the record of each message index of a chunk."""
-    for channel, entries in index.items():
-        yield channel, packed(MessageIndex(channel, entries))
 
 
 def walk(file: BinaryIO, start: int, end: int, ours: bool = False) -> Iterator[Found]:

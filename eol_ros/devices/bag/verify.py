@@ -7,10 +7,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Schema
+from mcap.records import Channel, Chunk, MessageIndex, Schema
 
 from eol_ros.devices.bag import scan
+from eol_ros.devices.bag.batches import heads_in, span_of
 from eol_ros.devices.bag.file import BagFileReader
 from eol_ros.devices.bag.reader import BagReader, information, loads
 from eol_ros.devices.bag.recover import metadata_of
@@ -77,20 +79,20 @@ def _faults(file: BagFileReader) -> Iterator[str]:
         for place in sorted(file.places, key=lambda p: p.offset):
             yield from _between(file, stream, at, place.offset, expected)
             at, expected = place.end, None
-            found = file.read(stream, place, lambda c, data: (c, scan.index_of(data), len(data)))
+            found = file.read(stream, place, lambda c, data: (c, len(data), *heads_in(data)[:2]))
             if found is None:
                 continue  # damaged, and told
-            chunk, index, size = found
-            counts.update({k: len(entries) for k, entries in index.items()})
+            chunk, size, heads, begins = found
+            counts.update(heads['channel'].tolist())
             if place.chunk:
                 where = f'{file.path.name}: byte {place.offset}'
-                crc, kind = chunk.uncompressed_crc, chunk.compression
-                head = scan.chunk_head(scan.span_of(index), size, crc, kind, len(chunk.data))
+                times, kind, crc = span_of(heads), chunk.compression, chunk.uncompressed_crc
+                head = scan.chunk_head(times, size, crc, kind, len(chunk.data))
                 if scan.read_at(stream, place.offset, len(head)) != head:
                     yield f'{where}: the head of the chunk does not fit what is in it'
-                if (place.start_ns, place.end_ns) != scan.span_of(index):
+                if (place.start_ns, place.end_ns) != times:
                     yield f'{where}: the index has other times than the chunk'
-                expected = [raw for _, raw in scan.message_indexes(index)], bool(place.channels)
+                expected = _message_indexes(heads, begins), bool(place.channels)
         cut = file.cut_at is not None  # between a chunk and its indexes, maybe
         yield from _between(file, stream, at, file.contents.data_end, None if cut else expected)
     wrong = [
@@ -100,6 +102,17 @@ def _faults(file: BagFileReader) -> Iterator[str]:
     ]
     if wrong and not file.damage:
         yield f'{file.path.name}: messages that the index counts are not there: {", ".join(wrong)}'
+
+
+def _message_indexes(heads: np.ndarray, begins: np.ndarray) -> list[bytes]:
+    """Return the records that index the messages of a chunk."""
+    found = []
+    for channel in np.unique(heads['channel']).tolist():
+        own = heads['channel'] == channel
+        at = begins[own] - scan.HEAD.size - scan.MESSAGE_HEAD.size
+        entries = sorted(zip(heads['log_ns'][own].tolist(), at.tolist(), strict=True))
+        found.append(scan.packed(MessageIndex(channel, entries)))
+    return found
 
 
 def _between(
