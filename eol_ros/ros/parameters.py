@@ -3,15 +3,13 @@
 
 import dataclasses
 import difflib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
-from eol_ros.ros.session import Session, session
+from eol_ros.ros.session import Session
 from eol_ros.said import Said, said
 from eol_ros.scene import check_value
-from eol_ros.streams.graph import NAMESPACE, NODES
 
 WAIT_S = 5.0
 
@@ -51,48 +49,34 @@ def checked(settings: type, values: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def read(node: str, names: Sequence[str], reach: str, namespace: str = NAMESPACE) -> dict[str, Any]:
+def read(visit: Session, node: str, names: Sequence[str]) -> dict[str, Any]:
     """Return the values of the parameters `names`; raise DeviceMissing where none answers."""
-    with _asking(node, reach, namespace) as (visit, client):
-        from rclpy.parameter import parameter_value_to_python
+    from rclpy.parameter import parameter_value_to_python
 
-        found = _answer(node, visit, client.get_parameters(list(names)))
-        values = [parameter_value_to_python(value) for value in found.values]
-    return dict(zip(names, values, strict=True))
+    found = _answer(visit, node, lambda client: client.get_parameters(list(names)))
+    return dict(zip(names, map(parameter_value_to_python, found.values), strict=True))
 
 
-def write(
-    node: str, values: dict[str, Any], reach: str = 'local', namespace: str = NAMESPACE
-) -> None:
+def write(visit: Session, node: str, values: Mapping[str, Any]) -> None:
     """Change parameters of a node that takes no requests.
 
     Raises DeviceMissing where it does not answer, EolError where it refuses.
     """
-    with _asking(node, reach, namespace) as (visit, client):
-        from rclpy.parameter import Parameter
+    from rclpy.parameter import Parameter
 
-        try:
-            values = checked_live(NODES[node].settings, node, values)
-        except ConfigError as error:
-            raise EolError(f'{node}: refused, {error}') from None
-        asked = [Parameter(name, value=value) for name, value in values.items()]
-        for result in _answer(node, visit, client.set_parameters(asked)).results:
-            if not result.successful:
-                raise EolError(f'{node}: refused, {result.reason}')
+    asked = [Parameter(name, value=value) for name, value in values.items()]
+    for result in _answer(visit, node, lambda client: client.set_parameters(asked)).results:
+        if not result.successful:
+            raise EolError(f'{node}: refused, {result.reason}')
 
 
-@contextmanager
-def _asking(node: str, reach: str, namespace: str) -> Iterator[tuple[Session, Any]]:
-    with session(reach=reach, namespace=namespace) as visit:
-        from rclpy.parameter_client import AsyncParameterClient
+def _answer(visit: Session, node: str, ask: Callable[[Any], Any]) -> Any:
+    from rclpy.parameter_client import AsyncParameterClient
 
-        client = AsyncParameterClient(visit.node, visit.node.resolve_service_name(node))
-        if not visit.run(client.services_are_ready, WAIT_S):
-            raise DeviceMissing(f'{node} does not run here (--secure and --lan look further)')
-        yield visit, client
-
-
-def _answer(node: str, visit: Session, future: Any) -> Any:
+    client = AsyncParameterClient(visit.node, visit.node.resolve_service_name(node))
+    if not visit.run(client.services_are_ready, WAIT_S):
+        raise DeviceMissing(f'{node} does not run here (--secure and --lan look further)')
+    future = ask(client)
     if not visit.run(future.done, WAIT_S):
         raise DeviceMissing(said('does_not_answer', names=node))
     return future.result()

@@ -358,20 +358,9 @@ class Visit:
 
     def parameters(self, node: str, names: Sequence[str]) -> dict[str, Any] | None:
         """Return the parameters `names` of a node, None where it does not run."""
-        from rclpy.parameter import parameter_value_to_python
-        from rclpy.parameter_client import AsyncParameterClient
+        from eol_ros.ros.parameters import read
 
-        if not self._found.runs(node):
-            return None
-        graph = self._session.node
-        client = AsyncParameterClient(graph, graph.resolve_service_name(node))
-        if not self.run(client.services_are_ready, _DISCOVERY_S):
-            return None
-        future = client.get_parameters(list(names))
-        if not self.run(future.done, _DISCOVERY_S):
-            return None
-        values = [parameter_value_to_python(value) for value in future.result().values]
-        return dict(zip(names, values, strict=True))
+        return read(self._session, node, names) if self._found.runs(node) else None
 
 
 @contextmanager

@@ -19,11 +19,11 @@ from typing import Any
 
 from eol_ros import scene as scenes
 from eol_ros import thread_faults
-from eol_ros.errors import EolError, UsageError, warning_line
+from eol_ros.errors import EolError, warning_line
 from eol_ros.folders import state_path
-from eol_ros.ros import network, shutdown_watchdog
+from eol_ros.ros import network
 from eol_ros.ros.inherited import HEALTH_FD
-from eol_ros.ros.session import NO_LOG_FILES
+from eol_ros.ros.session import ros
 from eol_ros.streams.graph import IMAGE_SOURCES, NODES
 
 LOOK_S = 0.2  # period of the check for delayed timers
@@ -110,29 +110,15 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
     # None is how an import is refused, which the stubs do not know
     sys.modules['rosidl_generator_py.generate_py_impl'] = None  # type: ignore[assignment]
     import rclpy
-    from rclpy.experimental.events_executor import EventsExecutor
-    from rclpy.signals import SignalHandlerOptions
 
-    try:
-        rclpy.init(args=[*ros_args, *NO_LOG_FILES], signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:
-        said = str(error).removeprefix('failed to initialize rcl: ').split(', at /')[0]
-        if type(error).__name__ == 'UnknownROSArgsError':  # which rclpy does not export
-            said = f'ROS knows no {said}'
-        elif not said.startswith("Couldn't parse"):
-            raise
-        raise UsageError(f'--ros-args: {said}') from None
-    logger = rclpy.logging.get_logger(names[0])
-    # one line in the log, where people do not meet it
-    warnings.showwarning = lambda *what, **_: logger.warning(warning_line(*what[:4]))
-    executor = EventsExecutor()  # half the cost of the default one
-    nodes: list[Any] = []
-    try:
+    with ros(ros_args) as (executor, nodes):
+        logger = rclpy.logging.get_logger(names[0])
+        # one line in the log, where people do not meet it
+        warnings.showwarning = lambda *what, **_: logger.warning(warning_line(*what[:4]))
         for name in names:
             if stop:
                 break
-            node = node_class(name)(scene.settings(name), scene=scene)
-            nodes.append(node)
+            nodes.append(node_class(name)(scene.settings(name), scene=scene))
         gc.collect()
         gc.freeze()  # what lives now lives to the end: keep it out of every later collection
         for node in nodes:
@@ -150,13 +136,4 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
                 look_s = time.monotonic() + LOOK_S
                 for node in nodes:
                     node.pull_in_timers()
-    finally:
-        for node in reversed(nodes):
-            node.close()
-        shutdown_watchdog.arm()
-        executor.shutdown(timeout_sec=1.0)
-        for node in nodes:
-            node.destroy_node()
-        rclpy.try_shutdown()
-        shutdown_watchdog.disarm()
     return 0

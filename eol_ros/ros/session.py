@@ -4,10 +4,11 @@
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+from eol_ros.errors import UsageError
 from eol_ros.ros import network, shutdown_watchdog
 from eol_ros.streams.graph import NAMESPACE
 
@@ -43,6 +44,41 @@ class Session:
 
 
 @contextmanager
+def ros(args: Sequence[str] = ()) -> Iterator[tuple[Any, list[Any]]]:
+    """Start rclpy; yield an executor, and a list for the nodes that are closed at the end.
+
+    Raises UsageError for `args` that ROS does not know.
+    """
+    import rclpy
+    from rclpy.experimental.events_executor import EventsExecutor
+    from rclpy.signals import SignalHandlerOptions
+
+    try:
+        rclpy.init(args=[*args, *NO_LOG_FILES], signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        said = str(error).removeprefix('failed to initialize rcl: ').split(', at /')[0]
+        if type(error).__name__ == 'UnknownROSArgsError':  # which rclpy does not export
+            said = f'ROS knows no {said}'
+        elif not said.startswith("Couldn't parse"):
+            raise
+        raise UsageError(f'--ros-args: {said}') from None
+    executor = EventsExecutor()  # half the cost of the default one
+    nodes: list[Any] = []
+    try:
+        yield executor, nodes
+    finally:
+        for node in reversed(nodes):
+            if hasattr(node, 'close'):
+                node.close()
+        shutdown_watchdog.arm()
+        executor.shutdown(timeout_sec=1.0)
+        for node in nodes:
+            node.destroy_node()
+        rclpy.try_shutdown()
+        shutdown_watchdog.disarm()
+
+
+@contextmanager
 def session(
     make: Callable[[], Any] | None = None,
     reach: str = 'local',
@@ -54,30 +90,14 @@ def session(
     Without `make` that is a plain one in `namespace`.
     """
     network.configure(reach, images)
-    import rclpy
-    from rclpy.experimental.events_executor import EventsExecutor
-    from rclpy.node import Node
-    from rclpy.signals import SignalHandlerOptions
+    with ros() as (executor, nodes):
+        from rclpy.node import Node
 
-    rclpy.init(args=list(NO_LOG_FILES), signal_handler_options=SignalHandlerOptions.NO)
-    node = None
-    executor = EventsExecutor()
-    before = {}
-    try:
-        node = make() if make else Node(f'eol_cli_{os.getpid()}', namespace=namespace)
-        visit = Session(node, executor)
-        for number in (signal.SIGINT, signal.SIGTERM):
-            before[number] = signal.signal(number, visit.stop)
-        yield visit
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-        if node is not None and hasattr(node, 'close'):
-            node.close()
-        shutdown_watchdog.arm()
-        if node is not None:
-            executor.remove_node(node)
-            node.destroy_node()
-        executor.shutdown(timeout_sec=1.0)
-        rclpy.try_shutdown()
-        shutdown_watchdog.disarm()
+        nodes.append(make() if make else Node(f'eol_cli_{os.getpid()}', namespace=namespace))
+        visit = Session(nodes[0], executor)
+        before = {n: signal.signal(n, visit.stop) for n in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield visit
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)

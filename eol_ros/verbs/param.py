@@ -40,10 +40,11 @@ def run(args):
     if args.action == 'set':
         return _set(args, fields[args.name])
     from eol_ros.ros.parameters import read
+    from eol_ros.ros.session import session
 
     names = [args.name] if args.name else list(fields)
-    with reach.asking(args.node, args):
-        values = read(args.node, names, *reach.of(args))
+    with reach.asking(args.node, args), session(None, *reach.of(args)) as visit:
+        values = read(visit, args.node, names)
     if args.json:
         print(json.dumps(values if args.action == 'list' else values[args.name]))
     elif args.action == 'get':
@@ -79,9 +80,10 @@ def _set(args, field) -> int:
 def _write(args, value) -> int:
     """Change a setting of a node that takes no requests; a refusal is an error."""
     from eol_ros.ros.parameters import write
+    from eol_ros.ros.session import session
 
-    with reach.asking(args.node, args):
-        write(args.node, {args.name: value}, *reach.of(args))
+    with reach.asking(args.node, args), session(None, *reach.of(args)) as visit:
+        write(visit, args.node, {args.name: value})
     reason = f'{args.name} is {value}'
     row = {'node': args.node, 'accepted': True, 'reason': reason}
     print(json.dumps([row]) if args.json else f'{args.node}: done, {reason}')
