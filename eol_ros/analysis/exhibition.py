@@ -419,9 +419,7 @@ def _page(found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
          f'{h["active_s"] / 60:.1f}', int(h['slips']), int(h['cascades']))
         for h in found['hours']
     ]  # fmt: skip
-    parts = [
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">',
-        f'<title>Exhibition</title><style>{report.STYLE}</style></head><body><h1>Exhibition</h1>',
+    return report.page_of('Exhibition', [
         report.paragraphs('In short', sentences(found)),
         report.table_of(
             'Day by day, local time',
@@ -434,6 +432,5 @@ def _page(found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
             ('hour', 'min on', 'visits', 'active min', 'slips', 'cascades'), hours,
         ),
         '<h2>Recorded with</h2><pre>', html.escape('\n'.join(found['versions']) or 'not known'),
-        '</pre></body></html>',
-    ]  # fmt: skip
-    return '\n'.join(parts)
+        '</pre>',
+    ])  # fmt: skip

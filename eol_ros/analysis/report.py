@@ -425,10 +425,7 @@ def _median(values: np.ndarray) -> float | None:
 
 
 def _page(bag: Bag, found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
-    parts = [
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">',
-        f'<title>{html.escape(shown(bag.path.name))}</title><style>{STYLE}</style></head><body>',
-        f'<h1>{html.escape(shown(bag.path.name))}</h1>',
+    return page_of(shown(bag.path.name), [
         f'<p>{found["duration_s"]:.1f} s, {sum(found["messages"].values())} messages. '
         f'Scene {html.escape(bag.about.get("scene_name", "not known"))}; seeds '
         f'{html.escape(" ".join(bag.about.get("seeds", "not known").split()))}.</p>',
@@ -449,9 +446,15 @@ def _page(bag: Bag, found: dict[str, Any], drawn: list[tuple[str, str]]) -> str:
                if where != 'received' for topic, count in topics.items() if count]),
         '<h2>Versions</h2><pre>', html.escape(bag.about.get('versions', 'not known')), '</pre>',
         '<h2>Scene</h2><pre>', html.escape(bag.about.get('settings', 'not known')), '</pre>',
-        '</body></html>',
-    ]  # fmt: skip
-    return '\n'.join(parts)
+    ])  # fmt: skip
+
+
+def page_of(title: str, parts: Iterable[str]) -> str:
+    """Return an HTML page of `parts`."""
+    title = html.escape(title)
+    head = f'<meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
+    body = '\n'.join([f'<h1>{title}</h1>', *parts])
+    return f'<!doctype html><html lang="en"><head>{head}</head><body>\n{body}\n</body></html>'
 
 
 def _verdict(found: dict[str, Any]) -> str:
