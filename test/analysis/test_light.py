@@ -6,32 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from eol_msgs.msg import Cascade, LedCommand, Slip
-from rclpy.serialization import serialize_message
+from support.bag_samples import T0, bag_of
 
 from eol_ros.analysis import figures, light, report
 from eol_ros.analysis.bag import open_bag
-from eol_ros.devices.bag.mcap_file import BagTopic
-from eol_ros.devices.bag.writer import BagWriter
-from eol_ros.ros.definitions import describe
 from eol_ros.ros.stamps import to_msg
 from eol_ros.streams.slips import START
 
-T0 = 1_700_000_000_000_000_000
 S = 1_000_000_000
 SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
 
 
 def at_ns(at_s):
     return T0 + round(at_s * S)
-
-
-def bag_of(folder, messages):
-    names = {topic for topic, _, _ in messages}
-    bag = BagWriter(folder, [BagTopic(f'/eol/{t}', **describe(t)) for t in names], {})
-    for topic, message, at_s in sorted(messages, key=lambda m: m[2]):
-        bag.write(f'/eol/{topic}', bytes(serialize_message(message)), at_ns(at_s), at_ns(at_s))
-    bag.close()
-    return open_bag(folder)
 
 
 def packet(at_s, **levels):

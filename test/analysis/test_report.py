@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from eol_msgs.msg import BlockTap, Cascade, GrainTrigger, LedCommand, Slip
 from rclpy.serialization import serialize_message
+from support.bag_samples import T0, bag_of
 
 from eol_ros import cli
 from eol_ros.analysis import catalogue_file, figures, report, series
@@ -21,7 +22,6 @@ from eol_ros.ros.definitions import describe
 from eol_ros.ros.stamps import to_msg
 from eol_ros.settings import TwinSettings
 
-T0 = 1_700_000_000_000_000_000
 TAU = 1.6
 
 
@@ -164,16 +164,10 @@ def test_latency_of_light_and_sound(tmp_path):
 
     And another one that its block felt, which lit itself 2 ms after the knock.
     """
-    topics = [
-        BagTopic(f'/eol/{t}', **describe(t))
-        for t in ('slips', 'block_taps', 'led_commands', 'grain_triggers')
-    ]
-    scene = 'nodes: {sound: {latency_s: 0.025}}\n'
-    bag = BagWriter(tmp_path / 'run', topics, {'scene_name': 'x', 'settings': scene})
-    ms = 1_000_000
+    ms, messages = 1_000_000, []
 
     def write(topic, message, at):
-        bag.write(f'/eol/{topic}', bytes(serialize_message(message)), at, at)
+        messages.append((topic, message, (at - T0) * 1e-9))
 
     for i in range(50):
         onset = T0 + i * 1000 * ms
@@ -197,8 +191,8 @@ def test_latency_of_light_and_sound(tmp_path):
             grain.header.stamp = to_msg(image + later * ms)
             late = 5 if i < 40 else 60  # of the last ten the trigger comes after it was due
             write('grain_triggers', grain, image + (later + late) * ms)
-    bag.close()
-    found = report.numbers(open_bag(tmp_path / 'run'))
+    scene = 'nodes: {sound: {latency_s: 0.025}}\n'
+    found = report.numbers(bag_of(tmp_path / 'run', messages, settings=scene))
     light, onset = found['latency_ms']['led_commands'], found['onset_latency_ms']
     assert light == {'p50': 6.0, 'p99': 6.0, 'max': 6.0, 'count': 50}
     assert onset['slips']['p50'] == pytest.approx(14.0, abs=0.01)

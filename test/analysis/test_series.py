@@ -8,35 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from eol_msgs.msg import Block, Blocks, Cascade, GrainTrigger, LedCommand, Slip, Truth
-from rclpy.serialization import serialize_message
+from support.bag_samples import T0, bag_of
 
 from eol_ros.analysis import bag as bag_module
 from eol_ros.analysis import report, series, uncoupled
 from eol_ros.analysis.bag import open_bag
 from eol_ros.core.physics.result import Limits
-from eol_ros.devices.bag.mcap_file import BagTopic
-from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.lab import choose
 from eol_ros.lab.science import spectra
-from eol_ros.ros.definitions import describe
 from eol_ros.ros.stamps import to_msg
 
-T0 = 1_700_000_000_000_000_000
 S = 1_000_000_000
 SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
-
-
-def bag_of(folder, messages, seconds, settings=''):
-    """A bag of (topic, message, seconds since its start); the first and the last are empty."""
-    topics = [BagTopic(f'/eol/{t}', **describe(t)) for t in {m[0] for m in messages}]
-    bag = BagWriter(folder, topics, {'scene_name': 'x', 'settings': settings})
-    for topic, message, at_s in sorted(messages, key=lambda m: m[2]):
-        at = T0 + round(at_s * S)
-        bag.write(f'/eol/{topic}', bytes(serialize_message(message)), at, at)
-    bag.close()
-    found = open_bag(folder)
-    assert found.duration_s == pytest.approx(seconds)
-    return found
 
 
 def trigger(at_s):
@@ -61,7 +44,7 @@ def test_triggers_light_and_kinetic_energy(tmp_path):
         message = Blocks(image=k, blocks=blocks)
         message.header.stamp = to_msg(T0 + round(at_s * S))
         messages.append(('blocks', message, at_s))
-    bag = bag_of(tmp_path / 'run', messages, 10.0)
+    bag = bag_of(tmp_path / 'run', messages)
 
     triggers, light, energy, power, loudness = series.of(bag)
     assert len(triggers.values) == len(light.values) == len(energy.values) == 200
@@ -87,7 +70,7 @@ def test_kinetic_energy_does_not_depend_on_how_the_bag_is_read(tmp_path, monkeyp
         message = Blocks(image=k, blocks=blocks)
         message.header.stamp = to_msg(T0 + k * S // 60)
         messages.append(('blocks', message, k / 60))
-    bag = bag_of(tmp_path / 'run', messages, 299 / 60)
+    bag = bag_of(tmp_path / 'run', messages)
     whole = series.kinetic_energy(bag).values
     monkeypatch.setattr(bag_module, 'BATCH', 7)
 
@@ -104,7 +87,7 @@ def twin_bag(folder, rim_of, seconds=300):
         truth.rim_x, truth.rim_y, truth.rim_yaw = rim_of(k / 20)
         messages.append(('truth', truth, k / 20))
     scene = 'nodes:\n  twin: {seed: 3}\n  leds: {decay_s: 0.5}\n  grains: {}\n'
-    return bag_of(folder, messages, seconds, scene)
+    return bag_of(folder, messages, settings=scene)
 
 
 def test_a_bag_of_a_twin_has_the_same_rim_without_coupling_as_a_control(tmp_path):
@@ -125,7 +108,7 @@ def test_a_bag_of_a_twin_has_the_same_rim_without_coupling_as_a_control(tmp_path
 
 
 def test_only_a_twin_with_the_path_of_its_rim_has_a_control(tmp_path):
-    assert uncoupled.of(bag_of(tmp_path / 'real', [trigger(0.0), trigger(9.0)], 9.0)) is None
+    assert uncoupled.of(bag_of(tmp_path / 'real', [trigger(0.0), trigger(9.0)])) is None
 
 
 def test_a_control_that_cannot_be_simulated_leaves_no_verdict(tmp_path, monkeypatch):
@@ -153,7 +136,7 @@ def test_loudness_of_the_reference_tone():
 
 def test_the_report_says_of_each_series_what_it_found_or_lacks(tmp_path):
     times = np.sort(np.random.default_rng(1).random(3000) * 600)
-    bag = bag_of(tmp_path / 'run', [trigger(t) for t in (0.0, *times, 600.0)], 600.0)
+    bag = bag_of(tmp_path / 'run', [trigger(t) for t in (0.0, *times, 600.0)])
     found = report.numbers(bag, list(report.spectra(bag)))
     said = found['one_over_f']
 
@@ -169,7 +152,7 @@ def test_a_bag_of_one_message_each_has_a_report(tmp_path):
     for topic, message in (('slips', Slip(kind=Slip.START)), ('cascades', Cascade(area=1)),
                            ('led_commands', LedCommand())):  # fmt: skip
         messages.append((topic, message, 0.0))
-    bag = bag_of(tmp_path / 'run', messages, 0.0)
+    bag = bag_of(tmp_path / 'run', messages)
     found = report.write(bag, tmp_path / 'out')
 
     json.dumps(found, allow_nan=False)
