@@ -20,8 +20,8 @@ from eol_ros import scene as scenes
 from eol_ros.bringup import priority, status
 from eol_ros.devices.board.fake import Arrival, latency_s
 from eol_ros.errors import EolError
-from eol_ros.ros.watch import Watch
 from eol_ros.streams.graph import SHORT
+from support.watch import Watch
 
 TICK_HZ = os.sysconf('SC_CLK_TCK')
 WATCHED = (
