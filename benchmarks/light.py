@@ -175,10 +175,10 @@ def recorded(bag: Bag, lit: list[tuple[float, int, bool]]) -> dict[str, Any] | N
         if long and first > 0:
             rises.append(white[first : last + 1, block].max(initial=0) - white[first - 1, block])
     levels = np.concatenate([part for _, part in light.levels(bag)])
-    leds = recorded_settings(bag, 'leds') or {}
-    limit = f'recorded: {leds.get("flash_limit", "not known")}'
+    leds = recorded_settings(bag, 'leds')
+    limit = f'recorded: {getattr(leds, "flash_limit", "not known")}'
     return figures(levels) | {
-        'limit': limit, 'decay_s': leds.get('decay_s', float('nan')),
+        'limit': limit, 'decay_s': getattr(leds, 'decay_s', float('nan')),
         'raised': float(np.mean(np.array(rises) >= RAISED * 255)) if rises else None,
         'long_slips': len(rises), 'held': None, 'cost_us': None,
     }  # fmt: skip

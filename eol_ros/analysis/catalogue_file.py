@@ -36,8 +36,8 @@ ZMAP = ('x', 'y', 'decimal year', 'month', 'day', 'magnitude', 'depth', 'hour', 
 
 def constants(bag: Bag) -> TwinSettings | None:
     """Return springs, friction and mass of the twin that a bag is of; None for a real table."""
-    found = recorded_settings(bag, 'twin')
-    return None if found is None else TwinSettings(**found)
+    found: TwinSettings | None = recorded_settings(bag, 'twin')
+    return found
 
 
 def of(bag: Bag, cascades: Table | None, measured: TwinSettings | None = None) -> np.ndarray:

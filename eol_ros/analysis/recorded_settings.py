@@ -11,11 +11,13 @@ from eol_ros.settings import by_today
 from eol_ros.streams.graph import NODES
 
 
-def recorded_settings(bag: Bag, node: str) -> dict[str, Any] | None:
-    """Return what the bag states of the settings of `node`; None if its scene lacks that node."""
-    nodes = (yaml.safe_load(bag.about.get('settings', '')) or {}).get('nodes', {})
-    if node not in nodes:
+def recorded_settings(bag: Bag, node: str) -> Any | None:
+    """Return the settings that `node` was recorded with; None where the bag does not say."""
+    try:
+        values = yaml.safe_load(bag.about['settings'])['nodes'][node] or {}
+        kind = NODES[node].settings
+        known = {field.name for field in dataclasses.fields(kind)}
+        found = {k: v for k, v in by_today(kind, values).items() if k in known}
+        return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in found.items()})
+    except (AttributeError, KeyError, TypeError, yaml.YAMLError):
         return None
-    kind = NODES[node].settings
-    known = {field.name for field in dataclasses.fields(kind)}
-    return {k: v for k, v in by_today(kind, nodes[node] or {}).items() if k in known}

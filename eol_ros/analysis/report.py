@@ -45,13 +45,14 @@ def numbers(
 
     answers: what was found of its series (`spectra`). measured: see `catalogue_file.of`.
     """
+    packets, own = _first_packets(bag)
     found: dict[str, Any] = {
         'bag': shown(bag.path),
         'duration_s': round(bag.duration_s, 3),
         'messages': {name: count for name, count in bag.counts.items() if count},
         'gaps': {name: json.loads(text) for name, text in bag.gaps.items() if text[:1] == '{'},
-        'latency_ms': _latencies(bag),
-        'onset_latency_ms': _onset_latencies(bag),
+        'latency_ms': _latencies(bag, packets),
+        'onset_latency_ms': _onset_latencies(bag, packets, own),
     }
     slips, cascades = _table(bag, 'slips'), _table(bag, 'cascades')
     if slips is not None:
@@ -305,28 +306,22 @@ def _table(bag: Bag, topic: str) -> Table | None:
     return bag.table(topic) if bag.count(topic) else None
 
 
-def _latencies(bag: Bag) -> dict[str, dict[str, float]]:
+def _latencies(bag: Bag, light: np.ndarray) -> dict[str, dict[str, float]]:
     """Return the latency from the stamp of an image to the recorder, or to the bytes of its light.
 
     Only the first packet of light for a stamp counts: those that follow show how a flash decays.
     """
-    found = {}
-    for topic in ('blocks', 'slips', 'led_commands', 'grain_triggers'):
-        if topic == 'led_commands':
-            light_of = _first_packets(bag)
-            if light_of is None:
-                continue
-            arrival, stamp = light_of['sent'], light_of['stamp']
-        elif bag.count(topic):
-            arrival, stamp = bag.stamps(topic)  # a day of blocks is too much to decode
-        else:
-            continue
-        if len(stamp):
-            found[topic] = _summary((arrival - stamp).astype('i8') * 1e-6)
-    return found
+    late = {
+        topic: np.subtract(*bag.stamps(topic))  # a day of blocks is too much to decode
+        for topic in ('blocks', 'slips', 'grain_triggers')
+        if bag.count(topic)
+    }
+    late['led_commands'] = light['sent'] - light['stamp']
+    order = [name for name in ('blocks', 'slips', 'led_commands', 'grain_triggers') if name in late]
+    return {name: _summary(late[name].astype('i8') * 1e-6) for name in order if len(late[name])}
 
 
-def _onset_latencies(bag: Bag) -> dict[str, dict[str, float]]:
+def _onset_latencies(bag: Bag, light: np.ndarray, own: np.ndarray) -> dict[str, dict[str, float]]:
     """Return the latency from the onset of a slip, as `slips` estimates it, to its light and sound.
 
     Light: to the bytes of the first packet that carries the stamp of the slip's image; or, where
@@ -341,16 +336,13 @@ def _onset_latencies(bag: Bag) -> dict[str, dict[str, float]]:
     starts = slips[slips['kind'] == START]
     onset_s = seconds(starts['onset'])
     found = {'slips': seconds(starts['publish_time']) - onset_s}
-    light = _first_packets(bag)
-    if light is not None and len(light):
+    if len(light):
         order = np.argsort(light['stamp'])
         at = np.searchsorted(light['stamp'][order], starts['stamp'])
         at = order[np.minimum(at, len(order) - 1)]
         lit = light['stamp'][at] == starts['stamp']
         found['led_commands'] = (seconds(light['sent'][at]) - onset_s)[lit]
-    own = _first_packets(bag, own=True)
-    if own is not None:
-        found['own_light'] = seconds(own['sent']) - seconds(own['stamp'])
+    found['own_light'] = seconds(own['sent']) - seconds(own['stamp'])
     knocks = _table(bag, 'felt_slips')
     if knocks is not None:
         knocks = knocks[knocks['kind'] == felt.PROVISIONAL]
@@ -380,27 +372,30 @@ def _onset_latencies(bag: Bag) -> dict[str, dict[str, float]]:
     return {name: _summary(late_s * 1e3) for name, late_s in found.items() if len(late_s)}
 
 
-def _first_packets(bag: Bag, own: bool = False) -> np.ndarray | None:
+def _first_packets(bag: Bag) -> list[np.ndarray]:
     """Return stamp and sent of the first packet of `led_commands` for each stamp of an image.
 
-    own: the blocks' own flashes, which have the stamps of their taps.
+    And those of the blocks' own flashes, which have the stamps of their taps.
     """
     table, taps = _table(bag, 'led_commands'), _table(bag, 'block_taps')
+    kind = [('stamp', 'M8[ns]'), ('sent', 'M8[ns]')]
     if table is None:
-        return None
+        return [np.empty(0, kind), np.empty(0, kind)]
     stamp_ns, sent = table['stamp'].astype('i8'), table['sent']  # integers sort faster than dates
-    by_block = np.isin(stamp_ns, taps['stamp'].astype('i8')) if taps is not None else False
-    some = np.flatnonzero(np.broadcast_to(by_block, len(stamp_ns)) == own)
-    stamps, first = np.unique(stamp_ns[some], return_index=True)
-    kept = some[np.sort(first[stamps > 0])]
-    found = np.empty(len(kept), [('stamp', 'M8[ns]'), ('sent', 'M8[ns]')])
-    found['stamp'], found['sent'] = table['stamp'][kept], sent[kept]
-    return found
+    by_block = np.isin(stamp_ns, taps['stamp'].astype('i8') if taps is not None else [])
+    both = []
+    for some in map(np.flatnonzero, (~by_block, by_block)):
+        stamps, first = np.unique(stamp_ns[some], return_index=True)
+        kept = some[np.sort(first[stamps > 0])]
+        found = np.empty(len(kept), kind)
+        found['stamp'], found['sent'] = table['stamp'][kept], sent[kept]
+        both.append(found)
+    return both
 
 
 def _setting(bag: Bag, node: str, name: str) -> Any:
     """Return a setting that the bag was recorded with; None where the scene lacks that node."""
-    return (recorded_settings(bag, node) or {}).get(name)
+    return getattr(recorded_settings(bag, node), name, None)
 
 
 def _summary(late_ms: np.ndarray) -> dict[str, Any]:

@@ -13,17 +13,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import yaml
 
 from eol_ros.analysis.bag import Bag, Table
+from eol_ros.analysis.recorded_settings import recorded_settings
 from eol_ros.core.motion.felt import Knock
 from eol_ros.devices.bag.requests import heeded
 from eol_ros.errors import ConfigError
-from eol_ros.settings import by_today
 from eol_ros.streams import cascades, felt, slips, taps, triggers
 from eol_ros.streams.blocks import DTYPE, Blocks, each
 from eol_ros.streams.blocks import of as blocks_row
-from eol_ros.streams.graph import NODES
 from eol_ros.streams.images import Codec
 from eol_ros.streams.requests import SET, Asked, Heeded, for_tracker
 
@@ -148,17 +146,12 @@ class Retracked:
 
 def settings_of(bag: Bag, node: str) -> Any:
     """Return the settings that `node` had in the recorded run; raise ConfigError if not known."""
-    try:
-        values = yaml.safe_load(bag.about['settings'])['nodes'][node]
-        fields = {f.name for f in dataclasses.fields(NODES[node].settings)}
-        known = by_today(NODES[node].settings, values)
-        return NODES[node].settings(
-            **{k: tuple(v) if isinstance(v, list) else v for k, v in known.items() if k in fields}
-        )
-    except (KeyError, TypeError, yaml.YAMLError):
+    found = recorded_settings(bag, node)
+    if found is None:
         raise ConfigError(
             f'{bag.path}: says nothing of the settings of {node}; it was recorded without its scene'
-        ) from None
+        )
+    return found
 
 
 def retrack(bag: Bag, track: Callable[[Iterable, str, int], Iterable] | None = None) -> Retracked:

@@ -27,7 +27,8 @@ LATE_S = 10.0  # by which a trigger may be received after it was due
 
 def settings_of(bag: Bag) -> SoundSettings:
     """Return the settings of sound that the bag was recorded with; defaults where it is silent."""
-    return SoundSettings(**(recorded_settings(bag, 'sound') or {}))
+    found: SoundSettings = recorded_settings(bag, 'sound') or SoundSettings()
+    return found
 
 
 def voices(

@@ -127,7 +127,7 @@ def of(bag: Bag, rim: RimPath | None = None) -> Uncoupled | None:
     rows = rim.rows()
     if len(rows) < 2:
         return None
-    twin, leds, grains = (recorded_settings(bag, node) or {} for node in ('twin', 'leds', 'grains'))
-    return Uncoupled(
-        TwinSettings(**twin), LedsSettings(**leds), GrainsSettings(**grains), rows, bag.duration_s
-    )
+    twin = recorded_settings(bag, 'twin') or TwinSettings()
+    leds = recorded_settings(bag, 'leds') or LedsSettings()
+    grains = recorded_settings(bag, 'grains') or GrainsSettings()
+    return Uncoupled(twin, leds, grains, rows, bag.duration_s)
