@@ -21,6 +21,7 @@ from eol_ros.streams.definition import parse, references, short
 from eol_ros.streams.graph import TOPICS
 
 _SEPARATOR = '=' * 80
+_FOREVER = {'sec': 9223372036, 'nsec': 854775807}
 
 
 def share_file(type_name: str, suffix: str) -> Path:
@@ -82,27 +83,19 @@ def is_installed(type_name: str, recorded: str, recorded_hash: str) -> bool:
 
 def qos_text(profile: QoSProfile) -> str:
     """Return a one-item YAML list, as rosbag2's metadata version 9 says a publisher's QoS."""
-    forever = {'sec': 9223372036, 'nsec': 854775807}
     data = {
         'history': profile.history.name.lower(),
         'depth': profile.depth,
         'reliability': profile.reliability.name.lower(),
         'durability': profile.durability.name.lower(),
-        'deadline': forever,
-        'lifespan': forever,
+        'deadline': dict(_FOREVER),
+        'lifespan': dict(_FOREVER),
         'liveliness': 'automatic',
-        'liveliness_lease_duration': forever,
+        'liveliness_lease_duration': dict(_FOREVER),
         'avoid_ros_namespace_conventions': False,
     }
-    text: str = yaml.dump([data], Dumper=_Plain, sort_keys=False)
+    text: str = yaml.safe_dump([data], sort_keys=False)
     return text
-
-
-class _Plain(yaml.SafeDumper):
-    """Writes every map out instead of pointing back to an equal one."""
-
-    def ignore_aliases(self, data: object) -> bool:
-        return True
 
 
 def describe(topic: str) -> dict[str, Any]:

@@ -314,15 +314,6 @@ def _do_not_run(nodes: Sequence[str]) -> str:
     return said('does_not_run', names=names) if len(nodes) == 1 else said('do_not_run', names=names)
 
 
-def visit_and_ask(asked: Asked, reach: str, namespace: str = NAMESPACE) -> Answers:
-    """Ask the running graph from the command line; return what its nodes have answered in time.
-
-    Raises DeviceMissing when nobody is there to answer.
-    """
-    with visiting(reach, namespace, asked.node) as visit:
-        return visit.ask(asked)
-
-
 class Visit:
     """On the graph from the command line: asks nodes, and reads their parameters."""
 

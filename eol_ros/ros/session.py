@@ -9,12 +9,18 @@ from contextlib import contextmanager
 from typing import Any
 
 from eol_ros.errors import UsageError
-from eol_ros.ros import network, shutdown_watchdog
+from eol_ros.ros import network
 from eol_ros.streams.graph import NAMESPACE
 
 # ROS would keep a file of each start of each node in ~/.ros/log for ever, and ends a process where
 # it cannot. What nodes say goes to stderr and /rosout all the same, and bringup keeps it, bounded.
 NO_LOG_FILES = ('--ros-args', '--disable-external-lib-logs')
+
+
+# Fast DDS 2.14 can wait for ever in `DomainParticipant::set_listener` when a participant is taken
+# down in the instant in which another one leaves. The main thread then spins inside C++, and no
+# Python signal handler runs; the kernel still ends the process (SIGALRM).
+LEAVE_S = 4
 
 
 class Session:
@@ -70,12 +76,13 @@ def ros(args: Sequence[str] = ()) -> Iterator[tuple[Any, list[Any]]]:
         for node in reversed(nodes):
             if hasattr(node, 'close'):
                 node.close()
-        shutdown_watchdog.arm()
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.alarm(LEAVE_S)
         executor.shutdown(timeout_sec=1.0)
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
-        shutdown_watchdog.disarm()
+        signal.alarm(0)
 
 
 @contextmanager

@@ -58,12 +58,13 @@ def run(args):
 
 def answer(asked, args) -> int:
     """Ask the graph; print the answers and return the exit code."""
-    from eol_ros.ros.requests import visit_and_ask
+    from eol_ros.ros.requests import visiting
     from eol_ros.streams.requests import KINDS
 
     alone = KINDS[asked.kind].nodes if not asked.node else ()
-    with reach.asking(asked.node or (alone[0] if len(alone) == 1 else ''), args):
-        answers = visit_and_ask(asked, *reach.of(args))
+    only = asked.node or (alone[0] if len(alone) == 1 else '')
+    with reach.asking(only, args), visiting(*reach.of(args), asked.node) as visit:
+        answers = visit.ask(asked)
     rows = [
         {'node': node, 'accepted': accepted, 'reason': reason}
         for node, (accepted, reason) in answers.found.items()
