@@ -376,28 +376,21 @@ def files_of(path: Path) -> tuple[list[Path], list[str]]:
         listed = []  # damaged; the files say it all again
     missing = sorted(set(listed) - names)
     others = [
-        p.name
+        p
         for p in visible(path)
         if p.name.endswith(_NOT_READ) and p.name.partition('.mcap')[0] not in names
     ]
-    if missing and (there := [n for n in others if n.startswith(missing[0])]):
-        raise ConfigError(f'{path}: {there[0]} is there, {_remedy(there[0])}')
+    for other in others:
+        if not files or any(other.name.startswith(name) for name in missing):
+            BagFileReader(other)  # says what it is, and what makes a bag of it
     if missing:
         raise DeviceMissing(f'{path}: {missing[0]} is named in metadata.yaml and is not there')
-    if not files and others:
-        raise ConfigError(f'{path}: {others[0]}: {_remedy(others[0])}')
     if not files:
         raise ConfigError(f'{path}: not a bag: a folder without .mcap files')
     return _own_files(sorted(files, key=natural), listed)
 
 
 _NOT_READ = ('.db3', '.db3.zstd', '.mcap.zstd', '.mcap.gz', '.bag')
-
-
-def _remedy(name: str) -> str:
-    if name.endswith(('.zstd', '.gz')):
-        return f'compressed as a whole: `{"zstd -d" if name.endswith(".zstd") else "gunzip"}` first'
-    return 'not MCAP: `ros2 bag convert`, or `rosbags-convert` for ROS 1, makes MCAP of it'
 
 
 def _own_files(files: list[Path], listed: list[str]) -> tuple[list[Path], list[str]]:
