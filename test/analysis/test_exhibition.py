@@ -185,12 +185,6 @@ def test_a_day_says_only_what_the_whole_does_not(digests):
         assert len(day['law']) < 30 and day['law'] not in ' '.join(said)
 
 
-def test_the_law_is_that_of_one_bag_with_all_cascades(found, digests):
-    areas = np.concatenate([d.rows['area'] for d in digests])
-
-    assert found['cascades'] == report.law(areas)
-
-
 def test_the_catalogue_has_units_and_origin_and_zmap_columns(week, tmp_path, capsys):
     assert cli.main(['report', str(week), '--all', '--output', str(tmp_path), '--json']) == 0
     found = json.loads(capsys.readouterr().out)

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 import yaml
 from support.any_stamp import use_any_stamp
+from support.bag_samples import T0, bag_of
 
 from eol_ros.analysis import retrack as retracking
 from eol_ros.analysis.bag import open_bag
-from eol_ros.analysis.retrack import DIFFERENT, Comparison, images, retrack
+from eol_ros.analysis.retrack import DIFFERENT, Comparison, retrack
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
@@ -21,7 +22,6 @@ STEP_NS = 16_666_667
 DARK = range(112, 132)  # images without infrared light, of which the tracker is told
 LIVE = 86  # here settings of motion and grains are changed, while blocks slip
 CALIBRATE = 12  # here it is asked to calibrate again, while all blocks rest
-T0 = 1_700_000_000_000_000_000
 
 
 def scene_of_blocks(count=150):
@@ -421,18 +421,6 @@ def test_the_report_says_what_was_proved(run, monkeypatch, tmp_path, capsys):
     assert 'the bag lacks it: image 60' in page and 'equal to the last bit</h2>' not in page
 
 
-@pytest.mark.slow
-def test_the_pictures_are_those_that_were_sent(run):
-    from eol_ros.core.vision.render.renderer import Renderer
-
-    renderer = Renderer(calibration=Calibration.ideal(), seed=5)
-    for i, ((_, stamp_ns, image), (at, yaw)) in enumerate(
-        zip(images(run), scene_of_blocks(5), strict=False)
-    ):
-        assert stamp_ns == T0 + i * STEP_NS
-        assert np.array_equal(image, renderer.render(at[:, 0], at[:, 1], yaw, i))
-
-
 def test_a_bag_without_blocks_is_said(tmp_path):
     from eol_ros.devices.bag.mcap_file import BagTopic
     from eol_ros.devices.bag.writer import BagWriter
@@ -444,21 +432,13 @@ def test_a_bag_without_blocks_is_said(tmp_path):
 
 def test_taps_that_a_busy_recorder_got_late_count_from_their_stamps(tmp_path):
     from eol_msgs.msg import Block, Blocks, BlockTap, Cascade, FeltSlip, Slip
-    from rclpy.serialization import serialize_message
 
     from eol_ros.core.motion.felt import Knock
     from eol_ros.core.motion.motion import Motion
-    from eol_ros.devices.bag.mcap_file import BagTopic
-    from eol_ros.devices.bag.writer import BagWriter
-    from eol_ros.ros.definitions import describe
     from eol_ros.ros.stamps import to_msg
     from eol_ros.settings import MotionSettings
     from eol_ros.streams import cascades, felt, slips
 
-    names = ('blocks', 'block_taps', 'slips', 'felt_slips', 'cascades')
-    topics = [BagTopic(f'/eol/{name}', **describe(name)) for name in names]
-    about = {'scene_name': 'x', 'settings': 'nodes: {motion: {}}\n'}
-    bag = BagWriter(tmp_path / 'run', topics, about)
     random, motion = np.random.default_rng(0), Motion(MotionSettings())
     knock_ns, told, tapped = T0 + 2 * 10**9 + 400_000, [], 0
     sigma_s = float(np.float32(2e-4))
@@ -504,12 +484,11 @@ def test_taps_that_a_busy_recorder_got_late_count_from_their_stamps(tmp_path):
             row = cascades.RECORD.fill(Cascade(), cascades.of(stamp_ns, cascade))
             told.append((stamp_ns + 8_000_000, 'cascades', row))
     tell_felt(motion.tap(knocks[2]))
-    for log_ns, topic, message in sorted(told, key=lambda one: one[0]):
-        bag.write(f'/eol/{topic}', bytes(serialize_message(message)), log_ns, log_ns)
-    bag.close()
+    messages = [(topic, message, (log_ns - T0) * 1e-9) for log_ns, topic, message in told]
+    bag = bag_of(tmp_path / 'run', messages, settings='nodes: {motion: {}}\n')
 
     assert tapped == 1
-    proofs = retrack(open_bag(tmp_path / 'run')).topics
+    proofs = retrack(bag).topics
     slipped, cascaded = proofs['slips'], proofs['cascades']
     assert (slipped.recorded, slipped.recomputed, slipped.first) == (2, 2, '')
     assert (cascaded.recorded, cascaded.recomputed, cascaded.first) == (1, 1, '')
@@ -519,5 +498,5 @@ def test_taps_that_a_busy_recorder_got_late_count_from_their_stamps(tmp_path):
 
     table = felt.RECORD.rows([felt.of(one) for one in motion.tap(knocks[3])])
     other = retracking.Retracked()
-    retracking._compare(open_bag(tmp_path / 'run'), 'felt_slips', table, other, 2**63 - 1)
+    retracking._compare(bag, 'felt_slips', table, other, 2**63 - 1)
     assert other.topics['felt_slips'].verdict == retracking.DIFFERENT

@@ -16,22 +16,6 @@ def item(topic, number, size):
     return Item(topic, bytes(size), number, number, number)
 
 
-def test_slips_are_not_dropped_for_pictures():
-    backlog = Backlog(1000, IMAGE, 1000)
-    for k in range(30):
-        backlog.put(0.0, item(IMAGE, k, 100))
-        backlog.put(0.0, item(SLIPS, k, 30))
-    assert backlog.dropped == {IMAGE: 30 - (1000 - 30 * 30) // 100}
-    kept = []
-    while entry := backlog.pop():
-        kept.append(entry.item)
-        backlog.done(entry)
-    assert [i.sequence for i in kept if i.topic == SLIPS] == list(range(30))
-    assert [i.sequence for i in kept if i.topic == IMAGE] == list(range(30))  # as what is left
-    assert sum(isinstance(i, Item) for i in kept if i.topic == IMAGE) == 1
-    assert backlog.bytes == 0
-
-
 def test_without_images_to_drop_other_messages_are_kept_up_to_a_bound_of_their_own():
     backlog = Backlog(1000, IMAGE, 3000)
     backlog.put(0.0, item(IMAGE, 0, 900))

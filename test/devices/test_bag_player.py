@@ -104,13 +104,6 @@ def test_bytes_are_untouched(bag):
     assert clock.now == 100.0
 
 
-def test_start_skips(bag):
-    clock, player = play(bag, start_s=0.5)
-    player.run()
-    assert [m.sequence for _, m in clock.given] == list(range(51, 101))
-    assert clock.given[0][0] == pytest.approx(LEAD_S)
-
-
 def test_loop_begins_again_until_stopped(bag):
     clock, player = play(bag, loop=True)
     clock.at_sleep = lambda: player.stop() if len(clock.given) >= 250 else None

@@ -30,37 +30,11 @@ def test_reading_a_folder(run):
     assert times == sorted(times)
 
 
-def test_reading_a_span(run):
-    bag = BagReader(run)
-    span = list(bag.messages(['/eol/point'], T0 + 200_000_000, T0 + 600_000_000))
-    assert [m.sequence for m in span] == list(range(21, 61))
-
-
 def test_topics_are_found_without_their_namespace(run):
     bag = BagReader(run)
     assert bag.find('point') == bag.find('/eol/point') == '/eol/point'
     with pytest.raises(ConfigError, match='no topic pint .* /eol/point'):
         bag.find('pint')
-
-
-@pytest.mark.parametrize('share', [0.3, 0.5, 0.8, 0.999])
-def test_a_file_cut_anywhere_gives_all_that_is_whole(tmp_path, share):
-    bag = BagWriter(tmp_path / 'run', [POINT], {'scene': 'x'})
-    for i in range(200):
-        bag.write('/eol/point', point(i), T0 + i, T0, i + 1)
-        if i % 10 == 9:
-            bag.flush()
-    bag.close()
-    path = tmp_path / 'run' / 'run_0.mcap'
-    data = path.read_bytes()
-    path.write_bytes(data[: int(len(data) * share)])
-    cut = BagReader(path)
-    got = [m.sequence for m in cut.messages()]
-    assert got == list(range(1, len(got) + 1))
-    assert len(got) % 10 == 0
-    assert len(got) >= 200 * (share - 0.25)
-    assert cut.about == {'scene': 'x'}
-    assert 'run_0.mcap has no end: ' in cut.cut_short[0]
 
 
 def test_what_is_not_a_bag(tmp_path):

@@ -33,26 +33,6 @@ def kept(slips: dict[int, Slipping], count: int, before_s=0.1, after_s=0.05) -> 
     return numbers
 
 
-def test_pictures_before_during_and_after_a_slip_are_kept():
-    news = {60: Slipping(1, True, 60 * STEP), 90: Slipping(1, False, 90 * STEP)}
-    assert kept(news, 200) == list(range(54, 94))
-
-
-def test_two_slips_that_overlap_are_one_stretch():
-    news = {
-        60: Slipping(1, True, 60 * STEP),
-        70: Slipping(2, True, 70 * STEP),
-        80: Slipping(1, False, 80 * STEP),
-        100: Slipping(2, False, 100 * STEP),
-    }
-    assert kept(news, 200) == list(range(54, 104))
-
-
-def test_a_slip_that_never_stops_is_over_after_ten_seconds():
-    numbers = kept({0: Slipping(1, True, 0)}, 700)
-    assert numbers == list(range(601))
-
-
 @settings(max_examples=50)
 @given(
     st.lists(st.tuples(st.integers(0, 300), st.integers(0, 690), st.booleans()), max_size=6),
@@ -92,29 +72,12 @@ def test_nothing_is_kept_while_nothing_slips_and_the_ring_stays_small():
     assert len(list(ring.slip(Slipping(1, True, 999 * STEP)))) == 16
 
 
-def test_thinning_lets_one_a_second_through():
-    limiter = RateLimiter(1.0)
-    passed = [i for i in range(600) if limiter.keep(Item('meter', b'', i * NS // 10, 0, i))]
-    assert len(passed) == 60
-    other = Item('preview', b'', 599 * NS // 10, 0, 0)
-    assert limiter.keep(other)
-
-
 def test_thinning_does_not_catch_up_after_a_pause():
     limiter = RateLimiter(1.0)
     times = [0.0, 0.5, 1.0, 10.0, 10.5, 11.0]
     passed = [t for t in times if limiter.keep(Item('meter', b'', int(t * NS), 0, 0))]
     assert passed == [0.0, 1.0, 10.0, 11.0]
-
-
-@given(st.sets(st.integers(2, 200), max_size=50))
-def test_every_missing_sequence_number_is_counted(missing):
-    gaps = Gaps()
-    for number in range(1, 202):
-        if number not in missing:
-            gaps.take('t', number)
-    assert gaps.lost['t'] == len(missing)
-    assert gaps.received['t'] == 201 - len(missing)
+    assert limiter.keep(Item('preview', b'', 0, 0, 0))  # each topic has its own
 
 
 def test_a_restarted_publisher_has_lost_nothing():

@@ -14,15 +14,11 @@ TYPES = sorted({row.type_name for row in TOPICS.values()} | OTHERS)
 
 
 @pytest.mark.parametrize('name', TYPES)
-def test_the_definition_has_the_hash_that_rosbags_computes_from_it(name):
+def test_rosbags_and_mcap_ros2_understand_the_definition(name):
     typesys = pytest.importorskip('rosbags.typesys')
     store = typesys.get_typestore(typesys.Stores.EMPTY)
     store.register(typesys.get_types_from_msg(definition(name), name))
     assert store.hash_rihs01(name) == type_hash(name)
-
-
-@pytest.mark.parametrize('name', TYPES)
-def test_mcap_ros2_understands_the_definition(name):
     dynamic = pytest.importorskip('mcap_ros2._dynamic')
     assert name in dynamic.generate_dynamic(name, definition(name))
 

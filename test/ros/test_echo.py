@@ -11,7 +11,6 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from eol_msgs.msg import Cascade, SoundMeter, Truth
 
 from eol_ros.ros.echo import DISCOVERY_S, Absence, Rate, plain, to_json, to_yaml
-from eol_ros.streams.graph import full_name
 
 
 def test_yaml_is_that_of_ros2_topic_echo():
@@ -55,12 +54,6 @@ def test_rate():
         rate.tick(i / 60)
     assert rate.numbers()['rate_hz'] == pytest.approx(60)
     assert rate.text().startswith('average rate: 60.000\n\tmin: 0.017s max: 0.017s std dev: 0.000')
-
-
-def test_names():
-    assert full_name('slips') == '/eol/slips'
-    assert full_name('diagnostics') == '/diagnostics'
-    assert full_name('/else/where') == '/else/where'
 
 
 def test_a_topic_that_nothing_publishes_is_said_once_each_time():

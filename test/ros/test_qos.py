@@ -9,7 +9,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, Image
-from support.waiting import wait_until
+from support.spinning import Nodes
 
 from eol_ros.errors import ConfigError
 from eol_ros.ros import qos
@@ -31,27 +31,6 @@ class Probe(EolNode):
         )
 
 
-class Turned:
-    """Nodes in an executor, which a test turns while it waits."""
-
-    def __init__(self, executor, *nodes):
-        self.executor, self.nodes = executor(), nodes
-        for node in nodes:
-            self.executor.add_node(node)
-
-    def until(self, condition):
-        return wait_until(condition, 30.0, turn=lambda: self.executor.spin_once(timeout_sec=0.02))
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        for node in self.nodes:
-            self.executor.remove_node(node)
-            node.destroy_node()
-        self.executor.shutdown(timeout_sec=1.0)
-
-
 @pytest.mark.parametrize('executor', [EventsExecutor, SingleThreadedExecutor])
 def test_images_of_a_best_effort_driver_come_and_those_of_a_reliable_one(ros, executor):
     probe, driver = Probe(), Node('driver', namespace='eol')
@@ -60,7 +39,7 @@ def test_images_of_a_best_effort_driver_come_and_those_of_a_reliable_one(ros, ex
     probe.subscribe('camera/camera_info', infos.append)
     sensor = driver.create_publisher(Image, 'camera/image_raw', qos_profile_sensor_data)
     lens = driver.create_publisher(CameraInfo, 'camera/camera_info', qos_profile_sensor_data)
-    with Turned(executor, probe, driver) as nodes:
+    with Nodes(probe, driver, executor=executor) as nodes:
         nodes.until(lambda: sensor.get_subscription_count() and lens.get_subscription_count())
         message = Image(height=2, width=3, encoding='mono8', step=3, data=bytes(range(6)))
         sensor.publish(message)
@@ -80,7 +59,7 @@ def test_a_mismatch_is_a_state_that_names_both_policies_until_it_is_over(ros):
     probe.subscribe('wall', lambda message: None)
     probe.publisher('sound_meter')
     kinds = {name: qos.message_class(TOPICS[name].type_name) for name in ('wall', 'sound_meter')}
-    with Turned(EventsExecutor, probe, other) as nodes:
+    with Nodes(probe, other) as nodes:
         probe.health.ok('fine')
         other.create_subscription(kinds['sound_meter'], 'sound_meter', print, RELIABLE)
         nodes.until(lambda: probe.qos.text)
@@ -102,7 +81,7 @@ def test_a_publisher_with_another_definition_of_the_type_is_an_error(ros, monkey
     probe.subscribe('wall', lambda message: None)
     probe.health.ok('fine')
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    with Turned(EventsExecutor, probe, other) as nodes:
+    with Nodes(probe, other) as nodes:
         kind = qos.message_class(TOPICS['wall'].type_name)
         first = other.create_publisher(kind, 'wall', latched)
         nodes.until(lambda: probe.qos._unmatched)
@@ -132,7 +111,7 @@ def test_overrides_are_honoured_or_told(ros):
     assert probe.get_parameter(best_effort.name).value == 'best_effort'
     assert probe.qos.unused() == [unused.name]
     driver.create_publisher(Image, 'camera/image_raw', qos_profile_sensor_data)
-    with Turned(EventsExecutor, probe, driver) as nodes:
+    with Nodes(probe, driver) as nodes:
         nodes.until(lambda: 'driver offers best_effort' in probe.qos.text)
 
 

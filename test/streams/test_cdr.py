@@ -123,13 +123,6 @@ def test_bytes_packed_by_hand():
     assert columns['c'].tolist() == [[7, 8, 9]] * 2
 
 
-def test_sequences_of_unequal_length_keep_their_own():
-    text = 'uint16[] c\n'
-    rows = [b'\0\1\0\0' + struct.pack(f'<I{n}H', n, *range(n)) for n in (2, 0, 3, 2)]
-    column = Decoder('x_msgs/msg/X', text).table(rows)['c']
-    assert [c.tolist() for c in column] == [[0, 1], [], [0, 1, 2], [0, 1]]
-
-
 def test_comments_come_with_their_names():
     decoder = Decoder('made_msgs/msg/Made', definition(['made_msgs/Part[] parts  # all of them']))
     assert decoder.comments['parts'] == 'all of them'

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import rclpy
 from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.node import Node
 
 from eol_ros.ros.node import EolNode
 from support.waiting import GENEROUS_S, wait_until
@@ -38,21 +39,22 @@ class Nodes:
     Whoever is not destroyed tells its latched messages to the next test.
     """
 
-    def __init__(self, *nodes: EolNode, executor: type[Executor] = SingleThreadedExecutor):
+    def __init__(self, *nodes: Node, executor: type[Executor] = SingleThreadedExecutor):
         self._executor, self._nodes = executor(), []
         for node in nodes:
             self.add(node)
 
-    def add(self, node: Made) -> Made:
+    def add(self, node: Any) -> Any:
         """Turn one more node; return it."""
         self._executor.add_node(node)
         self._nodes.append(node)
         return node
 
-    def end(self, node: EolNode) -> None:
+    def end(self, node: Node) -> None:
         """Close one of the nodes, and turn it no more."""
         self._nodes.remove(node)
-        node.close()
+        if isinstance(node, EolNode):
+            node.close()
         self._executor.remove_node(node)
         node.destroy_node()
 
