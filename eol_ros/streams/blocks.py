@@ -15,7 +15,7 @@ import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.states import STATES, TRACKING
-from eol_ros.streams.cdr import NS, Decoder, Fixed, encode
+from eol_ros.streams.cdr import NS, Decoder, Fixed, words
 from eol_ros.streams.checks import LARGEST
 
 if TYPE_CHECKING:
@@ -95,10 +95,15 @@ class _Places:
     """Where the values lie in a message of one frame; `raw` is such a message."""
 
     def __init__(self, definition: str, frame_id: bytes):
-        blocks = [{'id': k} for k in range(N_BLOCKS)]
-        values = {'header': {'frame_id': frame_id.decode()}, 'blocks': blocks}
-        self.raw = bytearray(encode(TYPE, definition, values))
-        layout = Decoder(TYPE, definition).layout(self.raw)
+        decoder = Decoder(TYPE, definition)
+        raw = words(0, 0, frame_id.decode(), b'\0\0', 0, N_BLOCKS) + bytes(
+            N_BLOCKS * 2 * BLOCK.itemsize
+        )
+        end = decoder.layout(raw).at('blocks', N_BLOCKS - 1, MEASURED[-1])[1] + 1
+        self.raw = raw[:end]
+        layout = decoder.layout(self.raw)
+        for k in range(N_BLOCKS):
+            self.raw[layout.at('blocks', k, 'id')[1]] = k
         head = ('header.stamp', 'header.frame_id', 'state', 'symmetry_ambiguous', 'image')
         self.head = Fixed(layout, head)
         at = [[layout.at('blocks', k, name) for name in MEASURED] for k in range(N_BLOCKS)]

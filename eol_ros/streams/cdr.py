@@ -8,7 +8,7 @@ matrix, `Fixed` reads and writes one at a time in place.
 """
 
 import struct
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -334,55 +334,17 @@ def _format(kind: str, count: int) -> Any:
     return f'S{count + 1}' if kind == 'string' else '<' + PRIMITIVES[kind]
 
 
-def encode(type_name: str, definition: str, values: Mapping[str, Any]) -> bytes:
-    """Return a message of `values`, nested as its fields are; what is left out is 0 or empty.
-
-    Times are whole nanoseconds. Raises ValueError for an array of another length than defined.
-    """
-    types = parse(definition, type_name)
+def words(*values: int | str | bytes) -> bytearray:
+    """Return the beginning of a message of uint32, strings, and bytes as they are."""
     out = bytearray(b'\0\1\0\0')
-
-    def numbers(kind: str, items: Any) -> None:
-        array = np.asarray(items, '<' + PRIMITIVES[kind])
-        if array.size:
-            out.extend(bytes(-(len(out) - HEADER) % array.itemsize))
-            out.extend(array.tobytes())
-
-    def one(kind: str, value: Any) -> None:
-        if kind == 'string':
-            text = (value or '').encode() + b'\0'
-            numbers('uint32', [len(text)])
-            out.extend(text)
-        elif kind in PRIMITIVES:
-            numbers(kind, [0 if value is None else value])
-        elif kind in TIMES:
-            numbers('int32', [(value or 0) // NS])
-            numbers('uint32', [(value or 0) % NS])
-        elif kind not in types:
-            raise ConfigError(f'{type_name}: its definition does not say what {kind} is')
-        else:
-            fields = types[kind].fields
-            for field in fields:
-                many(field, (value or {}).get(field.name))
-            if not fields:
-                out.append(0)  # the member that an empty struct gets in IDL
-
-    def many(field: Field, value: Any) -> None:
-        if field.length is None:
-            return one(field.type, value)
-        items = [None] * max(field.length, 0) if value is None else value
-        if field.length == -1:
-            numbers('uint32', [len(items)])
-        elif len(items) != field.length:
-            wrong = f'{field.name} has {len(items)} items, not {field.length}'
-            raise ValueError(f'{type_name}: {wrong}')
-        if field.plain and value is not None:
-            return numbers(field.type, items)
-        for item in items:
-            one(field.type, item)
-
-    one(short(type_name), values)
-    return bytes(out)
+    for value in values:
+        if isinstance(value, bytes):
+            out += value
+            continue
+        text = value.encode() + b'\0' if isinstance(value, str) else b''
+        number = value if isinstance(value, int) else len(text)
+        out += bytes(-len(out) % 4) + struct.pack('<I', number) + text
+    return out
 
 
 def stamp_ns(raw: bytes) -> int:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eol_ros.errors import ConfigError
-from eol_ros.streams.cdr import NS, Decoder, Fixed, encode
+from eol_ros.streams.cdr import NS, Decoder, Fixed, words
 
 TYPE = 'sensor_msgs/msg/Image'
 FRAME_ID = 'camera_optical'
@@ -33,7 +33,7 @@ class Codec:
     """
 
     def __init__(self, definition: str, frame_prefix: str = ''):
-        self._definition, self._frame_id = definition, frame_prefix + FRAME_ID
+        self._frame_id = frame_prefix + FRAME_ID
         self._decoder = Decoder(TYPE, definition)
         self._shape: tuple[int, ...] = ()
         self.encoding = ''
@@ -54,10 +54,8 @@ class Codec:
 
     def _make(self, shape: tuple[int, ...]) -> None:
         height, width = shape
-        values = {'header': {'frame_id': self._frame_id}, 'height': height, 'width': width,
-                  'encoding': 'mono8', 'step': width,
-                  'data': np.zeros(height * width, np.uint8)}  # fmt: skip
-        self._raw = bytearray(encode(TYPE, self._definition, values))
+        head = words(0, 0, self._frame_id, height, width, 'mono8', b'\0', width, height * width)
+        self._raw = head + bytes(height * width)
         layout = self._decoder.layout(self._raw)
         self._stamp = Fixed(layout, ('header.stamp',)).writer(self._raw)
         _, start, count = layout.at('data')
