@@ -7,9 +7,9 @@ import time
 from collections import deque
 from pathlib import Path
 
-from eol_ros.devices.bag.mcap_file import BagTopic
+from eol_ros.devices.bag.mcap_file import BagMessage, BagTopic
 from eol_ros.devices.bag.recording import Recording, Roles
-from eol_ros.devices.bag.selection import Item, LogTimes, Slipping
+from eol_ros.devices.bag.selection import LogTimes, Slipping
 from eol_ros.devices.bag.writer import CONTINUES, REPLAY_OF
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.node import EolNode
@@ -41,9 +41,13 @@ class RecorderNode(EolNode):
         self.described = {t: BagTopic(self.resolve_topic_name(t), **describe(t)) for t in topics}
         self.stamped(self.now_ns())  # the clock may be set before a first message comes
         self.recording = self.begin()
-        self.latched: dict[str, Item] = {}  # what holds from one round of a replay to the next
+        self.latched: dict[
+            str, BagMessage
+        ] = {}  # what holds from one round of a replay to the next
         self._times = LogTimes()
-        self._early: deque[Item] = deque(maxlen=EARLY)  # came before there was a time to give it
+        self._early: deque[BagMessage] = deque(
+            maxlen=EARLY
+        )  # came before there was a time to give it
         self._slips, self._states = self.intake('slips'), self.intake('/diagnostics')
         for topic, bag_topic in self.described.items():
             depth = READER_DEPTH if TOPICS[topic].qos == 'stream' else None
@@ -115,7 +119,7 @@ class RecorderNode(EolNode):
         def keep(raw: bytes, received_ns: int, sent_ns: int, sequence: int) -> None:
             if topic == '/diagnostics' and self._of_another_graph(raw):
                 return
-            item = Item(name, raw, 0, 0, sequence if numbers else 0)
+            item = BagMessage(name, raw, 0, 0, sequence if numbers else 0)
             if latched:
                 self.latched[name] = item
             log_ns = self._keep(item, received_ns, sent_ns)
@@ -130,7 +134,7 @@ class RecorderNode(EolNode):
         named = [node_of(row.name) for row in message.status] if message else []
         return any(node and namespace != self.namespace for node, namespace in named)
 
-    def _keep(self, item: Item, received_ns: int, sent_ns: int) -> int:
+    def _keep(self, item: BagMessage, received_ns: int, sent_ns: int) -> int:
         """Hand `item` over; return when it was received. Bags of a replay are in its time.
 
         `received_ns` and `sent_ns` are DDS's, for this node may be late without anybody's harm.

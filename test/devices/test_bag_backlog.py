@@ -7,13 +7,14 @@ from collections import Counter
 import pytest
 
 from eol_ros.devices.bag.backlog import Backlog
-from eol_ros.devices.bag.selection import Dropped, Item, Slipping
+from eol_ros.devices.bag.mcap_file import BagMessage
+from eol_ros.devices.bag.selection import Dropped, Slipping
 
 IMAGE, SLIPS = '/eol/camera/image_raw', '/eol/slips'
 
 
 def item(topic, number, size):
-    return Item(topic, bytes(size), number, number, number)
+    return BagMessage(topic, bytes(size), number, number, number)
 
 
 def test_without_images_to_drop_other_messages_are_kept_up_to_a_bound_of_their_own():
@@ -45,7 +46,7 @@ def test_random_loads(seed):
                 out.append((entry.item.topic, entry.item.sequence))
         assert backlog.bytes >= 0 and not backlog.dropped[SLIPS]
         if backlog.bytes > limit:
-            assert not any(isinstance(e.item, Item) for e in backlog._pictures)
+            assert not any(isinstance(e.item, BagMessage) for e in backlog._pictures)
     lost = Counter()
     while entry := backlog.pop():
         backlog.done(entry)

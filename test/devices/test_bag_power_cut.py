@@ -12,10 +12,10 @@ from mcap.reader import make_reader
 from support.bag_samples import POINT, T0, TEXT, point
 from support.forgetful_disk import Clock, ForgetfulDisk
 
+from eol_ros.devices.bag.mcap_file import BagMessage
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.recording import Machine, Recording, Roles
 from eol_ros.devices.bag.recover import repair_all
-from eol_ros.devices.bag.selection import Item
 from eol_ros.errors import BagDamaged
 from eol_ros.settings import RecorderSettings
 
@@ -47,9 +47,9 @@ def record(root: Path, settings: RecorderSettings, seed: int):
     while tick_s < begun + SECONDS:
         while tick_s <= clock():  # a sync takes time, and messages come meanwhile
             now = T0 + round(tick_s * 1e9)
-            items = [Item('/eol/point', point(i), now, now, i + 1)]
+            items = [BagMessage('/eol/point', point(i), now, now, i + 1)]
             if i % 6 == 0:
-                items.append(Item('/eol/text', picture(i, rng), now + 1, now, i + 1))
+                items.append(BagMessage('/eol/text', picture(i, rng), now + 1, now, i + 1))
             for item in items:
                 sent.append(item)
                 recording.take(item)

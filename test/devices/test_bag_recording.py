@@ -16,9 +16,10 @@ from support.bag_samples import POINT, T0, TEXT, point, text, write_bag
 from support.waiting import GENEROUS_S, wait_until
 
 from eol_ros.devices.bag import recording as bag_recording
+from eol_ros.devices.bag.mcap_file import BagMessage
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.recording import Machine, Recording, Roles
-from eol_ros.devices.bag.selection import Item, Slipping
+from eol_ros.devices.bag.selection import Slipping
 from eol_ros.disk import Disk
 from eol_ros.errors import ConfigError
 from eol_ros.settings import RecorderSettings
@@ -35,7 +36,7 @@ def start(root, settings=SETTINGS, images='', rhythm=(), **machine) -> Recording
 
 def feed(recording, count, first=0, step_ns=1_000_000):
     for i in range(first, first + count):
-        recording.take(Item('/eol/point', point(i), T0 + i * step_ns, T0, i + 1))
+        recording.take(BagMessage('/eol/point', point(i), T0 + i * step_ns, T0, i + 1))
 
 
 def test_recorders_that_begin_in_the_same_second_have_a_bag_each(tmp_path, monkeypatch):
@@ -71,7 +72,7 @@ def test_a_disk_that_does_not_answer_for_long_drops_and_counts(tmp_path, monkeyp
     recording = start(tmp_path)
     with recording._ready:  # the writing thread stands still
         for i in range(100):
-            recording.take(Item('/eol/point', point(i), T0 + i, T0, i + 1))
+            recording.take(BagMessage('/eol/point', point(i), T0 + i, T0, i + 1))
     wait_until(lambda: not recording._queue)
     feed(recording, 1, first=100)
     recording.close()
@@ -107,7 +108,7 @@ def test_messages_are_written_while_the_disk_synchronises(tmp_path, monkeypatch)
     feed(recording, 1)
     assert disk.begun.wait(GENEROUS_S)
     for i in range(20):
-        recording.take(Item('/eol/text', picture, T0 + i, T0, i + 1))
+        recording.take(BagMessage('/eol/text', picture, T0 + i, T0, i + 1))
         wait_until(lambda n=i + 2: recording.message_count == n)
     disk.let.set()
     recording.close()
@@ -131,7 +132,7 @@ def test_in_a_hurry_pictures_are_stored_uncompressed(tmp_path, monkeypatch):
     picture = text('x' * 100_000)
     with recording._ready:  # ten wait at once; the last few are no longer in a hurry
         for i in range(10):
-            recording.take(Item('/eol/text', picture, T0 + i, T0, i + 1))
+            recording.take(BagMessage('/eol/text', picture, T0 + i, T0, i + 1))
     recording.close()
     path = next(recording.folder.glob('*.mcap'))
     with open(path, 'rb') as file:
@@ -151,7 +152,7 @@ def test_images_lost_between_camera_and_recorder_are_counted_once(tmp_path):
     for i in range(700):
         now = T0 + i * 16_666_667
         if i not in (7, 8, 300, 599):
-            recording.take(Item('/eol/text', stamped(now), now, now, i + 1))
+            recording.take(BagMessage('/eol/text', stamped(now), now, now, i + 1))
     recording.close()
     gaps = BagReader(recording.folder).gaps
     assert json.loads(gaps['lost_before_recorder']) == {'/eol/text': 4}
@@ -164,8 +165,8 @@ def test_slips_outlast_pictures_when_the_disk_is_too_slow(tmp_path, monkeypatch)
     recording = start(tmp_path, images='/eol/text', rhythm=['/eol/text'], threaded=False)
     for i in range(100):
         now = T0 + i * 16_666_667
-        recording.take(Item('/eol/text', stamped(now, 1000), now, now, 0))
-        recording.take(Item('/eol/point', point(i), now, now, i + 1))
+        recording.take(BagMessage('/eol/text', stamped(now, 1000), now, now, 0))
+        recording.take(BagMessage('/eol/point', point(i), now, now, i + 1))
     recording.close()
     bag = BagReader(recording.folder)
     assert bag.counts['/eol/point'] == 100
@@ -184,8 +185,8 @@ def test_pictures_around_slips(tmp_path):
             recording.slip(Slipping(1, True, now))
         if i == 150:
             recording.slip(Slipping(1, False, now))
-        recording.take(Item('/eol/text', text('picture'), now, now, i))
-        recording.take(Item('/eol/point', point(i), now, now, i))
+        recording.take(BagMessage('/eol/text', text('picture'), now, now, i))
+        recording.take(BagMessage('/eol/point', point(i), now, now, i))
     recording.close()
     bag = BagReader(recording.folder)
     assert [m.sequence for m in bag.messages(['/eol/text'])] == list(range(90, 161))
@@ -204,8 +205,8 @@ def test_the_budget_of_pictures_is_one_of_the_day_not_of_the_run(tmp_path):
             tmp_path, settings, images='/eol/text', threaded=False, today=lambda: day[0]
         )
         for i in range(6):
-            recording.take(Item('/eol/text', picture, T0 + i, T0, i))
-            recording.take(Item('/eol/point', point(i), T0 + i, T0, i))
+            recording.take(BagMessage('/eol/text', picture, T0 + i, T0, i))
+            recording.take(BagMessage('/eol/point', point(i), T0 + i, T0, i))
         recording.close()
         return recording
 
@@ -321,7 +322,7 @@ def test_a_message_too_short_for_a_stamp_is_recorded_as_it_came_and_counted(tmp_
     recording = start(tmp_path, rhythm=['/eol/point'])
     short = [b'', b'\0\1\0\0', b'\0\1\0\0' + b'x' * 7]
     for k, data in enumerate(short):
-        recording.take(Item('/eol/point', data, T0 + k, T0, k + 1))
+        recording.take(BagMessage('/eol/point', data, T0 + k, T0, k + 1))
     feed(recording, 10, first=3)
     wait_until(lambda: recording.message_count == 13)  # the thread lives
     recording.close()

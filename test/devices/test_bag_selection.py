@@ -4,13 +4,13 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from eol_ros.devices.bag.mcap_file import BagMessage
 from eol_ros.devices.bag.selection import (
     LATEST_NS,
     NS,
     SLIP_LIMIT_NS,
     AroundSlips,
     Gaps,
-    Item,
     LogTimes,
     RateLimiter,
     Slipping,
@@ -20,8 +20,8 @@ from eol_ros.devices.bag.selection import (
 STEP = NS // 60
 
 
-def picture(i: int) -> Item:
-    return Item('image', b'', i * STEP, i * STEP, i)
+def picture(i: int) -> BagMessage:
+    return BagMessage('image', b'', i * STEP, i * STEP, i)
 
 
 def kept(slips: dict[int, Slipping], count: int, before_s=0.1, after_s=0.05) -> list[int]:
@@ -75,9 +75,9 @@ def test_nothing_is_kept_while_nothing_slips_and_the_ring_stays_small():
 def test_thinning_does_not_catch_up_after_a_pause():
     limiter = RateLimiter(1.0)
     times = [0.0, 0.5, 1.0, 10.0, 10.5, 11.0]
-    passed = [t for t in times if limiter.keep(Item('meter', b'', int(t * NS), 0, 0))]
+    passed = [t for t in times if limiter.keep(BagMessage('meter', b'', int(t * NS), 0, 0))]
     assert passed == [0.0, 1.0, 10.0, 11.0]
-    assert limiter.keep(Item('preview', b'', 0, 0, 0))  # each topic has its own
+    assert limiter.keep(BagMessage('preview', b'', 0, 0, 0))  # each topic has its own
 
 
 def test_a_restarted_publisher_has_lost_nothing():

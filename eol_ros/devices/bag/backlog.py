@@ -4,7 +4,8 @@
 from collections import Counter, deque
 from typing import NamedTuple
 
-from eol_ros.devices.bag.selection import Dropped, Item, Slipping
+from eol_ros.devices.bag.mcap_file import BagMessage
+from eol_ros.devices.bag.selection import Dropped, Slipping
 
 HEAD = 12  # bytes of a message, to the end of its stamp
 
@@ -14,7 +15,7 @@ class Waiting(NamedTuple):
 
     order: int
     came_s: float
-    item: Item | Slipping | Dropped
+    item: BagMessage | Slipping | Dropped
 
 
 class Backlog:
@@ -37,11 +38,11 @@ class Backlog:
     def __len__(self) -> int:
         return len(self._pictures) + len(self._rest)
 
-    def put(self, came_s: float, item: Item | Slipping) -> None:
+    def put(self, came_s: float, item: BagMessage | Slipping) -> None:
         """Queue `item`, or a `Dropped` if there is no room."""
         self._order += 1
         entry = Waiting(self._order, came_s, item)
-        if not isinstance(item, Item):
+        if not isinstance(item, BagMessage):
             self._rest.append(entry)
             return
         picture, size = item.topic == self._images, len(item.data)
@@ -60,7 +61,7 @@ class Backlog:
 
     def done(self, entry: Waiting) -> None:
         """Say that what was taken out is written, and its memory free."""
-        if isinstance(entry.item, Item):
+        if isinstance(entry.item, BagMessage):
             self.bytes -= len(entry.item.data)
 
     def _make_room(self, size: int) -> None:
@@ -68,13 +69,13 @@ class Backlog:
         for index, entry in enumerate(self._pictures):
             if size <= 0:
                 break
-            if isinstance(entry.item, Item):
+            if isinstance(entry.item, BagMessage):
                 size -= len(entry.item.data)
                 self.bytes -= len(entry.item.data)
                 self._pictures[index] = self._without_data(entry)
 
     def _without_data(self, entry: Waiting) -> Waiting:
         item = entry.item
-        assert isinstance(item, Item)
+        assert isinstance(item, BagMessage)
         self.dropped[item.topic] += 1
         return entry._replace(item=Dropped(item.topic, item.data[:HEAD], item.sequence))

@@ -43,7 +43,7 @@ def copy(
         return write_file(out, topics, messages, {RUN_METADATA: about}, found)
     bag = BagWriter(out, topics, about)
     for m in messages:
-        bag.write(m.topic, m.data, m.log_ns, m.publish_ns, m.sequence)
+        bag.write(*m)
     bag.gaps = found()
     bag.close()
     return bag.message_count
@@ -63,7 +63,7 @@ def write_file(
         for name, texts in metadata.items():
             file.add_metadata(name, texts)
         for m in messages:
-            file.write(channel[m.topic], m.data, m.log_ns, m.publish_ns, m.sequence)
+            file.write(channel[m.topic], *m[1:])
         file.add_metadata(GAPS_METADATA, gaps())
         file.close()
     except BaseException:

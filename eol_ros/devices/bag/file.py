@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, BinaryIO, TypeVar
 
 import yaml
 from mcap.exceptions import McapError
@@ -36,7 +36,7 @@ from mcap.stream_reader import StreamReader
 
 from eol_ros.devices.bag import scan
 from eol_ros.devices.bag.damage import Damage, Place, span
-from eol_ros.devices.bag.mcap_file import LIBRARY, BagTopic
+from eol_ros.devices.bag.mcap_file import LIBRARY, BagMessage, BagTopic
 from eol_ros.devices.bag.scan import HEAD, MAGIC, DamagedRecord, Found
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, RUN_METADATA
 from eol_ros.errors import BagDamaged, ConfigError, DeviceMissing
@@ -54,16 +54,6 @@ _OTHERS = {
     b'\x1f\x8b': 'compressed as a whole: `gunzip` unpacks it',
     b'PK\3\4': 'a zip archive: unpack it',
 }
-
-
-class BagMessage(NamedTuple):
-    """One recorded message: serialised data, reception and sending time in ns since the epoch."""
-
-    topic: str
-    log_ns: int
-    publish_ns: int
-    sequence: int
-    data: bytes
 
 
 @dataclass
@@ -161,7 +151,7 @@ class BagFileReader:
         for batch in self._in_order(topics, start_ns, end_ns):
             for head, data in zip(batch.heads.tolist(), batch.data, strict=True):
                 channel, sequence, log_ns, publish_ns = head
-                yield BagMessage(self.keys[channel], log_ns, publish_ns, sequence, data)
+                yield BagMessage(self.keys[channel], data, log_ns, publish_ns, sequence)
 
     def batches(
         self, topics: Collection[str], start_ns: int, end_ns: int | None

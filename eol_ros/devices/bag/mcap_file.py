@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import zstandard
 from mcap.opcode import Opcode
@@ -93,6 +93,19 @@ class BagTopic:
         if self.foreign:
             ours = {name: text for name, text in ours.items() if text}
         return dict(self.more) | ours
+
+
+class BagMessage(NamedTuple):
+    """One message of a bag: serialised data, reception and sending time in ns since the epoch.
+
+    `topic`: its key; `sequence`: the publisher's number of it, 0 where that is not known.
+    """
+
+    topic: str
+    data: bytes
+    log_ns: int
+    publish_ns: int
+    sequence: int
 
 
 class _Chunk:

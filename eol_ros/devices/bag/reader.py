@@ -16,7 +16,7 @@ from mcap.records import Chunk, Message, Metadata
 from eol_ros.devices.bag import scan
 from eol_ros.devices.bag.damage import Unreadable, lasting_s
 from eol_ros.devices.bag.file import BagFileReader, add_topic
-from eol_ros.devices.bag.file import BagMessage as BagMessage
+from eol_ros.devices.bag.mcap_file import BagMessage as BagMessage
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.scan import MAGIC
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, REPLAY_OF, RUN_METADATA, SAMPLE

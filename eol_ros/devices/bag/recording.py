@@ -26,8 +26,8 @@ from typing import Any, BinaryIO
 
 from eol_ros.devices.bag.backlog import Backlog, Waiting
 from eol_ros.devices.bag.housekeeping import Housekeeper
-from eol_ros.devices.bag.mcap_file import BagTopic
-from eol_ros.devices.bag.selection import Dropped, Item, Losses, Selection, Slipping
+from eol_ros.devices.bag.mcap_file import BagMessage, BagTopic
+from eol_ros.devices.bag.selection import Dropped, Losses, Selection, Slipping
 from eol_ros.devices.bag.writer import BagExists, BagWriter
 from eol_ros.devices.rounds import Rounds
 from eol_ros.disk import DISK, Disk, read
@@ -184,7 +184,7 @@ class Recording:
         )  # fmt: skip
         self._housekeeper.start()
 
-    def take(self, item: Item) -> None:
+    def take(self, item: BagMessage) -> None:
         """Hand over a message; never waits."""
         with self._ready:
             if self._closing:
@@ -284,7 +284,7 @@ class Recording:
             self.rounds.done()
 
     def _lose(self, entry: Waiting | None) -> None:
-        if entry and isinstance(entry.item, Item):
+        if entry and isinstance(entry.item, BagMessage):
             self._losses.unwritten[entry.item.topic] += 1
 
     def _step(self, entry: Waiting | None = None) -> None:
@@ -351,7 +351,7 @@ class Recording:
             if sync.error and sync.writer is self._writer:
                 self._pause(self._refused(sync.error), whole=False)
 
-    def _write(self, item: Item | Slipping | Dropped) -> None:
+    def _write(self, item: BagMessage | Slipping | Dropped) -> None:
         if not isinstance(item, Slipping):
             self._losses.count(item)
         for kept in () if isinstance(item, Dropped) else self._selection.take(item):

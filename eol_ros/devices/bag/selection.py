@@ -7,6 +7,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
+from eol_ros.devices.bag.mcap_file import BagMessage
 from eol_ros.settings import RecorderSettings
 from eol_ros.streams.cdr import stamp_ns
 
@@ -14,16 +15,6 @@ NS = 1_000_000_000
 KNOWN = 5  # so many intervals tell a rhythm
 LATEST_NS = 10 * NS  # a message is handed over no later than this: readers keep ten seconds of them
 SLIP_LIMIT_NS = 10 * NS  # a slip whose stop never came is over by then
-
-
-class Item(NamedTuple):
-    """One received message: full topic name, CDR, reception and sending time in ns, sequence."""
-
-    topic: str
-    data: bytes
-    log_ns: int
-    publish_ns: int
-    sequence: int
 
 
 class LogTimes:
@@ -73,11 +64,11 @@ class AroundSlips:
     def __init__(self, before_s: float, after_s: float):
         self._before_ns = round(before_s * NS)
         self._after_ns = round(after_s * NS)
-        self._ring: deque[Item] = deque()
+        self._ring: deque[BagMessage] = deque()
         self._open: dict[int, int] = {}  # slip -> when it started
         self._until_ns = -1
 
-    def slip(self, news: Slipping) -> Iterator[Item]:
+    def slip(self, news: Slipping) -> Iterator[BagMessage]:
         """Take note of a start or a stop; yield the images from before it."""
         if news.started:
             self._open[news.number] = news.log_ns
@@ -89,7 +80,7 @@ class AroundSlips:
             if item.log_ns >= news.log_ns - self._before_ns:
                 yield item
 
-    def image(self, item: Item) -> Iterator[Item]:
+    def image(self, item: BagMessage) -> Iterator[BagMessage]:
         """Yield the image if it is to be kept now; remember it for a while if not."""
         for number, start_ns in list(self._open.items()):
             if item.log_ns - start_ns > SLIP_LIMIT_NS:
@@ -109,7 +100,7 @@ class RateLimiter:
         self._period_ns = round(period_s * NS)
         self._next_ns: dict[str, int] = {}
 
-    def keep(self, item: Item) -> bool:
+    def keep(self, item: BagMessage) -> bool:
         """Return whether `item` is the one of its period."""
         due = self._next_ns.get(item.topic, 0)
         if item.log_ns < due:
@@ -204,7 +195,7 @@ class Selection:
         self._limiter = RateLimiter(settings.display_period_s)
         self._pictures, self._thinned, self._room = pictures, frozenset(thinned), room
 
-    def take(self, item: Item | Slipping) -> Iterator[Item]:
+    def take(self, item: BagMessage | Slipping) -> Iterator[BagMessage]:
         """Yield what is to be written now that `item` has come."""
         if isinstance(item, Slipping):
             yield from self._with_room(self._ring.slip(item))
@@ -213,7 +204,7 @@ class Selection:
         elif item.topic not in self._thinned or self._limiter.keep(item):
             yield item
 
-    def _with_room(self, images: Iterable[Item]) -> Iterator[Item]:
+    def _with_room(self, images: Iterable[BagMessage]) -> Iterator[BagMessage]:
         return (item for item in images if self._room(len(item.data)))
 
 
@@ -226,7 +217,7 @@ class Losses:
         self._unstamped: Counter[str] = Counter()  # too short for a stamp, recorded unchanged
         self._images, self._rhythm = images, {topic: StampGaps(rate_hz) for topic in rhythm}
 
-    def count(self, item: Item | Dropped) -> None:
+    def count(self, item: BagMessage | Dropped) -> None:
         """Look for what is missing before a message that came, were it dropped or not."""
         if isinstance(item, Dropped):
             head = item.head
