@@ -73,8 +73,7 @@ def run(args):
 
 
 def _info(args) -> int:
-    from eol_ros.devices.bag.damage import Unreadable
-    from eol_ros.devices.bag.reader import BagReader
+    from eol_ros.devices.bag.reader import BagReader, Unreadable
     from eol_ros.verbs.progress import track
 
     bag = BagReader(args.bag)

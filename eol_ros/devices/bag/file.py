@@ -9,13 +9,14 @@ once and each chunk proved (see `scan`).
 import io
 import itertools
 import struct
+import time
 import warnings
 import zlib
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, TypeVar
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple, TypeVar
 
 import yaml
 from mcap.exceptions import McapError
@@ -35,7 +36,6 @@ from mcap.records import (
 from mcap.stream_reader import StreamReader
 
 from eol_ros.devices.bag import scan
-from eol_ros.devices.bag.damage import Damage, Place, span
 from eol_ros.devices.bag.mcap_file import LIBRARY, BagMessage, BagTopic
 from eol_ros.devices.bag.scan import HEAD, MAGIC, DamagedRecord, Found
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, RUN_METADATA
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 
 FOOTER = struct.Struct('<BQQQI')  # opcode, length, start of the summary, of its offsets, crc
 _T = TypeVar('_T')
+FOREVER = (1 << 63) - 1  # ns
 _NAMED = 'offered_qos_profiles', 'topic_type_hash'  # in the metadata of a channel
 _OTHERS = {
     b'SQLite': 'a bag in SQLite (.db3): `ros2 bag convert` makes MCAP of it',
@@ -54,6 +55,43 @@ _OTHERS = {
     b'\x1f\x8b': 'compressed as a whole: `gunzip` unpacks it',
     b'PK\3\4': 'a zip archive: unpack it',
 }
+
+
+class Place(NamedTuple):
+    """Where messages lie in a file: a chunk, or one message by itself. Times in ns, true ones."""
+
+    start_ns: int
+    end_ns: int
+    offset: int
+    end: int
+    channels: frozenset[int]  # empty: not known
+    compression: str  # of a chunk; the record itself may be damaged
+    chunk: bool = True
+
+
+class Damage(NamedTuple):
+    """A stretch of bytes of `file` that cannot be read, and which time of it is missing, in ns.
+
+    Where no message is missing the times are 0.
+    """
+
+    file: str
+    start: int
+    end: int
+    why: str
+    start_ns: int = 0
+    end_ns: int = 0
+
+    def text(self, bag_start_ns: int) -> str:
+        """Return it in words, with times from the start of the bag, too."""
+        where = f'{self.file}: bytes {self.start} to {self.end} are damaged ({self.why})'
+        if not self.end_ns:
+            return f'{where}; no message is missing'
+        begin = f'{(self.start_ns - bag_start_ns) * 1e-9:.3f} s' if self.start_ns else 'the start'
+        end = f'{(self.end_ns - bag_start_ns) * 1e-9:.3f} s' if self.end_ns < FOREVER else 'the end'
+        day = time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(self.start_ns // 10**9))
+        day = f' ({day})' if self.start_ns else ''
+        return f'{where}: messages from {begin} to {end} may be missing{day}'
 
 
 @dataclass
@@ -333,6 +371,22 @@ class BagFileReader:
         )
         self.keys[channel.id] = key = add_topic(self.topics, topic)
         self.counts[key] = self.counts.get(key, 0) + self.contents.counts[channel.id]
+
+
+def span(hole: Found, before: Sequence[Place], after: Sequence[Place]) -> tuple[int, int]:
+    """Return from when to when messages may be lost in a hole between places of a file, in ns."""
+    if hole.framed:
+        return 0, 0
+    # between the neighbours of many messages, for images lie among them
+    start_ns = next((p.end_ns for p in reversed(before) if p.start_ns < p.end_ns), 0)
+    end_ns = next((p.end_ns for p in after if p.start_ns < p.end_ns), FOREVER)
+    if isinstance(hole.record, Chunk):
+        said = hole.record.message_start_time, hole.record.message_end_time
+        if not said[1]:
+            return 0, 0  # definitions
+        if start_ns <= said[0] <= said[1] <= end_ns:
+            return said
+    return start_ns, max(start_ns, end_ns)
 
 
 def add_topic(topics: dict[str, BagTopic], topic: BagTopic) -> str:

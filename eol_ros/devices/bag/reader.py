@@ -6,15 +6,14 @@ import heapq
 import itertools
 import os
 import re
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import yaml
 from mcap.records import Chunk, Message, Metadata
 
 from eol_ros.devices.bag import scan
-from eol_ros.devices.bag.damage import Unreadable, lasting_s
 from eol_ros.devices.bag.file import BagFileReader, add_topic
 from eol_ros.devices.bag.mcap_file import BagMessage as BagMessage
 from eol_ros.devices.bag.mcap_file import BagTopic
@@ -30,6 +29,13 @@ if TYPE_CHECKING:
 APART_NS = 366 * 86400 * 10**9  # no recording has a hole of more than a year
 MERGED = 4096  # messages of files that overlap in time, in memory at a time
 LOOK_BACK_NS = 60_000_000_000
+
+
+class Unreadable(NamedTuple):
+    """What damage has cost: messages, of files whose index counts them, and how long it lasts."""
+
+    messages: int
+    seconds: float
 
 
 class BagReader:
@@ -283,6 +289,15 @@ class BagReader:
             if name in file.metadata:
                 return file.metadata[name]
         return {}
+
+
+def lasting_s(spans: Sequence[tuple[int, int]]) -> float:
+    """Return how long spans of time, in ns, last together."""
+    seconds, until_ns = 0.0, 0
+    for start_ns, end_ns in sorted(spans):
+        seconds += max(end_ns - max(start_ns, until_ns), 0) * 1e-9
+        until_ns = max(until_ns, end_ns)
+    return seconds
 
 
 def open_files(paths: Collection[Path]) -> tuple[list[BagFileReader], list[str]]:
