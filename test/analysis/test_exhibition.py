@@ -10,18 +10,15 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from eol_msgs.msg import BlockTap, Cascade, Slip
-from rclpy.serialization import serialize_message
+from support.bag_samples import T0, bag_of
 
 from eol_ros import cli
 from eol_ros.analysis import catalogue_file, exhibition, report
-from eol_ros.analysis.bag import open_bag
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.science import powerlaw
-from eol_ros.devices.bag.mcap_file import BagTopic
-from eol_ros.devices.bag.writer import REPLAY_OF, BagWriter
+from eol_ros.devices.bag.writer import REPLAY_OF
 from eol_ros.errors import ConfigError
 from eol_ros.lab.sweeps import crews, work
-from eol_ros.ros.definitions import describe
 from eol_ros.ros.stamps import to_msg
 from eol_ros.web import notices
 
@@ -38,13 +35,11 @@ VISITS = (0.25, 1.0, 2.6)  # hours after 9:30 when a minute of visit begins
 def write(folder, day, about=None):
     """One day: slips in three visits, one after the other, each a cascade of its own."""
     rng = np.random.default_rng(day)
-    topics = [BagTopic(f'/eol/{t}', **describe(t)) for t in ('slips', 'cascades', 'block_taps')]
-    bag = BagWriter(folder / f'day{day}', topics, {'versions': 'eol_ros 0.2.0', **(about or {})})
     begin = MONDAY + day * DAY_S * S
     told = []
 
     def tell(topic, message, at):
-        told.append((at, f'/eol/{topic}', bytes(serialize_message(message))))
+        told.append((topic, message, (at - T0) / S))
 
     def knock(at):
         tap = BlockTap(block=3)
@@ -70,9 +65,7 @@ def write(folder, day, about=None):
         cascade.onset = to_msg(at)
         tell('cascades', cascade, at + S // 5)
     knock(begin + round(HOURS * 3600) * S)
-    for at, topic, raw in sorted(told, key=lambda row: row[0]):
-        bag.write(topic, raw, at, at)
-    bag.close()
+    bag_of(folder / f'day{day}', told, versions='eol_ros 0.2.0', **(about or {}))
 
 
 @pytest.fixture(scope='module')
@@ -255,18 +248,17 @@ def test_panel_report_and_exhibition_give_one_answer(tmp_path):
     """Cascades that were told in another order than they began: blocks of the bootstrap differ."""
     rng = np.random.default_rng(5)
     areas = powerlaw.sample(1.5, 1, 25, 1500, rng)
-    bag = BagWriter(tmp_path / 'run', [BagTopic('/eol/cascades', **describe('cascades'))], {})
-    day = notices.Day()
+    messages, day = [], notices.Day()
     for i, area in enumerate(areas.tolist()):
         told = MONDAY + i * S
         cascade = Cascade(cascade=i, area=area, size=area, blocks=list(range(area)), distance=0.01)
         cascade.onset = cascade.header.stamp = to_msg(told - int(rng.integers(0, 300)) * S)
-        bag.write('/eol/cascades', bytes(serialize_message(cascade)), told, told)
+        messages.append(('cascades', cascade, (told - T0) / S))
         day.add(cascade, MONDAY / S)
-    bag.close()
+    bag = bag_of(tmp_path / 'run', messages)
     day.fit()
     shown = day.notice()['law']
-    alone = report.numbers(open_bag(tmp_path / 'run'))['cascades']
+    alone = report.numbers(bag)['cascades']
     whole = exhibition.numbers([exhibition.digest(tmp_path / 'run', ZONE)], [])
 
     assert shown['fitted'] == alone['count'] == whole['cascades']['count'] == 1500
