@@ -177,7 +177,7 @@ class BagReader:
         Yields
         ------
         BagMessage
-            Topic, times in ns, sequence number and CDR bytes.
+            Topic, CDR bytes, times in ns and sequence number.
 
         Examples
         --------
