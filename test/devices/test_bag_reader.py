@@ -19,24 +19,6 @@ def run(tmp_path):
     return tmp_path / 'run'
 
 
-def test_reading_a_folder(run):
-    bag = BagReader(run)
-    assert bag.counts == {'/eol/point': 100, '/eol/text': 10}
-    assert bag.duration_s == pytest.approx(0.99)
-    assert bag.about == {'scene': 'scene: test', 'seeds': '{twin: 7}'}
-    assert bag.cut_short == []
-    times = [m.log_ns for m in bag.messages()]
-    assert len(times) == 110
-    assert times == sorted(times)
-
-
-def test_topics_are_found_without_their_namespace(run):
-    bag = BagReader(run)
-    assert bag.find('point') == bag.find('/eol/point') == '/eol/point'
-    with pytest.raises(ConfigError, match='no topic pint .* /eol/point'):
-        bag.find('pint')
-
-
 def test_what_is_not_a_bag(tmp_path):
     with pytest.raises(DeviceMissing, match='no such bag'):
         BagReader(tmp_path / 'absent')
@@ -80,12 +62,6 @@ def test_batches_are_in_order_although_chunks_and_files_overlap(tmp_path, files)
             assert [row[0] for row in got] == sorted(row[0] for row in got)
             assert sorted(got) == sorted(expected) and len(got) > 9
     assert len(list(bag.batches(['/eol/point']))) > 3 or files > 1
-
-
-def test_a_folder_of_bags_stands_for_its_newest(tmp_path):
-    for name, count in (('b', 3), ('a', 7)):
-        write_bag(tmp_path / name, count).close()
-    assert BagReader(tmp_path).counts['/eol/point'] == 7
 
 
 def test_a_file_beside_them_does_not_make_a_folder_of_bags_a_bag(tmp_path):

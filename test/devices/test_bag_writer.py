@@ -72,15 +72,6 @@ def test_rosbags_reads_the_folder(tmp_path):
     assert words == [f'word {i}' for i in range(0, 100, 10)]
 
 
-def test_mcap_ros2_decodes_it(tmp_path):
-    decoder = pytest.importorskip('mcap_ros2.decoder')
-    write_bag(tmp_path / 'run').close()
-    with open(tmp_path / 'run' / 'run_0.mcap', 'rb') as file:
-        reader = make_reader(file, decoder_factories=[decoder.DecoderFactory()])
-        ys = [m.decoded_message.y for m in reader.iter_decoded_messages('/eol/point')]
-    assert ys == [-i for i in range(100)]
-
-
 @pytest.mark.parametrize('options, files', [({'split_s': 0.25}, 4), ({'split_bytes': 4000}, 3)])
 def test_a_bag_splits_by_time_and_by_size(tmp_path, options, files):
     write_bag(tmp_path / 'run', **options).close()

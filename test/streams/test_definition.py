@@ -24,7 +24,7 @@ float64[] x
 """
 
 
-def test_fields_with_type_length_and_comment():
+def test_fields_constants_and_types_that_fields_refer_to():
     message = parse(TEXT, 'geometry_msgs/msg/Made')['geometry_msgs/Made']
     assert message.fields == [
         ('header', 'std_msgs/Header', None, 'of the message'),
@@ -35,10 +35,6 @@ def test_fields_with_type_length_and_comment():
         ('x', 'float64', -1, ''),
     ]
     assert [f.plain for f in message.fields] == [False, False, False, False, True, True]
-
-
-def test_constants_with_their_values():
-    message = parse(TEXT, 'geometry_msgs/msg/Made')['geometry_msgs/Made']
     assert message.constants == {
         'KIND': Constant('uint8', 1, 'a constant'),
         'WORD': Constant('string', 'a # b', ''),
@@ -46,10 +42,6 @@ def test_constants_with_their_values():
         'HALF': Constant('float32', 0.5, ''),
         'BELOW': Constant('int8', -3, ''),
     }
-
-
-def test_types_that_fields_refer_to():
-    message = parse(TEXT, 'geometry_msgs/msg/Made')['geometry_msgs/Made']
     assert references(message) == [
         'std_msgs/msg/Header',
         'geometry_msgs/msg/Point',
