@@ -33,20 +33,23 @@ def copy(
     if out.exists():
         raise ConfigError(f'{out}: is there already; choose another --output')
 
-    def found() -> dict[str, str]:
-        lines = damage()
-        return gaps | ({DAMAGED: json.dumps(lines)} if lines else {})
-
     if out.suffix == '.mcap':
         if not out.absolute().parent.is_dir():
             raise ConfigError(f'{out}: there is no such folder')
-        return write_file(out, topics, messages, {RUN_METADATA: about}, found)
+        return write_file(
+            out, topics, messages, {RUN_METADATA: about}, lambda: noted(gaps, damage())
+        )
     bag = BagWriter(out, topics, about)
     for m in messages:
         bag.write(*m)
-    bag.gaps = found()
+    bag.gaps = noted(gaps, damage())
     bag.close()
     return bag.message_count
+
+
+def noted(gaps: dict[str, str], damage: Sequence[str]) -> dict[str, str]:
+    """Return `gaps` with a note of what could not be read."""
+    return gaps | ({DAMAGED: json.dumps(damage)} if damage else {})
 
 
 def write_file(

@@ -103,8 +103,6 @@ class Contents:
     places: list[Place] = field(default_factory=list)
     counts: Counter[int] = field(default_factory=Counter)  # messages of each channel
     metadata: list[tuple[int, Metadata]] = field(default_factory=list)  # with their offsets
-    start_ns: int = 0
-    end_ns: int = 0
     data_end: int = len(MAGIC)
     attachments: int = 0
     complete: bool = False  # nothing is cut off of the data
@@ -305,7 +303,9 @@ class BagFileReader:
             found, index_wrong = None, True  # and not just left out
         self.indexed = found is not None
         self.contents = contents = found or walked(file, size, self.ours, self.breathe)
-        self.start_ns, self.end_ns = contents.start_ns, contents.end_ns
+        self.places = sorted(contents.places)
+        self.start_ns = min((p.start_ns for p in self.places), default=0)
+        self.end_ns = max((p.end_ns for p in self.places), default=0)
         for k, hole in contents.holes:
             times = span(hole, contents.places[:k], contents.places[k:])
             self._damaged(hole.offset, hole.end, hole.why, *times)
@@ -315,7 +315,6 @@ class BagFileReader:
             self.cut_at = contents.data_end
         elif not self.indexed and (self.ours or index_wrong):
             self._damaged(contents.data_end, size, 'the index')
-        self.places = sorted(contents.places)
         for channel in contents.channels.values():
             self._add(channel, contents.schemas.get(channel.schema_id))
         self._check_metadata()
@@ -435,12 +434,9 @@ def from_index(file: BinaryIO, size: int, ours: bool) -> Contents | None:
             _add_metadata(found, file, record.offset, record.length)
         elif isinstance(record, Statistics):
             statistics = record
-    if not isinstance(statistics, Statistics):
-        return None
-    if statistics.message_count and not found.places:
+    if statistics is None or (statistics.message_count and not found.places):
         return None
     found.counts.update(statistics.channel_message_counts)
-    found.start_ns, found.end_ns = statistics.message_start_time, statistics.message_end_time
     found.attachments = statistics.attachment_count
     return found
 
@@ -464,8 +460,6 @@ def walked(file: BinaryIO, size: int, ours: bool, breathe: Callable[[], object])
     if contents.complete:
         for known in scan.definitions_at(file, contents.data_end, size):
             contents.define(known, trusted=False)
-    contents.start_ns = min((p.start_ns for p in contents.places), default=0)
-    contents.end_ns = max((p.end_ns for p in contents.places), default=0)
     return contents
 
 

@@ -8,13 +8,12 @@ be read, is renamed, never deleted.
 
 import contextlib
 import fcntl
-import json
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from eol_ros.devices.bag.edit import DAMAGED, write_file
+from eol_ros.devices.bag.edit import noted, write_file
 from eol_ros.devices.bag.file import BagFileReader, add_topic
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.reader import files_of, open_files
@@ -97,12 +96,10 @@ def _write(old: BagFileReader, work: Path, min_free_gb: float) -> None:
     gaps = old.metadata.get(GAPS_METADATA, {}) | {'recovered': f'from {path.name}'}
     kept = {n: m for n, m in old.metadata.items() if n not in (GAPS_METADATA, 'rosbag2')}
 
-    def lost() -> dict[str, str]:
-        return gaps | ({DAMAGED: json.dumps(lines)} if (lines := _lost(old)) else {})
-
     work.unlink(missing_ok=True)
     try:
-        write_file(work, old.topics.values(), old.messages(None, 0, None), kept, lost)
+        messages = old.messages(None, 0, None)
+        write_file(work, old.topics.values(), messages, kept, lambda: noted(gaps, _lost(old)))
         made, count = BagFileReader(work, old.breathe, quiet=True), sum(old.counts.values())
         read = made.prove()
         if made.damage or not made.indexed or not read == count == sum(made.counts.values()):
