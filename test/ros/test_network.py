@@ -11,7 +11,7 @@ import sys
 
 import pytest
 from support import needs
-from support.machines import Machines, NoMachines, answer, ip
+from support.machines import Machines, answer, ip
 from support.played_slips import play, played_bag  # noqa: F401  a fixture
 from support.waiting import wait_until
 
@@ -34,14 +34,8 @@ print(json.dumps({'heard': min(len(heard), 5), 'nodes': node.get_node_names()}))
 def machines():
     """The work and somebody else, on one cable."""
     needs.system('iproute2')
-    found = Machines('work', 'other')
-    try:
-        found.start()
+    with Machines('work', 'other') as found:
         yield found
-    except NoMachines as error:
-        pytest.skip(str(error))
-    finally:
-        found.stop()
 
 
 @pytest.mark.slow

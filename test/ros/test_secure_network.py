@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from support import needs
-from support.machines import Machines, NoMachines, answer, ip
+from support.machines import Machines, answer, ip
 from support.played_slips import play, played_bag  # noqa: F401  a fixture
 
 pytestmark = pytest.mark.slow
@@ -76,15 +76,9 @@ ECHO = [sys.executable, '-m', 'eol_ros', 'echo', 'slips', '--json', '--once']
 def machines(tmp_path_factory):
     """The work and a laptop that it lets in, both with their tunnel up, and a stranger."""
     needs.system('wireguard-tools', 'wireguard-go', 'nftables')
-    found = Machines('work', 'laptop', 'stranger')
-    try:
-        found.start()
+    with Machines('work', 'laptop', 'stranger') as found:
         found.let_in('laptop', tmp_path_factory.mktemp('keys'))
         yield found
-    except NoMachines as error:
-        pytest.skip(str(error))
-    finally:
-        found.stop()
 
 
 def visit(machines, machine, seconds, **variables):
@@ -194,15 +188,9 @@ def test_a_revoked_key_opens_nothing(machines, bag):
 def viewer(machines, tmp_path_factory):
     """The work, and a machine with a read-only key; the machines of before are gone."""
     machines.stop()  # there is one work at a time
-    found = Machines('work', 'viewer')
-    try:
-        found.start()
+    with Machines('work', 'viewer') as found:
         found.let_in('viewer', tmp_path_factory.mktemp('keys'), '--read-only')
         yield found
-    except NoMachines as error:
-        pytest.skip(str(error))
-    finally:
-        found.stop()
 
 
 def test_who_has_a_read_only_key_hears_and_moves_nothing(viewer, bag):

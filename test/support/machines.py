@@ -12,19 +12,18 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+import pytest
+
 from eol_ros import parent_death
 
 DOMAIN = '61'
 
 
-class NoMachines(RuntimeError):
-    """Network namespaces, or a program that they need, cannot be had here."""
-
-
 class Machines:
     """Network namespaces; the n-th has the address `net.n` on the cable, and a name.
 
-    `variables`: of the environment of what is run, by machine.
+    A context that ends them; it skips the test where they cannot be had. `variables`: of the
+    environment of what is run, by machine.
     """
 
     def __init__(self, *names: str):
@@ -33,16 +32,25 @@ class Machines:
         self.net = f'192.168.{os.getpid() % 250}'
         self.variables: dict[str, dict[str, str]] = {}
 
+    def __enter__(self) -> 'Machines':
+        try:
+            self.start()
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        self.stop()
+
     def start(self) -> None:
-        """Make them; raises NoMachines where that is not permitted."""
+        """Make them."""
         require(['ip'])
         first, *others = self.names.values()
         try:
             ip('netns', 'add', first)
         except subprocess.CalledProcessError as error:
-            raise NoMachines(
-                f'network namespaces are not permitted: {error.stderr.strip()}'
-            ) from None
+            pytest.skip(f'network namespaces are not permitted: {error.stderr.strip()}')
         ip('-n', first, 'link', 'add', 'cable', 'type', 'bridge')
         for i, name in enumerate(others):
             ip('netns', 'add', name)
@@ -109,10 +117,10 @@ class Machines:
 
 
 def require(programs: Iterable[str]) -> None:
-    """Raise NoMachines where one of the programs is missing."""
+    """Skip the test where one of the programs is missing."""
     for program in programs:
         if shutil.which(program) is None:
-            raise NoMachines(
+            pytest.skip(
                 f'no {program} here: apt-get install iproute2 wireguard-tools wireguard-go nftables'
             )
 
