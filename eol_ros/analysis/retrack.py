@@ -174,7 +174,7 @@ def retrack(bag: Bag, track: Callable[[Iterable, str, int], Iterable] | None = N
         _compare_blocks(bag, lines, blocks, result, track)
     else:
         result.notes.append('no images in the bag: compared from its blocks on')
-    inputs = list(zip(blocks['log_time'].astype('i8').tolist(), each(blocks), strict=True))
+    inputs = list(each(blocks))
     broken = np.flatnonzero(np.diff(blocks['image'].astype('i8')) != 1)
     until_ns = 2**63 - 1
     if len(broken):  # behind it motion and grains knew more than the bag has
@@ -238,7 +238,7 @@ def _compare_blocks(
     numbers = blocks['image'].astype('i8')
     check = Comparison('blocks', len(blocks), 0)
     offset_ns = round(settings.stamp_offset_s * 1e9)
-    pictures: Iterable = ((log, stamp + offset_ns, px) for log, stamp, px in images(bag))
+    pictures: Iterable = ((stamp + offset_ns, pixels) for stamp, pixels in images(bag))
     if track:
         pictures = track(pictures, 'tracking', bag.count('camera/image_raw'))
     waiting = _taps(bag)
@@ -274,7 +274,7 @@ def _compare_blocks(
 
 
 def _seen(
-    pictures: Iterable[tuple[int, int, np.ndarray]],
+    pictures: Iterable[tuple[int, np.ndarray]],
     stamps: np.ndarray,
     numbers: np.ndarray,
     there: list[int],
@@ -288,7 +288,7 @@ def _seen(
     row_of = {int(stamp): i for i, stamp in enumerate(stamps)}
     unanswered: list[tuple[int, np.ndarray]] = []  # the last of those since one was answered
     many, answered, known = 0, 0, True
-    for _log_ns, stamp_ns, image in pictures:
+    for stamp_ns, image in pictures:
         there.append(stamp_ns)
         row = row_of.get(stamp_ns)
         if not known:
@@ -383,22 +383,21 @@ def _taps(bag: Bag) -> list[Knock]:
     return sorted(map(taps.to_knock, taps.RECORD.each(bag.table('block_taps'))))
 
 
-def images(bag: Bag) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Yield log time and stamp in ns and the grey (h, w) uint8 pixels of every recorded image."""
+def images(bag: Bag) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield the stamp in ns and the grey (h, w) uint8 pixels of every recorded image."""
     name = bag.find('camera/image_raw')
     codec = Codec(bag.topics[name].definition)
     for message in bag.messages([name]):
         try:
-            stamp_ns, pixels = codec.read(message.data)
+            yield codec.read(message.data)
         except ValueError as error:
             raise ConfigError(f'{bag.path}: {error}') from None
-        yield message.log_ns, stamp_ns, pixels
 
 
 def _compare_motion(
     bag: Bag,
     lines: list[Heeded],
-    inputs: list[tuple[int, Blocks]],
+    inputs: list[Blocks],
     result: Retracked,
     until_ns: int,
 ) -> None:
@@ -410,7 +409,7 @@ def _compare_motion(
     motion = Motion(live.settings)
     waiting = _taps(bag)
     new, over, told = [], [], []
-    for _log_ns, image in inputs:
+    for image in inputs:
         while waiting and waiting[0].stamp_ns <= image.stamp_ns:
             told += [felt.of(one) for one in motion.tap(waiting.pop(0))]
         if live.at(image.stamp_ns):
@@ -425,7 +424,7 @@ def _compare_motion(
     _compare(bag, 'slips', slips.RECORD.rows(new), result, until_ns)
     if bag.name('felt_slips') in bag.topics:
         told += [felt.of(one) for knock in waiting for one in motion.tap(knock)]
-        last_ns = inputs[-1][1].stamp_ns
+        last_ns = inputs[-1].stamp_ns
         _compare(bag, 'felt_slips', felt.RECORD.rows(told), result, until_ns, last_ns)
     _compare(bag, 'cascades', cascades.RECORD.rows(over), result, until_ns)
 
@@ -433,7 +432,7 @@ def _compare_motion(
 def _compare_triggers(
     bag: Bag,
     lines: list[Heeded],
-    inputs: list[tuple[int, Blocks]],
+    inputs: list[Blocks],
     result: Retracked,
     whole_ns: int,
 ) -> None:
@@ -462,7 +461,7 @@ def _compare_triggers(
             found = selector.felt(k.stamp * 1e-9, k.block, k.x, k.y, k.strength)
             by_knock.extend(triggers.of_knock(k.stamp, 0, trigger) for trigger in found)
 
-    for _log_ns, image in inputs:
+    for image in inputs:
         if image.stamp_ns >= until_ns:
             result.notes.append(
                 f'grain triggers compared up to number {len(made)} of '
@@ -479,7 +478,7 @@ def _compare_triggers(
     _compare(bag, 'grain_triggers', triggers.RECORD.rows(made), result, until_ns)
     if bag.name('felt_triggers') in bag.topics:
         knock(until_ns)
-        last_ns = inputs[-1][1].stamp_ns
+        last_ns = inputs[-1].stamp_ns
         _compare(bag, 'felt_triggers', triggers.RECORD.rows(by_knock), result, until_ns, last_ns)
 
 
