@@ -16,9 +16,10 @@ from eol_ros import folders
 from eol_ros.core.sound.midi import Mapping
 from eol_ros.disk import DISK
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
+from eol_ros.ros.parameters import checked_live
 from eol_ros.said import said
 from eol_ros.scene import check_value
-from eol_ros.settings import by_today, live_fields
+from eol_ros.settings import by_today
 from eol_ros.streams.graph import INSTRUMENT, NODES
 
 NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9_-]{0,63}')
@@ -55,17 +56,12 @@ def load(path: Path) -> Preset:
         raise ConfigError(f'{path}: not a preset: no settings of {" and ".join(INSTRUMENT)} in it')
     for node, values in found.items():
         kind = NODES[node].settings
-        known = {f.name: f for f in dataclasses.fields(kind) if f.name in live_fields(kind)}
         if not isinstance(values, dict):
             raise ConfigError(f'{path}: {node}: no settings')
-        found[node] = values = by_today(kind, values)
-        for name, value in values.items():
-            if name not in known:
-                raise ConfigError(f'{path}: {node} has no live setting {name}')
-            try:
-                values[name] = check_value(known[name], value)
-            except ConfigError as error:
-                raise ConfigError(f'{path}: {node}.{name}: {error}') from None
+        try:
+            found[node] = checked_live(kind, node, by_today(kind, values)) if values else {}
+        except ConfigError as error:
+            raise ConfigError(f'{path}: {node}: {error}') from None
     return found
 
 

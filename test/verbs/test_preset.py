@@ -81,8 +81,8 @@ def test_a_preset_can_be_part_of_a_scene(tmp_path):
         (['recall', 'empty'], 78, 'not a preset'),
         (['recall', 'text'], 78, 'not a preset'),
         (['recall', 'other'], 78, 'not a preset'),
-        (['recall', 'dead'], 78, 'sound has no live setting channels'),
-        (['recall', 'wide'], 78, 'grains.radius: 9 is out of range'),
+        (['recall', 'dead'], 78, 'sound: channels is read when sound starts'),
+        (['recall', 'wide'], 78, 'grains: radius: 9 is out of range'),
     ],
 )
 def test_what_is_no_preset_is_one_line(tmp_path, capfd, words, code, said):
