@@ -43,7 +43,7 @@ from eol_ros.ros.topics import (
     type_name,
 )
 from eol_ros.said import clauses, said
-from eol_ros.scene import Scene, check_namespace, check_value
+from eol_ros.scene import Scene, check_namespace
 from eol_ros.settings import by_today, live_fields, masked, renamed
 from eol_ros.streams.checks import ANY_TIME, PLAYED_SPAN_NS, SPAN_NS
 from eol_ros.streams.graph import IMAGE_SOURCES, NODES, TOPICS, frame_prefix
@@ -350,7 +350,7 @@ class EolNode(Node):
         given = by_today(type(settings), {n: v for n, v in overrides.items() if n in fields})
         settings = dataclasses.replace(settings, **checked(type(settings), given))
         self._at_start = settings
-        settings = dataclasses.replace(settings, **self._resumed_settings(fields))
+        settings = dataclasses.replace(settings, **self._resumed_settings(type(settings)))
         descriptors = {}
         for name, field in fields.items():
             text = field.metadata.get('doc', '')
@@ -369,15 +369,14 @@ class EolNode(Node):
         return settings
 
     def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        fields = {f.name: f for f in dataclasses.fields(self.settings)}
+        fields = {f.name for f in dataclasses.fields(self.settings)}
         if any(p.name == SIM_TIME for p in parameters):
             return SetParametersResult(
                 successful=False, reason=f'{SIM_TIME} is read when the node starts: start it again'
             )
         try:
-            changes = {
-                p.name: check_value(fields[p.name], p.value) for p in parameters if p.name in fields
-            }
+            given = {p.name: p.value for p in parameters if p.name in fields}
+            changes = checked(type(self.settings), given)
         except ConfigError as error:
             return SetParametersResult(successful=False, reason=str(error))
         changes = {k: v for k, v in changes.items() if v != getattr(self.settings, k)}
@@ -395,10 +394,9 @@ class EolNode(Node):
         changed = {name: value for name, value in now.items() if value != then[name]}
         self.keep(settings=changed)
 
-    def _resumed_settings(self, fields: dict[str, dataclasses.Field[Any]]) -> dict[str, Any]:
+    def _resumed_settings(self, kind: type) -> dict[str, Any]:
         """Return the live settings that this node had when the process before ended unasked."""
-        found = self.resumed.get('settings', {})
-        found = {name: check_value(fields[name], value) for name, value in found.items()}
+        found = checked(kind, self.resumed.get('settings', {}))
         if found:
             words = ', '.join(f'{name} {value}' for name, value in found.items())
             self.get_logger().info(f'as before the restart: {words}')

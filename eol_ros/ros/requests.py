@@ -245,13 +245,7 @@ class Answers:
     @property
     def silent(self) -> Said:
         """Return who has not answered, in words."""
-        nodes = sorted(self.expected - set(self.found))
-        names = ', '.join(nodes)
-        return (
-            said('does_not_answer', names=names)
-            if len(nodes) == 1
-            else said('do_not_answer', names=names)
-        )
+        return _of('does_not_answer', 'do_not_answer', sorted(self.expected - set(self.found)))
 
 
 class RequestClient:
@@ -303,15 +297,15 @@ def expected_of(kind: str, node: str, runs: Callable[[str], bool]) -> set[str]:
     asked = row.whom(node)
     heeding = {name for name in asked if runs(name)}
     if row.answered_by and not runs(row.answered_by):
-        raise DeviceMissing(_do_not_run([row.answered_by]))
+        raise DeviceMissing(said('does_not_run', names=row.answered_by))
     if not heeding:
-        raise DeviceMissing(_do_not_run(asked if node else row.nodes))
+        names = asked if node else row.nodes
+        raise DeviceMissing(_of('does_not_run', 'do_not_run', names))
     return {row.answered_by} if row.answered_by else heeding
 
 
-def _do_not_run(nodes: Sequence[str]) -> str:
-    names = ', '.join(nodes)
-    return said('does_not_run', names=names) if len(nodes) == 1 else said('do_not_run', names=names)
+def _of(one: str, many: str, names: Sequence[str]) -> Said:
+    return said(one if len(names) == 1 else many, names=', '.join(names))
 
 
 class Visit:

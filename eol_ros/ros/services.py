@@ -33,10 +33,8 @@ class RequestServices:
         self._client = RequestClient(node, requests.publisher)
         requests.on_results(self._client.heard)
         for kind in KINDS.values():
-            if kind.off and self._handled(kind):
-                self._serve(SetBool, kind.name, self._switch(kind))
-            elif kind.triggered and self._handled(kind):
-                self._serve(Trigger, kind.name, self._trigger(kind))
+            if (kind.off or kind.triggered) and self._handled(kind):
+                self._serve(kind)
 
     def unanswered(self, message: Request) -> str:
         """Return why nobody else answers a request; '' where a node does."""
@@ -57,19 +55,13 @@ class RequestServices:
         needed = (kind.answered_by,) if kind.answered_by else ()
         return bool(self._there & set(kind.nodes)) and self._there.issuperset(needed)
 
-    @staticmethod
-    def _switch(kind: Kind) -> Callable[[Any], str]:
-        return lambda request: kind.name if request.data else kind.off
+    def _serve(self, kind: Kind) -> None:
+        def reply(request: Any, response: Any) -> _Reply:
+            on = request.data if kind.off else True
+            return _Reply(self, kind.name if on else kind.off, response)
 
-    @staticmethod
-    def _trigger(kind: Kind) -> Callable[[Any], str]:
-        return lambda _request: kind.name
-
-    def _serve(self, type_: Any, name: str, kind_of: Callable[[Any], str]) -> None:
-        service = self._node.create_service(
-            type_, name, lambda request, response: _Reply(self, kind_of(request), response)
-        )
-        _send_later(service)
+        type_ = SetBool if kind.off else Trigger
+        _send_later(self._node.create_service(type_, kind.name, reply))
 
     def ask(self, kind: str, reply: Callable[[bool, str], None]) -> None:
         """Publish a request of `kind`; `reply` gets success and text when it is answered."""
