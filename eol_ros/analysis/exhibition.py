@@ -10,6 +10,7 @@ import html
 import json
 import math
 import struct
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -175,12 +176,9 @@ def numbers(digests: list[Digest], left_out: list[str]) -> dict[str, Any]:
     if not digests:
         raise ConfigError('no bag that can be reported: ' + '; '.join(left_out))
     digests = sorted(digests, key=lambda d: d.start_ns)
-    hours: dict[int, dict[str, float]] = {}
-    for one in digests:
-        for hour, counts in one.hours.items():
-            into = hours.setdefault(hour, dict.fromkeys(counts, 0.0))
-            for name, value in counts.items():
-                into[name] += value
+    hours: dict[int, Counter] = {}
+    for hour, counts in (item for one in digests for item in one.hours.items()):
+        hours.setdefault(hour, Counter()).update(counts)
     rows = np.concatenate([d.rows for d in digests])
     days = _days(digests, hours, rows)
     found: dict[str, Any] = {
@@ -208,7 +206,9 @@ def numbers(digests: list[Digest], left_out: list[str]) -> dict[str, Any]:
     return found
 
 
-def _days(digests: list[Digest], hours: dict[int, dict], rows: np.ndarray) -> list[dict[str, Any]]:
+def _days(
+    digests: list[Digest], hours: dict[int, Counter], rows: np.ndarray
+) -> list[dict[str, Any]]:
     zone_ns = np.concatenate([np.full(len(d.rows), d.zone_ns) for d in digests])
     day_of = (rows['onset_ns'] + zone_ns) // (24 * HOUR_NS)
     found = []
