@@ -175,11 +175,7 @@ def _recover(args) -> int:
                 f'{file.path}: is being recorded; --output OUT writes what there is of it so far'
             ) from None
         lost += len(done.damage) or done.file is None
-        print(f'{file.path.name}: {done.message_count} messages saved', file=sys.stderr)
-        if done.aside:
-            print(f'{file.path.name}: the file as it was is {done.aside}', file=sys.stderr)
-        for line in done.damage:
-            print(line, file=sys.stderr)
+        print(done.words, file=sys.stderr)
     if cut:
         return 1 if lost else 0
     metadata, count = bag.path / 'metadata.yaml', sum(bag.counts.values())

@@ -207,7 +207,7 @@ class BagFileReader:
 
         names = {c: key for c, key in self.keys.items() if topics is None or key in topics}
         first: dict[str, int] = {}  # of several channels of a topic
-        numbers = np.full(1 << 16, -1)
+        numbers = np.full(1 << 16, -1, np.int32)
         for channel, key in names.items():
             numbers[channel] = first.setdefault(key, channel)
         waiting = NOTHING  # may lie behind messages of the next chunk

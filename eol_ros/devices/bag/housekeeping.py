@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from eol_ros.devices.bag.recover import NoRoom, Repaired, repair_all
+from eol_ros.devices.bag.recover import NoRoom, repair_all
 from eol_ros.devices.bag.retention import MARGIN_BYTES, Folder, Limits, enforce
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import EolError
@@ -111,7 +111,7 @@ class Housekeeper(threading.Thread):
 
     def _repair(self) -> None:
         for done in repair_all(self._root, self._breathe, self._settings.min_free_gb):
-            self._say(_told(done))
+            self._say(done.words)
 
     def _retain(self) -> None:
         s = self._settings
@@ -120,9 +120,3 @@ class Housekeeper(threading.Thread):
             for line in enforce(self._folder, limits, time.time()):
                 self._say(line)
                 self._breathe()
-
-
-def _told(done: Repaired) -> str:
-    damage = f'; {"; ".join(done.damage)}' if done.damage else ''
-    aside = f'; the file as it was is {done.aside}' if done.aside else ''
-    return f'{done.part.name}: {done.message_count} messages saved{damage}{aside}'

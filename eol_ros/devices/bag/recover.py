@@ -43,6 +43,13 @@ class Repaired:
     damage: tuple[str, ...] = ()
     aside: Path | None = None
 
+    @property
+    def words(self) -> str:
+        """Return it for people."""
+        kept = [f'the file as it was is {self.aside}'] if self.aside else []
+        said = f'{self.part.name}: {self.message_count} messages saved'
+        return '; '.join([said, *self.damage, *kept])
+
 
 def leftovers(root: Path) -> list[Path]:
     """Return the `.part` files in `root` and in its bag folders that nobody writes any more."""
