@@ -63,12 +63,14 @@ def joined(batches: Sequence[Batch]) -> Batch:
     return Batch(heads, data)
 
 
-def heads_in(data: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def heads_in(
+    data: bytes, found: list[int] | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the heads of the messages in a chunk, where their data begin, and where they end.
 
-    Raises DamagedRecord.
+    found: the edges of its records, where they are known. Raises DamagedRecord.
     """
-    raw, edges = np.frombuffer(data, 'u1'), np.array(edges_in(data))
+    raw, edges = np.frombuffer(data, 'u1'), np.array(found or edges_in(data))
     messages = np.flatnonzero(raw[edges[:-1]] == Opcode.MESSAGE)
     begins, ends = edges[messages] + HEAD.size, edges[messages + 1]
     heads = raw[begins[:, None] + np.arange(MESSAGE_HEAD.size)].view(MESSAGE_DTYPE)[:, 0]

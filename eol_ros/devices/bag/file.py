@@ -121,7 +121,7 @@ class Contents:
         """Take what was found in the file; a chunk is proved."""
         from eol_ros.devices.bag.batches import heads_in, span_of  # NumPy, which few need
 
-        record, data = found.record, b''
+        record, data, edges = found.record, b'', None
         self.attachments += not found.why and found.raw[:1] == bytes([Opcode.ATTACHMENT])
         if found.why:
             self.holes.append((len(self.places), found))
@@ -134,12 +134,13 @@ class Contents:
         elif isinstance(record, Chunk):
             try:
                 data = scan.unpack(record)
-                for definition in scan.definitions_in(data):
+                edges = scan.edges_in(data)
+                for definition in scan.definitions_in(data, edges):
                     self.define(definition, trusted=bool(record.uncompressed_crc))
             except DamagedRecord as error:
                 self.add(found._replace(why=str(error)))
                 return
-        if not data or not len(heads := heads_in(data)[0]):
+        if not data or not len(heads := heads_in(data, edges)[0]):
             return
         channels = heads['channel'].tolist()
         self.counts.update(channels)

@@ -185,9 +185,9 @@ def edges_in(data: bytes) -> list[int]:
     return edges
 
 
-def definitions_in(data: bytes) -> Iterator[Schema | Channel]:
-    """Yield the definitions in a chunk; raise DamagedRecord."""
-    for at, end in itertools.pairwise(edges_in(data)):
+def definitions_in(data: bytes, edges: list[int]) -> Iterator[Schema | Channel]:
+    """Yield the definitions in a chunk whose records have these edges; raise DamagedRecord."""
+    for at, end in itertools.pairwise(edges):
         if data[at] in (Opcode.SCHEMA, Opcode.CHANNEL):
             yield parse(data[at:end])
 
