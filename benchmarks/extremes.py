@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from support.physics_oracles import ORACLES, modes_of_mpmath, sines
+from support.physics_oracles import ORACLES, modes_of_mpmath
 from support.scipy_solver import scipy_events, scipy_sliding, scipy_smooth
 
 from benchmarks import extreme_parts
@@ -168,8 +168,8 @@ def _measured(case: Case, with_peers: bool) -> dict[str, Any]:
     if truth is None:
         return found | {'against': f'{case.oracle}: not done in {PATIENCE_S} s'}
     run, own_ms = ours(), min(_cpu_ms(ours) for _ in range(3))
-    last = oracle in (modes_of_mpmath, sines)
-    found |= {'error_m': _error(run.u[-1:] if last else run.u, truth), 'own_ms': own_ms}
+    u = run.u[-1:] if oracle is modes_of_mpmath else run.u
+    found |= {'error_m': _error(u, truth), 'own_ms': own_ms}
     if not with_peers or not case.peer:
         return found
     name, module, solve = PEERS[case.peer]

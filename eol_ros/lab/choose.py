@@ -8,24 +8,21 @@ from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Energy, Limits, Run, cut_short, sample_times
 from eol_ros.core.physics.scene import Scene
 from eol_ros.errors import UsageError
-from eol_ros.lab import modal
 
 DEFAULT_STEP_S = 1e-4
 
 
 def choose_path(scene: Scene, model: Model | None = None) -> str:
-    """Return the path for a scene: rest, modal, exact or event.
+    """Return the path for a scene: rest, exact or event.
 
-    rest: nothing moves and no force will reach its limit. modal: no friction, linear springs.
-    exact: linear springs and motion along x only. event: everything else.
+    rest: nothing moves and no force will reach its limit. exact: linear springs and motion along x
+    only. event: everything else.
     """
     model = model or Model.of(scene)
     if scene.rotation is not None:
         return 'event'
     if at_rest(scene, model):
         return 'rest'
-    if modal.applies(scene):
-        return 'modal'
     return 'exact' if along_x(scene) else 'event'
 
 
@@ -137,10 +134,6 @@ def _solved(
     chosen = choose_path(scene, model) if path == 'auto' else path
     if chosen == 'rest':
         return _rest(scene, model, times)
-    if chosen == 'exact' and scene.rotation is None and modal.applies(scene):
-        chosen = 'modal'
-    if chosen == 'modal':
-        return modal.solve(scene, model, times, ledger)
     if chosen == 'exact':
         if not along_x(scene):
             raise UsageError(

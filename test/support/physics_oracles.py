@@ -89,32 +89,6 @@ def modes_of_mpmath(scene: Scene, times: np.ndarray) -> np.ndarray:
         mp.dps = digits
 
 
-def sines(scene: Scene, times: np.ndarray) -> np.ndarray:
-    """Return u at the last of `times`, without friction and drive, of a square of equal springs.
-
-    Its modes are products of two sines; their phases are worked out in 40 digits.
-    """
-    from mpmath import mp
-
-    model, side = Model.of(scene), round(scene.n**0.5)
-    assert side * side == scene.n and len(set(model.k)) == len(set(model.mass)) == 1
-    k = np.arange(1, side + 1)
-    shapes = np.sqrt(2 / (side + 1)) * np.sin(np.outer(k, k) * np.pi / (side + 1))
-    swing = np.empty((side, side))
-    with mp.workdps(40):
-        rate = 4 * mp.mpf(float(model.k[0])) / mp.mpf(float(model.mass[0]))
-        square = [mp.sin(mp.pi * int(p) / (2 * (side + 1))) ** 2 for p in k]
-        for p in range(side):
-            for q in range(side):
-                phase = mp.sqrt(rate * (square[p] + square[q])) * mp.mpf(float(times[-1]))
-                swing[p, q] = float(mp.cos(phase))
-    out = np.empty((1, side, side, 2))
-    for axis in range(2):
-        start = shapes @ scene.u0[:, axis].reshape(side, side) @ shapes
-        out[0, :, :, axis] = shapes @ (start * swing) @ shapes
-    return out.reshape(1, scene.n, 2)
-
-
 def events_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
     """Return u by SciPy's DOP853 between its own located events, tolerance 3e-13."""
     return scipy_solver.scipy_run(scene, times, 3e-13, CAPTURE_MPS, ARM_S)[0]
@@ -190,7 +164,6 @@ ORACLES: dict[str, Oracle] = {
     'formula, one block': as_one,
     'formula, sliding block': carried,
     'mpmath modes, 40 digits': modes_of_mpmath,
-    'formula, sines, phases of 40 digits': sines,
     'SciPy DOP853, events': events_of_scipy,
     'SciPy DOP853, events, stops below 1e-6 m/s': coarse_events_of_scipy,
     'SciPy DOP853, all slide': sliding_of_scipy,
