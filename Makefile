@@ -39,7 +39,7 @@ kit: setup-test  ## draw schematics, tables and drawings of docs/build again
 firmware: setup-test  ## build what runs in the blocks, and test it in emulated controllers
 	@tools/system_packages.sh firmware
 	$(MAKE) -s -C firmware all emulator
-	$(PY) -m pytest -m 'firmware and not soak' test/firmware test/bench/test_power.py $(ARGS)
+	$(PY) -m pytest -m 'firmware and not soak' test/firmware $(ARGS)
 
 soak: setup-test  ## the long ones: hours of rehearsal, kills, floods, fuzzing
 	@tools/system_packages.sh firmware
