@@ -5,7 +5,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from support.sound_reference import reference, score, snr_db
+from support.sound_reference import reference, score
 
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import Mixer, render
@@ -111,11 +111,11 @@ def speed(sound: np.ndarray, s: Score, block: int, cubic: bool, repeats: int = 3
     }
 
 
-def truth(sound: np.ndarray, s: Score, cubic: bool, frames: int, dc: bool = True) -> np.ndarray:
-    """Return the same in double precision, (frames, 2); `dc`: with our DC block."""
+def truth(sound: np.ndarray, s: Score, cubic: bool, frames: int) -> np.ndarray:
+    """Return the same in double precision, (frames, 2)."""
     grains = [(0, int(f), int(n)) for f, n in zip(s.first, s.size, strict=True)]
     ahead = Mixer(FS).look_ahead
-    return reference(s.triggers, [sound], grains, FS, frames, 1.0, cubic, ahead, dc)
+    return reference(s.triggers, [sound], grains, FS, frames, 1.0, cubic, ahead, True)
 
 
 def ours(sound: np.ndarray, s: Score, cubic: bool, frames: int, block: int) -> np.ndarray:
@@ -123,19 +123,3 @@ def ours(sound: np.ndarray, s: Score, cubic: bool, frames: int, block: int) -> n
     mixer = Mixer(FS, max_voices=4 * s.overlap, cubic=cubic, gain_db=0, governor_db=0)
     bank = bank_of(sound, s)
     return np.concatenate(list(play(mixer, voice_rows(s.triggers, bank, 2), frames, block)))
-
-
-def error_db(found: np.ndarray, wanted: np.ndarray, lags: int = 0) -> float:
-    """Return how far the error lies below the signal, dB, after the best gain and lag.
-
-    Other engines may begin a few samples early or late and scale differently; neither is an error.
-    """
-    best = -np.inf
-    for lag in range(-lags, lags + 1):
-        a = found[max(0, lag) : len(found) + min(0, lag)].astype(float)
-        b = wanted[max(0, -lag) : len(wanted) + min(0, -lag)]
-        n = min(len(a), len(b))
-        a, b = a[:n], b[:n]
-        gain = (a * b).sum() / max((a * a).sum(), 1e-30) if lags else 1.0
-        best = max(best, float(snr_db(gain * a, b)))
-    return best
