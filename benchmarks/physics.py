@@ -10,6 +10,7 @@ import time
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from support import physics_rotating, random_scenes
@@ -63,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--peer', default='', metavar='TEXT', help='only peers whose row has TEXT')
 
 
-def cpu_s(work: Callable, repeat: int) -> tuple[object, float]:
+def cpu_s(work: Callable, repeat: int) -> tuple[Any, float]:
     """Return what `work` gives, and the least processor time of `repeat` calls (s)."""
     best = float('inf')
     for _ in range(repeat):
@@ -85,6 +86,25 @@ def reference_of(scene: Scene, model: Model, times: np.ndarray) -> np.ndarray:
     return event.solve(scene, model, times, LIMITS, False, 1e-14).u
 
 
+def _row(
+    scene: str, method: str, timed: tuple, truth: np.ndarray, witness: np.ndarray, stretch: float
+) -> dict:
+    """Return the row of a run and its time, s; `witness` is SciPy's on the first `stretch` s."""
+    run, seconds = timed
+    return {
+        'scene': scene,
+        'method': method,
+        'seconds': float(run.t[-1]),
+        'ms': seconds * 1e3,
+        'error_m': error_of(run.u, truth),
+        'scipy_s': stretch,
+        'scipy_error_m': error_of(run.u[: len(witness)], witness),
+        'events': len(run.event_t),
+        'steps': run.steps,
+        'status': run.status,
+    }
+
+
 def own_rows(name: str, quick: bool) -> list[dict]:
     """Return the rows of one named scene on every path of ours."""
     scene = from_mapping(presets.scene(name))
@@ -97,21 +117,7 @@ def own_rows(name: str, quick: bool) -> list[dict]:
 
     def add(method: str, solve: Callable, repeat: int) -> None:
         solve()
-        run, seconds = cpu_s(solve, repeat)
-        rows.append(
-            {
-                'scene': name,
-                'method': method,
-                'seconds': scene.duration_s,
-                'ms': seconds * 1e3,
-                'error_m': error_of(run.u, truth),
-                'scipy_s': stretch,
-                'scipy_error_m': error_of(run.u[: len(early)], witness),
-                'events': len(run.event_t),
-                'steps': run.steps,
-                'status': run.status,
-            }
-        )
+        rows.append(_row(name, method, cpu_s(solve, repeat), truth, witness, stretch))
 
     if choose.along_x(scene):
         add('exact', lambda: exact.solve(scene, model, times, LIMITS, False), 20)
@@ -138,9 +144,9 @@ def own_rows(name: str, quick: bool) -> list[dict]:
 EQUAL = {'mu_s': 0.65, 'mu_k': 0.65}  # for engines that know one coefficient only
 
 
-def peer_row(name: str, method: str, module: str, solve: Callable, seconds: float) -> dict:
+def peer_row(name: str, method: str, solve: Callable, seconds: float) -> dict:
     """Return the row of one peer, with our time on the same stretch beside it."""
-    row = {'scene': name, 'method': method, 'seconds': seconds}
+    row, module = {'scene': name, 'method': method, 'seconds': seconds}, method.split()[0]
     if importlib.util.find_spec(module) is None:
         return row | {'status': f'{module} is not installed'}
     given = presets.scene(name.removesuffix(' equal')) | {'T': seconds}
@@ -167,51 +173,27 @@ def peer_row(name: str, method: str, module: str, solve: Callable, seconds: floa
 
 def peer_rows(only: str) -> list[dict]:
     """Return the rows of the peers, each on scenes that it can take."""
-    work = []
-    for name, seconds in (('S3G', PEER_S), ('S4L', 1.0)):
+    with_events = (('S3G', PEER_S), ('S4L', 1.0))
+    smooth = (('S1', 10.0), ('S3L', 3.0), ('S4L', 0.6))
+    steps = ((1e-3, False), (1e-3, True), (1e-4, True))
+    work: list[tuple[str, str, Callable, float]] = []
+    for name, seconds in with_events:
         for rtol in (1e-7, 1e-10):
-            work.append(
-                (
-                    name,
-                    f'scipy DOP853 events {rtol:g}',
-                    'scipy',
-                    lambda s, t, r=rtol: scipy_events(s, t, r),
-                    seconds,
-                )
-            )
-    for name, seconds in (('S1', 10.0), ('S3L', 3.0), ('S4L', 0.6)):
+            solve = functools.partial(scipy_events, rtol=rtol)
+            work.append((name, f'scipy DOP853 events {rtol:g}', solve, seconds))
+    for name, seconds in smooth:
         for method in ('LSODA', 'Radau'):
-            work.append(
-                (
-                    name,
-                    f'scipy {method} smooth',
-                    'scipy',
-                    lambda s, t, m=method: scipy_smooth(s, t, m),
-                    seconds,
-                )
-            )
-    for name, seconds in (('S3E', 10.0), ('S5 equal', 10.0)):
-        for step_s, stiff in ((1e-3, False), (1e-3, True), (1e-4, True)):
-            work.append(
-                (
-                    name,
-                    f'mujoco {step_s:g}{" stiff" if stiff else ""}',
-                    'mujoco',
-                    lambda s, t, h=step_s, f=stiff: peers.mujoco(s, t, h, f),
-                    seconds,
-                )
-            )
-    work.append(
-        (
-            'S4L equal',
-            'mujoco contacts 0.001',
-            'mujoco',
-            lambda s, t: peers.mujoco_plane(s, t, 1e-3),
-            5.0,
-        )
-    )
+            solve = functools.partial(scipy_smooth, method=method)
+            work.append((name, f'scipy {method} smooth', solve, seconds))
+    for name in ('S3E', 'S5 equal'):
+        for step_s, stiff in steps:
+            solve = functools.partial(peers.mujoco, step_s=step_s, stiff=stiff)
+            work.append((name, f'mujoco {step_s:g}{" stiff" if stiff else ""}', solve, 10.0))
+    plane = functools.partial(peers.mujoco_plane, step_s=1e-3)
+    work.append(('S4L equal', 'mujoco contacts 0.001', plane, 5.0))
     for name in ('S3E', 'S5 equal', 'S4L equal'):
-        work.append((name, 'pymunk 0.001', 'pymunk', lambda s, t: peers.pymunk(s, t, 1e-3), 5.0))
+        solve = functools.partial(peers.pymunk, step_s=1e-3)
+        work.append((name, 'pymunk 0.001', solve, 5.0))
     wanted = [row for row in work if only in f'{row[0]} {row[1]}']
     return [peer_row(*row) for row in track(wanted, 'peers')]
 
@@ -226,27 +208,12 @@ def rotation_rows() -> list[dict]:
         early = times[times <= ROTATION_S * (1 + 1e-12)]
         witness, _, _ = physics_rotating.solve(scene, early)
         for tolerance in (1e-6, 1e-8, 1e-10, 1e-12):
-            run, seconds = cpu_s(
-                lambda s=scene, m=model, t=times, e=tolerance: rotation.solve(
-                    s, m, t, LIMITS, True, e
-                ),
-                3,
+            solve = functools.partial(rotation.solve, scene, model, times, LIMITS, True, tolerance)
+            timed = cpu_s(solve, 3)
+            row = _row(
+                f'{name} rotation', f'event {tolerance:g}', timed, truth, witness, ROTATION_S
             )
-            rows.append(
-                {
-                    'scene': f'{name} rotation',
-                    'method': f'event {tolerance:g}',
-                    'seconds': scene.duration_s,
-                    'ms': seconds * 1e3,
-                    'error_m': error_of(run.u, truth),
-                    'scipy_s': ROTATION_S,
-                    'scipy_error_m': error_of(run.u[: len(early)], witness),
-                    'events': len(run.event_t),
-                    'steps': run.steps,
-                    'residual_J': run.energy.residual_J,
-                    'status': run.status,
-                }
-            )
+            rows.append(row | {'residual_J': timed[0].energy.residual_J})
     return rows
 
 
