@@ -3,26 +3,16 @@
 
 import numpy as np
 
-from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.model import Model
-from eol_ros.core.physics.result import Energy, Limits, Run, cut_short, sample_times
+from eol_ros.core.physics.result import Limits, Run, cut_short, sample_times
 from eol_ros.core.physics.scene import Scene
 from eol_ros.errors import UsageError
 
 DEFAULT_STEP_S = 1e-4
 
 
-def choose_path(scene: Scene, model: Model | None = None) -> str:
-    """Return the path for a scene: rest, exact or event.
-
-    rest: nothing moves and no force will reach its limit. exact: linear springs and motion along x
-    only. event: everything else.
-    """
-    model = model or Model.of(scene)
-    if scene.rotation is not None:
-        return 'event'
-    if at_rest(scene, model):
-        return 'rest'
+def choose_path(scene: Scene) -> str:
+    """Return the path for a scene: exact for motion along x on linear springs, else event."""
     return 'exact' if along_x(scene) else 'event'
 
 
@@ -33,26 +23,6 @@ def along_x(scene: Scene) -> bool:
     return scene.dim1 or bool(
         scene.drive.along_x and not np.any(scene.u0[:, 1]) and not np.any(scene.v0[:, 1])
     )
-
-
-def at_rest(scene: Scene, model: Model) -> bool:
-    """Return True if nothing moves at the start and nothing ever will."""
-    if np.any(scene.v0) or not np.all(scene.static_limit > 0):
-        return False
-    pull = model.force(scene.u0, 0.0)
-    if scene.dim1:
-        pull = pull[:, :1]
-    held = np.linalg.norm(pull, axis=1)
-    if not scene.drive.still:
-        if scene.geometric or scene.drive.kind != VELOCITY:
-            return False
-        # the rim's springs, stretched over the whole run, may still be too weak to break anything
-        rim = model.second >= model.n
-        speed = abs(scene.drive.par[0]) if scene.dim1 else np.hypot(*scene.drive.par[:2])
-        held = (
-            held + np.bincount(model.first[rim], model.k[rim], model.n) * speed * scene.duration_s
-        )
-    return bool(np.all(held <= scene.static_limit))
 
 
 def simulate(
@@ -131,9 +101,7 @@ def _solved(
     model: Model,
 ) -> Run:
     """Return the run by the path that is asked for, or by the least that is enough."""
-    chosen = choose_path(scene, model) if path == 'auto' else path
-    if chosen == 'rest':
-        return _rest(scene, model, times)
+    chosen = choose_path(scene) if path == 'auto' else path
     if chosen == 'exact':
         if not along_x(scene):
             raise UsageError(
@@ -161,29 +129,7 @@ def _solved(
             return solve_rotation(scene, model, times, limits, ledger, tolerance)
         return event.solve(scene, model, times, limits, ledger, tolerance)
     if scene.rotation is not None:
-        from eol_ros.lab.stepping.rotating import solve as step_rotation
-
-        return step_rotation(scene, model, times, limits, step_s)
+        raise UsageError('path stepping: blocks that rotate are on event')
     from eol_ros.lab.stepping.solver import solve as solve_in_steps
 
     return solve_in_steps(scene, model, times, limits, step_s)
-
-
-def _rest(scene: Scene, model: Model, times: np.ndarray) -> Run:
-    u = np.broadcast_to(scene.u0, (len(times), scene.n, 2))
-    end, begin = model.elastic_energy(scene.u0, times[-1]), model.elastic_energy(scene.u0, 0.0)
-    # nothing slides, so that all the rim's work is in its springs
-    energy = Energy(end - begin, 0.0, end - begin, 0.0)
-    return Run(
-        'rest',
-        'ok',
-        times,
-        u,
-        np.zeros_like(u),
-        np.empty(0),
-        np.empty(0, np.int64),
-        np.empty(0, np.int8),
-        0,
-        scene.duration_s,
-        energy,
-    )

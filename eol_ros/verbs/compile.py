@@ -216,7 +216,6 @@ def _simulate():
         ('S1', 'event'),
         ('S1', 'stepping'),
         (rotating, 'event'),
-        (rotating, 'stepping'),
     ):
         scene = presets.scene(scene) | {'T': 0.1} if isinstance(scene, str) else scene
         for ledger in (True, False):

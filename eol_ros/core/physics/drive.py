@@ -110,15 +110,6 @@ class Drive(NamedTuple):
             return not np.any(self.cubics[:, 1:])
         return self.kind == NONE or self.par[1] == 0.0
 
-    @property
-    def still(self) -> bool:
-        """True if the rim never moves (a constant pose may still be off centre)."""
-        if self.kind == CIRCLE:
-            return not (self.par[0] * self.par[1] or self.par[2] * self.par[3])
-        if self.kind == POSES:
-            return not np.any(self.cubics[:, :, 1:])
-        return self.kind == NONE or not np.any(self.par[:2])
-
     def pose(self, t: float | np.ndarray) -> np.ndarray:
         """Return (x, y, phi) at `t`, shape t.shape + (3,)."""
         t = np.asarray(t, float)

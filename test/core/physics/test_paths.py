@@ -166,7 +166,7 @@ def test_no_friction_driven_agrees_with_event_path():
 )
 def test_what_cannot_move_is_not_worked_out(scene):
     run = solve(scene, sample_s=1e4)
-    assert run.path == 'rest'
+    assert run.steps == 1
     assert len(run.event_t) == 0
     assert np.array_equal(run.u[-1], run.u[0])
 
@@ -428,7 +428,7 @@ def test_a_block_with_static_friction_alone_stops_where_it_turns_back(
     path, error_s, rotates, v0, stops
 ):
     """It stops at a quarter period, if the spring then pulls by less than static friction."""
-    if path == 'exact' and rotates:
+    if path != 'event' and rotates:
         return
     scene = builders.single(NONE, 1.0, mu_s=0.9, mu_k=0.0, v0=[[0.6 * v0, 0.8 * v0]], dim1=False)
     if path == 'exact':
