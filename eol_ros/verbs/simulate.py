@@ -96,13 +96,7 @@ def run(args: argparse.Namespace) -> int:
         'steps': result.steps,
         'solve_s': best,
         't_reached': result.t_reached,
-        'energy': {
-            'work_J': energy.work_J,
-            'kinetic_J': energy.kinetic_J,
-            'elastic_J': energy.elastic_J,
-            'friction_J': energy.friction_J,
-            'residual_J': energy.residual_J,
-        },
+        'energy': {**vars(energy), 'residual_J': energy.residual_J},
         'notes': result.notes,
     }
     if args.json:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from eol_ros.core.physics.kernel_args import Log
 from eol_ros.core.physics.status import NOT_FINITE, OK, WORDS
 
 OK_WORD = WORDS[OK]
@@ -85,6 +86,16 @@ class Run:
     yaw: np.ndarray | None = None  # (k, n) rad, where blocks rotate
     spin: np.ndarray | None = None  # (k, n) rad/s
     notes: list[str] = field(default_factory=list)
+
+
+def with_events(
+    path: str, status: int, times: np.ndarray, u: np.ndarray, v: np.ndarray, log: Log, events: int,
+    steps: int, t: float,
+) -> Run:  # fmt: skip
+    """Return a run with the first `events` of a log, in order of time."""
+    in_time = np.argsort(log.t[:events], kind='stable')
+    found = log.t[in_time], log.block[in_time], log.start[in_time]
+    return Run(path, WORDS[status], times, u, v, *found, steps, t)
 
 
 def cut_short(run: Run, duration_s: float, limits: Limits) -> Run:

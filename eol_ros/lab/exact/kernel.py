@@ -340,11 +340,11 @@ def happen(
 
 
 @njit(cache=True)
-def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger, state, la):
+def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger, la):
     """Advance `u`, `v` (n,) to `t_end` in place; return (status, t, events, steps, base).
 
-    `grid` is filled at its times; `state` (n,) int8 comes back 1 for blocks that slide. `u` comes
-    back relative to the rim's place at `base` (s) where the rim goes at constant speed.
+    `grid` is filled at its times. `u` comes back relative to the rim's place at `base` (s) where
+    the rim goes at constant speed.
     """
     n = at.n
     slot, slots = la.slot, la.slots
@@ -485,6 +485,4 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
             return EVENT_LIMIT, base + t, len(log.t), steps, base
         refill = refill or again
         check = not changed and kind_of != 2
-    for i in range(n):
-        state[i] = 1 if slot[i] >= 0 else 0
     return OK, t_end, events, steps, base

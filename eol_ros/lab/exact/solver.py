@@ -7,9 +7,8 @@ from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.kernel_args import Grid, empty_log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.numerics import energy_ledger, length_scale
-from eol_ros.core.physics.result import Limits, Run
+from eol_ros.core.physics.result import Limits, Run, with_events
 from eol_ros.core.physics.scene import Scene
-from eol_ros.core.physics.status import WORDS
 from eol_ros.lab.exact import kernel
 
 ORDER = 14
@@ -27,7 +26,7 @@ def solve(
     u, v = scene.u0[:, 0].copy(), scene.v0[:, 0].copy()
     small = TRUNCATION * length_scale(scene, model)
     grid = Grid(times, np.zeros((len(times), model.n)), np.zeros((len(times), model.n)))
-    log, work_and_heat, state = empty_log(limits.events), np.zeros(2), np.zeros(model.n, np.int8)
+    log, work_and_heat = empty_log(limits.events), np.zeros(2)
     status, t, events, steps, base = kernel.run(
         u,
         v,
@@ -41,26 +40,15 @@ def solve(
         limits.steps,
         work_and_heat,
         ledger,
-        state,
         kernel.make_lanes(model.n, order),
     )
     if model.drive.kind == VELOCITY:
         u += model.drive.par[0] * base
-    u_out, v_out = grid.u, grid.v
-    held = np.broadcast_to(scene.u0[:, 1], u_out.shape)
+    held = np.broadcast_to(scene.u0[:, 1], grid.u.shape)
     end = np.column_stack([u, scene.u0[:, 1]])
-    run = Run(
-        'exact',
-        WORDS[status],
-        times,
-        np.stack([u_out, held], axis=2),
-        np.stack([v_out, np.zeros_like(v_out)], axis=2),
-        log.t[:events].copy(),
-        log.block[:events].copy(),
-        log.start[:events].copy(),
-        steps,
-        t,
-    )
+    u_out = np.stack([grid.u, held], axis=2)
+    v_out = np.stack([grid.v, np.zeros_like(grid.v)], axis=2)
+    run = with_events('exact', status, times, u_out, v_out, log, events, steps, t)
     if ledger:
         run.energy = energy_ledger(scene, model, end, np.column_stack([v, 0 * v]), t, work_and_heat)
     return run

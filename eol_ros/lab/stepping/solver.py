@@ -6,9 +6,9 @@ import numpy as np
 from eol_ros.core.physics.kernel_args import empty_log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.numerics import energy_ledger
-from eol_ros.core.physics.result import Limits, Run
+from eol_ros.core.physics.result import Limits, Run, with_events
 from eol_ros.core.physics.scene import Scene
-from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT, WORDS
+from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
 from eol_ros.lab.stepping.moreau_jean import place_anchors, step_many
 
 
@@ -45,17 +45,9 @@ def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s:
             status, logged = EVENT_LIMIT, limits.events
             break
     done = slice(0, reached + 1)
-    run = Run(
-        'stepping',
-        WORDS[status],
-        times[done],
-        u_out[done],
-        v_out[done],
-        log.t[:logged].copy(),
-        log.block[:logged].copy(),
-        log.start[:logged].copy(),
-        steps,
-        float(times[reached]),
+    t = float(times[reached])
+    run = with_events(
+        'stepping', status, times[done], u_out[done], v_out[done], log, logged, steps, t
     )
-    run.energy = energy_ledger(scene, m, ends[: m.n], v, float(times[reached]), work_and_heat)
+    run.energy = energy_ledger(scene, m, ends[: m.n], v, t, work_and_heat)
     return run
