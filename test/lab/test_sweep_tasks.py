@@ -110,7 +110,7 @@ def test_hands_move_a_rim_and_are_stretched_in_time():
 
 def test_slips_and_sound_are_asked_for_one_over_f():
     found = compute('table', travel_m=1.0, spectra=True)
-    run = sweep.run_of(sweep.Table(travel_m=1.0))
+    run = sweep._run(sweep._built(sweep.Table(travel_m=1.0)))
     times = run.event_t[(run.event_start != 0) & (run.event_t >= 500)] - 500
     counts = surrogates.event_counts(times, 500.0, 20.0)
     series = one_over_f.Series('slips', counts, 20.0, 5.0, times_s=times)

@@ -207,13 +207,6 @@ def compute(model: str, parameters: Mapping[str, Any], scenes: Mapping[str, Plai
         return Result(str(error))
 
 
-def slips_under_hands(seconds: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return when slips of the paper's table under visitors begin, (n,) s, and their blocks."""
-    travel_m = HANDS_MPS * seconds
-    task = Table(drive='hands', speed_mps=HANDS_MPS, travel_m=travel_m, seed=seed)
-    return _slips(run_of(task), 0.0)
-
-
 def _built(task: Table | Plate | Train) -> Plain:
     """Return the scene of a task."""
     drive, seconds, loose = _drive(task), _seconds(task), task.stiffness / task.stiffness_ratio
@@ -243,11 +236,6 @@ def _set(task: _Blocks, scene: Plain) -> Plain:
         'u0': builders.offsets(n, task.offset_m, task.seed, along_x),
     }
     return scene
-
-
-def run_of(task: Table | Plate | Train) -> Run:
-    """Return the run of a task, with all its events."""
-    return _run(_built(task))
 
 
 def _blocks(task: Table | Plate | Train, scenes: Mapping[str, Plain]) -> Result:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from importlib import metadata
-from typing import Any, Protocol
+from typing import Any
 
 from eol_ros import parent_death
 from eol_ros.errors import DeviceMissing, EolError, UsageError, pip_install
@@ -24,26 +24,7 @@ POLL_S = 0.5
 Done = tuple[list[Any], float]
 
 
-class Crew(Protocol):
-    """Takes batches, and gives back rows and seconds of those that are done."""
-
-    def size(self) -> int:
-        """How many workers there are now."""
-
-    def give(self, batch: work.Work) -> None:
-        """Let some worker compute a batch."""
-
-    def done(self) -> Iterator[Done]:
-        """Wait, and yield what is done: nothing after POLL_S."""
-
-    def waiting(self) -> int:
-        """How many batches are given and not done."""
-
-    def close(self) -> None:
-        """Let go of the workers, and of what they have in hand."""
-
-
-def work_through(crew: Crew, batches: Iterable[work.Work], ahead: int) -> Iterator[Done]:
+def work_through(crew: 'Crew', batches: Iterable[work.Work], ahead: int) -> Iterator[Done]:
     """Let a crew compute batches; yield what came of them, in the order in which they are done.
 
     A batch is taken only when some worker is about to need it: each has `ahead` to come.
@@ -234,6 +215,9 @@ class Cluster:
             self._client.cancel(list(self._given))
         self._given.clear()
         self._client.close()
+
+
+Crew = Local | Cluster  # takes batches, and gives back rows and seconds of those that are done
 
 
 def _identity() -> tuple[dict[str, str], dict[str, str]]:
