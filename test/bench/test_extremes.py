@@ -29,8 +29,13 @@ ALL = cases()
     ],
 )
 def test_status_of(case):
-    _, wrong = extremes.ended(case)
+    run, wrong = extremes.ended(case, ledger=True)
     assert wrong == []
+    assert run.status != 'ok' or abs(run.energy.residual_J) <= 1e-5 * largest(run.energy)
+
+
+def largest(energy):
+    return max(1.0, abs(energy.work_J), abs(energy.friction_J), abs(energy.elastic_J))
 
 
 def test_rows_have_names_references_and_peers_that_there_are():

@@ -3,26 +3,13 @@
 
 import numpy as np
 import pytest
-from support import physics_rotating, scipy_solver
+from support import physics_rotating
 
 from benchmarks import physics
 from eol_ros.core.physics import builders
-from eol_ros.core.physics.result import sample_times
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.lab import presets
 from eol_ros.lab.choose import simulate
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('name, seconds', [('S2', 6.0), ('S3G', 2.5), ('S4L', 0.8)])
-def test_scipy_event_code_agrees(name, seconds):
-    scene = from_mapping(presets.scene(name) | {'T': seconds})
-    times = sample_times(seconds, 0.1)
-    run = simulate(scene)
-    u = scipy_solver.scipy_events(scene, times, 1e-9)
-    assert len(run.event_t) >= 4
-    assert np.abs(run.u[-1] - run.u[0]).max() > 1e-3
-    assert np.abs(u - run.u).max() < 1e-8
 
 
 @pytest.mark.parametrize(

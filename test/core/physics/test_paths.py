@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-from support import physics_oracles
+from support import physics_oracles, scipy_solver
 
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.event.step import stop_in_closed_form
@@ -33,19 +33,25 @@ def single_by_formula(k=40.0, m=0.25, speed=0.02, mu_s=0.9, mu_k=0.65, g=9.81):
     static, kinetic = mu_s * m * g, mu_k * m * g
     slip = 2 / w * (np.pi - np.arctan((static - kinetic) * w / (k * speed)))
     drop = 2 * (static - kinetic)
-    return static / (k * speed), slip, drop / (k * speed) + slip, drop / k
+    return static / (k * speed), slip, drop / (k * speed) + slip
 
 
 @pytest.mark.parametrize('path, error_s', [('exact', 1e-12), ('event', 1e-10)])
-def test_single_block_keeps_its_clock(path, error_s):
-    run = solve(presets.scene('S1'), path=path)
-    first, slip, period, _ = single_by_formula()
+@pytest.mark.parametrize('speed', [1e-4, 0.02, 0.3])
+def test_single_block_keeps_its_clock(path, error_s, speed):
+    first, slip, period = single_by_formula(speed=speed)
+    drive = {'kind': 'constant_velocity', 'par': [speed, 0.0]}
+    run = solve(
+        builders.single(drive, first + 31 * period + 1.01 * slip), path=path, sample_s=period
+    )
     starts, stops = run.event_t[::2], run.event_t[1::2]
     assert len(run.event_t) == 64
-    assert starts == pytest.approx(first + period * np.arange(32), abs=error_s * 32)
-    assert stops - starts == pytest.approx(np.full(32, slip), abs=error_s)
-    assert first == pytest.approx(2.7590625)
-    assert period == pytest.approx(1.797429612610788, abs=1e-14)
+    late = error_s * max(1.0, 0.02 / speed)  # a place is known, and the rim passes it slowly
+    assert starts == pytest.approx(first + period * np.arange(32), abs=late * 32)
+    assert stops - starts == pytest.approx(np.full(32, slip), abs=late)
+    if speed == 0.02:
+        assert first == pytest.approx(2.7590625)
+        assert period == pytest.approx(1.797429612610788, abs=1e-14)
 
 
 def test_single_block_against_fifty_digits():
@@ -77,20 +83,9 @@ def test_single_block_against_fifty_digits():
     assert run.u[-1, 0, 0] == pytest.approx(float(place), abs=1e-15)
 
 
-@pytest.mark.parametrize('speed', [1e-4, 0.02, 0.3])
-def test_force_drop_is_the_same_at_any_speed(speed):
-    first, _, period, _ = single_by_formula(speed=speed)
-    drive = {'kind': 'constant_velocity', 'par': [speed, 0.0]}
-    run = solve(builders.single(drive, first + 2.2 * period), sample_s=period)
-    starts = run.event_t[run.event_start == 1]
-    stops = run.event_t[run.event_start == 0]
-    gained = 40.0 * speed * (starts[1] - stops[0])  # all stuck: the force grows with the rim
-    assert gained == pytest.approx(2 * (0.9 - 0.65) * 0.25 * 9.81, rel=1e-9)
-
-
 @pytest.mark.slow
 def test_a_day_of_one_block_does_not_drift():
-    first, _, period, _ = single_by_formula()
+    first, _, period = single_by_formula()
     run = solve(builders.single(PULL, 1e5), sample_s=1e4)
     starts = run.event_t[::2]
     late = starts - (first + period * np.arange(len(starts)))
@@ -177,93 +172,21 @@ def test_plan_takes_the_least_that_is_enough():
         assert choose_path(from_mapping(presets.scene(name))) == path
 
 
-def oracle_1d(scene):
-    """Event-driven modes in NumPy, with eigenvectors per segment and brackets on a fine grid."""
-    model = Model.of(scene)
-    n, speed = model.n, model.drive.par[0]
-    stiff, pull = np.zeros((n, n)), np.zeros(n)
-    for i, j, k in zip(model.first, model.second, model.k, strict=True):
-        stiff[i, i] += k
-        if j < n:
-            stiff[j, j] += k
-            stiff[i, j] -= k
-            stiff[j, i] -= k
-        else:
-            pull[i] += k
-    u, v, t, events = scene.u0[:, 0].copy(), np.zeros(n), 0.0, []
-    sign = np.zeros(n)
-    while t < scene.duration_s:
-        on = sign != 0
-        force = pull * speed * t - stiff @ u
-        if not on.any():
-            rate = pull * speed
-            with np.errstate(divide='ignore'):
-                wait = np.where(rate > 0, (model.static - force) / rate, np.inf)
-            i = int(np.argmin(wait))
-            t += wait[i]
-            if t >= scene.duration_s:
-                break
-            sign[i] = 1.0
-            events.append((t, i, 1))
-            continue
-        mass = np.sqrt(model.mass[on])
-        square, shape = np.linalg.eigh(stiff[np.ix_(on, on)] / np.outer(mass, mass))
-        w = np.sqrt(square)
-        p = shape.T @ ((force[on] - sign[on] * model.kinetic[on]) / mass)
-        r = shape.T @ (pull[on] * speed / mass)
-        d = shape.T @ (v[on] * mass)
-
-        def state(s, on=on, mass=mass, shape=shape, w=w, p=p, r=r, d=d, u=u):
-            x, y = u.copy(), np.zeros(n)
-            c, q = np.cos(w * s), np.sin(w * s)
-            x[on] += shape @ ((p * (1 - c) / w + r * (s - q / w) / w + d * q) / w) / mass
-            y[on] = shape @ (p * q / w + r * (1 - c) / w**2 + d * c) / mass
-            return x, y
-
-        def lowest(s, on=on, t=t):
-            x, y = state(s)
-            f = pull * speed * (t + s) - stiff @ x
-            return np.where(on, sign * y, model.static - np.abs(f))
-
-        step = 0.02 / w.max()
-        a = 1e-9 if (v[on] == 0).any() else 0.0
-        while True:
-            b = a + step
-            low = lowest(b)
-            if low.min() < 0 or t + b > scene.duration_s:
-                break
-            a = b
-        if low.min() >= 0:
-            break
-        roots = {
-            i: brentq(lambda s, i=i: lowest(s)[i], a, b, xtol=1e-16)
-            for i in np.flatnonzero(low < 0)
-        }
-        i = min(roots, key=roots.get)
-        u, v = state(roots[i])
-        t += roots[i]
-        v[i] = 0.0
-        if on[i]:
-            force = pull * speed * t - stiff @ u
-            sign[i] = 0.0 if abs(force[i]) <= model.static[i] else np.sign(force[i])
-            if sign[i] == 0:
-                events.append((t, i, 0))
-        else:
-            sign[i] = np.sign((pull * speed * t - stiff @ u)[i])
-            events.append((t, i, 1))
-    return events
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize('name, seconds', [('S2', 7.0), ('S3L', 4.5), ('S5', 4.5)])
-def test_exact_path_against_independent_modes(name, seconds):
+@pytest.mark.parametrize(
+    'name, seconds',
+    [('S2', 7.0), ('S3L', 4.5), ('S5', 4.5), ('S3G', 2.2), ('S4L', 0.8), ('S4G', 0.9)],
+)
+def test_scipy_event_code_agrees(name, seconds):
     scene = from_mapping(presets.scene(name) | {'T': seconds})
-    events = oracle_1d(scene)
-    run = simulate(scene)
-    assert [(b, s) for _, b, s in events] == list(
-        zip(run.event_block, run.event_start, strict=True)
+    run = simulate(scene, tolerance=1e-13)
+    u, events = scipy_solver.scipy_run(
+        scene, run.t, 3e-13, physics_oracles.CAPTURE_MPS, physics_oracles.ARM_S
     )
-    assert run.event_t == pytest.approx([t for t, _, _ in events], abs=1e-10)
+    assert len(events) >= 6
+    assert [row[1:] for row in events] == list(zip(run.event_block, run.event_start, strict=True))
+    assert run.event_t == pytest.approx([row[0] for row in events], abs=1e-7)
+    assert np.abs(u - run.u).max() < 1e-9
 
 
 @pytest.mark.slow
@@ -304,45 +227,6 @@ def test_no_event_is_lost_at_loose_tolerance(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name, seconds', [('S3G', 2.2), ('S4L', 0.8), ('S4G', 0.9)])
-def test_event_path_against_scipy(name, seconds):
-    """SciPy's DOP853 over the sliding blocks between our events, and each of these checked."""
-    scene = from_mapping(presets.scene(name) | {'T': seconds})
-    model, run = Model.of(scene), simulate(scene, tolerance=1e-13)
-    u, v, t = scene.u0.copy(), np.zeros((scene.n, 2)), 0.0
-    on = np.zeros(scene.n, bool)
-    assert len(run.event_t) >= 6
-    for when, block, start in zip(run.event_t, run.event_block, run.event_start, strict=True):
-        if on.any() and when > t:
-            direction = {i: model.force(u, t)[i] for i in np.flatnonzero(on)}
-
-            def rhs(s, y, on=on, u=u, direction=direction):
-                here = u.copy()
-                here[on], speed = np.split(y.reshape(-1, 2), 2)
-                size = np.linalg.norm(speed, axis=1)[:, None]
-                start_dir = np.array([direction[i] for i in np.flatnonzero(on)])
-                start_dir /= np.linalg.norm(start_dir, axis=1)[:, None]
-                unit = np.where(size > 1e-13, speed / np.maximum(size, 1e-300), start_dir)
-                pull = model.force(here, s)[on] - model.kinetic[on, None] * unit
-                return np.concatenate([speed.ravel(), (pull / model.mass[on, None]).ravel()])
-
-            y = np.concatenate([u[on].ravel(), v[on].ravel()])
-            y = solve_ivp(rhs, (t, when), y, method='DOP853', rtol=1e-11, atol=1e-13).y[:, -1]
-            u[on], v[on] = np.split(y.reshape(-1, 2), 2)
-        t = max(t, when)
-        force = np.linalg.norm(model.force(u, t)[block])
-        if start:
-            assert force == pytest.approx(model.static[block], rel=1e-6)
-        else:
-            assert np.linalg.norm(v[block]) < 2e-3
-            assert force <= model.static[block] * (1 + 1e-6)
-            v[block] = 0.0
-        stuck = np.linalg.norm(model.force(u, t), axis=1)[~on]
-        assert np.all(stuck <= model.static[~on] * (1 + 1e-6)), 'a break was missed'
-        on[block] = bool(start)
-
-
-@pytest.mark.slow
 def test_stepping_converges_to_the_event_path():
     scene = builders.table(PULL, 4.0, geometric=True, u0=builders.offsets(25, 0.005, 3))
     reference = solve(scene)
@@ -363,45 +247,6 @@ def test_weakening_friction_train():
     assert np.abs(exact.u - steps.u)[:35].max() < 2e-3
     plain = solve(scene | {'weakening': None})
     assert np.abs(exact.u - plain.u).max() > 1e-2
-
-
-EXTREMES = {
-    'no tie between stiff blocks': builders.plate(PULL, 3.0, k_between=2e7),
-    'light blocks': builders.train(PULL, 3.0, mass=2.5e-5, g=9.81e4),
-    'a step of one metre': builders.table(
-        NONE,
-        2.0,
-        geometric=True,
-        u0=[[0.9 if i == 12 else 0.0, 0.02] for i in range(25)],
-    ),
-    'a step of one metre aside': builders.table(
-        {'kind': 'poses', 'par': [[0, 1, 0, 0], [1, 1, 0, 0]]},
-        3.0,
-        geometric=True,
-        u0=builders.offsets(25, 0.005, 2),
-    ),
-    'stiff, 400 blocks': builders.plate(PULL, 5.55, 20, 20, k_between=2e7),
-    'light, 400 blocks': builders.plate(
-        PULL, 6.5, 20, 20, mass=2.5e-5, g=9.81e4, u0=builders.offsets(400, 0.005, 5, True)
-    ),
-    'one stiff block': builders.plate(PULL, 6.0, 1, 1, k_plate=2e6),
-    'equal friction': builders.table(
-        PULL, 6.0, geometric=True, mu_s=0.65, mu_k=0.65, u0=builders.offsets(25, 0.005, 3)
-    ),
-    'nothing to do': builders.single(PULL, 0.0),
-    'a rim gone at once': builders.table({'kind': 'constant_velocity', 'par': [5.0, 3.0]}, 0.2),
-    'a loose block': builders.single(NONE, 5.0, k=0.0, v0=[[1.0, 0.0]]),
-    'a loose block in the plane': builders.single(NONE, 5.0, k=0.0, dim1=False, v0=[[1.0, 0.5]]),
-}
-
-
-@pytest.mark.parametrize('name', list(EXTREMES))
-def test_every_extreme_ends_with_a_status(name):
-    run = solve(EXTREMES[name], limits=Limits(events=20000, steps=20_000))
-    assert run.status in ('ok', 'step limit', 'event limit')
-    assert np.all(np.isfinite(run.u))
-    if run.status == 'ok':
-        assert abs(run.energy.residual_J) <= 1e-6 * max(1.0, abs(run.energy.friction_J))
 
 
 @pytest.mark.parametrize('geometric', [False, True])
@@ -465,8 +310,8 @@ def test_springs_that_pass_zero_head_on_keep_the_ledger_and_are_told():
     assert run.status == 'ok'
     assert abs(run.energy.residual_J) < 1e-4
     assert any('passed length zero' in note for note in run.notes)
-    aside = solve(EXTREMES['a step of one metre aside'], limits=Limits(steps=20_000))
-    assert not aside.notes
+    aside = builders.table(AWAY, 3.0, geometric=True, u0=builders.offsets(25, 0.005, 2))
+    assert not solve(aside, limits=Limits(steps=20_000)).notes
 
 
 @pytest.mark.slow
@@ -514,13 +359,6 @@ def test_zero_length_springs_are_linear_whatever_the_scene_says():
     assert np.abs(a.u - b.u).max() < 1e-9
 
 
-def test_limits_are_told():
-    assert solve(presets.scene('S3L'), limits=Limits(steps=50)).status == 'step limit'
-    assert solve(presets.scene('S3G'), limits=Limits(steps=50)).status == 'step limit'
-    assert solve(presets.scene('S3L'), limits=Limits(events=10)).status == 'event limit'
-    assert solve(presets.scene('S3G'), limits=Limits(events=10)).status == 'event limit'
-
-
 def test_what_is_cut_short_has_true_places_and_energies():
     """A long run keeps its places local; a limit met on the way must not show that."""
     for limits in (Limits(steps=3000), Limits(events=2000)):
@@ -552,7 +390,7 @@ def test_friction_that_is_gone_as_soon_as_a_block_moves(speed):
     """A bound on places alone let series run beyond where they converge."""
     run = solve(builders.train(PULL, 10.0, n=1, k_plate=40.0, weakening={'speed': speed}))
     # without friction from the break on: m x'' = k (V t - x) from rest at k V t = F_s
-    first, slip, *_ = single_by_formula(mu_k=0.0)
+    first, slip, _ = single_by_formula(mu_k=0.0)
     assert run.status == 'ok'
     assert run.steps < 1000
     assert run.event_t[:2] == pytest.approx([first, first + slip], abs=3 * speed + 1e-12)
@@ -571,21 +409,12 @@ def test_a_block_that_is_dragged_takes_one_step():
     assert abs(run.energy.residual_J) < 1e-7 * run.energy.work_J
 
 
-def test_the_ledger_of_stiff_modes_closes():
-    """By formula: quadrature that saw every oscillation of these took 75 s."""
-    aside = builders.offsets(9, 1e-9, 5, along_x=True)
-    run = solve(builders.plate(PULL, 6.0, 3, 3, k_between=1e12, u0=aside))
-    assert run.status == 'ok'
-    assert len(run.event_t) > 50
-    assert run.energy.work_J > 0.1
-    assert abs(run.energy.residual_J) < 1e-6 * run.energy.work_J
-
-
-def test_a_block_that_flies_stops_where_it_must():
-    run = solve(EXTREMES['a loose block in the plane'])
-    speed, brake = np.hypot(1.0, 0.5), 0.65 * 9.81
+@pytest.mark.parametrize('way', [(1.0, 0.0), (1.0, 0.5)])
+def test_a_block_that_flies_stops_where_it_must(way):
+    run = solve(builders.single(NONE, 5.0, k=0.0, dim1=way[1] == 0.0, v0=[way]))
+    speed, brake = np.hypot(*way), 0.65 * 9.81
     assert run.event_t[0] == pytest.approx(speed / brake, rel=1e-9)
-    assert run.u[-1, 0] == pytest.approx(np.array([1.0, 0.5]) * speed / (2 * brake), rel=1e-9)
+    assert run.u[-1, 0] == pytest.approx(np.array(way) * speed / (2 * brake), rel=1e-9)
 
 
 def test_poses_and_constant_velocity_are_the_same_pull():

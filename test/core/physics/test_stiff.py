@@ -3,7 +3,6 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from support import physics_oracles
 
 from eol_ros.core.physics import builders
@@ -15,24 +14,6 @@ from eol_ros.lab.choose import simulate
 
 PULL = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}
 CIRCLE = {'kind': 'circle_and_rotation', 'par': [0.06, 0.9, 0.12, 0.7]}
-
-
-def by_scipy(scene, times):
-    """DOP853 over blocks that all slide from the start on, their friction along v/|v|."""
-    model, n = Model.of(scene), scene.n
-    lead = model.force(scene.u0, 0.0)
-    lead /= np.linalg.norm(lead, axis=1)[:, None]
-
-    def rhs(t, y):
-        u, v = y.reshape(2, n, 2)
-        size = np.linalg.norm(v, axis=1)[:, None]
-        unit = np.where(size > 1e-13, v / np.maximum(size, 1e-300), lead)
-        pull = model.force(u, t) - model.kinetic[:, None] * unit
-        return np.concatenate([v.ravel(), (pull / model.mass[:, None]).ravel()])
-
-    start = np.concatenate([scene.u0.ravel(), scene.v0.ravel()])
-    found = solve_ivp(rhs, times[[0, -1]], start, 'DOP853', times, rtol=3e-13, atol=1e-15)
-    return found.y.T.reshape(-1, 2, n, 2)[:, 0]
 
 
 @pytest.mark.slow
@@ -79,7 +60,7 @@ def test_stiff_springs_in_the_plane(geometric, drive):
     run = simulate(scene, sample_s=0.003, tolerance=1e-10)
     assert run.status == 'ok'
     assert len(run.event_t) == 9
-    assert np.abs(run.u - by_scipy(scene, run.t)).max() < 1e-11
+    assert np.abs(run.u - physics_oracles.sliding_of_scipy(scene, run.t)).max() < 1e-11
     energy = run.energy
     assert abs(energy.residual_J) < 2e-8 * abs(energy.friction_J)
 
@@ -93,7 +74,7 @@ def test_blocks_that_slide_together_and_vibrate():
     scene = from_mapping(given)
     run = simulate(scene, sample_s=0.0047)
     assert run.status == 'ok' and len(run.event_t) == 0
-    assert np.abs(run.u - by_scipy(scene, run.t)).max() < 1e-12
+    assert np.abs(run.u - physics_oracles.sliding_of_scipy(scene, run.t)).max() < 1e-12
     together = run.u - run.u.mean(1)[:, None]
     assert np.abs(together[-1]).max() > 1e-8  # what trembles is not smoothed away
     assert abs(run.energy.residual_J) < 1e-11
