@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`eol bench physics`: error against run time of solvers and peers, and cost by size."""
+"""`eol bench physics`: error against run time of solvers and peers."""
 
 import argparse
 import functools
@@ -7,7 +7,6 @@ import importlib.util
 import json
 import sys
 import time
-import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,6 @@ from support.scipy_solver import scipy_events, scipy_smooth
 
 from benchmarks import physics_peers as peers
 from benchmarks.machine import tell
-from eol_ros.core.physics import builders
 from eol_ros.core.physics.event import solver as event
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, sample_times
@@ -37,18 +35,17 @@ EXAMPLES = [
     'eol bench physics --plots docs/img',
 ]
 PEER_S = 2.5  # slow peers run this far; we are timed on the same stretch beside them
-SIZES = (1, 4, 25, 100, 400, 2500, 10_000)
 LIMITS = Limits(events=200_000, steps=2_000_000)
 SCIPY_S = {'S1': 20.0, 'S2': 12.0, 'S6a': 6.2, 'S6b': 6.0, 'S4L': 4.0, 'S4G': 6.0}
 OTHERS_S = 8.0  # for so long SciPy follows the other scenes
 ROTATION_S = 3.0  # for so long SciPy follows blocks that rotate
-PARTS = ('own', 'rotation', 'peers', 'tolerance', 'sizes', 'live')
+PARTS = ('own', 'rotation', 'peers', 'tolerance', 'live')
 RANDOM_SCENES = 500
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='everything as JSON')
-    parser.add_argument('--quick', action='store_true', help='no peers, smaller sizes')
+    parser.add_argument('--quick', action='store_true', help='no peers, fewer random scenes')
     parser.add_argument('--plots', metavar='DIR', help='draw the results there')
     parser.add_argument(
         '--part', choices=PARTS, action='append', help='only this part; may be given again'
@@ -217,59 +214,6 @@ def rotation_rows() -> list[dict]:
     return rows
 
 
-def size_rows(sizes: tuple[int, ...]) -> list[dict]:
-    """Return cost and memory of plates of n blocks, from their first breaks on."""
-    rows = []
-    choose.simulate(from_mapping(builders.plate(presets.PULL, 6.0, 2, 2)), ledger=False)  # compiles
-    for n in track(sizes, 'sizes'):
-        side = int(round(n**0.5))
-        offsets = builders.offsets(n, 0.005, 5, True)
-        given = builders.plate(presets.PULL, 2e3, side, side, u0=offsets)
-        scene = from_mapping(given)
-        model, times = Model.of(scene), np.array([0.0, 2e3])
-        limits = Limits(events=1000, steps=100_000)
-        job = functools.partial(exact.solve, scene, model, times, limits, False)
-        run, seconds = cpu_s(job, 2)
-        rows.append(
-            {
-                'n': n,
-                'bytes': _most_bytes(given, limits, times),
-                'ms': seconds * 1e3,
-                'events': len(run.event_t),
-                'steps': run.steps,
-                'us_per_event': seconds * 1e6 / max(1, len(run.event_t)),
-                't_reached': run.t_reached,
-                'status': run.status,
-            }
-        )
-    return rows
-
-
-def _most_bytes(given: dict, limits: Limits, times: np.ndarray) -> int:
-    """Return the most memory that Python and NumPy held for scene, model and run, bytes."""
-    tracemalloc.start()
-    try:
-        scene = from_mapping(given)
-        exact.solve(scene, Model.of(scene), times, limits, False)
-        return tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-
-
-def growth_row(rows: list[dict]) -> dict:
-    """Return how cost and memory grow from 25 blocks on: exponents of n, by least squares."""
-    big = [r for r in rows if r['n'] >= 25]
-    n = np.log([r['n'] for r in big])
-    cost = np.polyfit(n, np.log([r['us_per_event'] for r in big]), 1)[0]
-    last = big[-1]
-    return {
-        'from_n': big[0]['n'],
-        'to_n': last['n'],
-        'cost_exponent': float(cost),
-        'memory_kb_per_block': last['bytes'] / 1024 / last['n'],
-    }
-
-
 def tolerance_rows(scenes: int) -> list[dict]:
     """Return, for each path, errors of random scenes in units of the tolerance asked for."""
     found = [random_scenes.judge(seed) for seed in track(range(scenes), 'random scenes', scenes)]
@@ -319,12 +263,12 @@ def run(args: argparse.Namespace) -> int:
     parts = args.part or [part for part in PARTS if part != 'peers' or not args.quick]
     if args.earlier and not args.part:
         parts = []
-    result = {part: [] for part in (*PARTS, 'growth')}
+    result = {part: [] for part in PARTS}
     for file in args.earlier:
         for part, rows in json.loads(Path(file).read_text()).items():
             if part == 'machine':  # of several, that of the last
                 result[part] = rows
-            else:
+            elif part in result:
                 result[part] += rows
     if 'own' in parts:
         for name in track(list(presets.NAMED), 'scenes'):
@@ -335,9 +279,6 @@ def run(args: argparse.Namespace) -> int:
         result['peers'] = peer_rows(args.peer)
     if 'tolerance' in parts:
         result['tolerance'] = tolerance_rows(RANDOM_SCENES // 10 if args.quick else RANDOM_SCENES)
-    if 'sizes' in parts:
-        result['sizes'] = size_rows(SIZES[:5] if args.quick else SIZES)
-        result['growth'] = [growth_row(result['sizes'])]
     if 'live' in parts:
         result['live'] = [live_row()]
     if args.plots:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plots of `eol bench physics`: error against run time, cost against the number of blocks."""
+"""Plots of `eol bench physics`: error against run time."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ FLOOR_M = 1e-17  # an error of exactly zero is drawn here
 
 
 def draw(result: dict, folder: Path) -> None:
-    """Write physics_error.png and physics_cost.png into `folder`."""
+    """Write physics_error.png into `folder`."""
     import matplotlib
 
     matplotlib.use('Agg')
@@ -25,8 +25,6 @@ def draw(result: dict, folder: Path) -> None:
     wide = len(names) // 3 + 1  # at least one place is left, for the legend
     if names:
         _errors(result, rows, names, wide, folder)
-    if any(r['events'] for r in result['sizes']):
-        _sizes(result, folder)
 
 
 def _errors(result: dict, rows: list[dict], names: list[str], wide: int, folder: Path) -> None:
@@ -73,27 +71,4 @@ def _errors(result: dict, rows: list[dict], names: list[str], wide: int, folder:
         axis.axis('off')
     axes.flat[-1].legend(shown.values(), shown.keys(), loc='center', frameon=False)
     figure.savefig(folder / 'physics_error.png', dpi=90)
-    plt.close(figure)
-
-
-def _sizes(result: dict, folder: Path) -> None:
-    """Draw cost and memory against the number of blocks."""
-    from matplotlib import pyplot as plt
-
-    sizes = [r for r in result['sizes'] if r['events']]
-    figure, (axis, memory) = plt.subplots(1, 2, figsize=(10, 4), layout='constrained')
-    axis.loglog([r['n'] for r in sizes], [r['us_per_event'] for r in sizes], 'o-')
-    axis.set_ylabel('processor time per event, µs')
-    memory.loglog([r['n'] for r in sizes], [r['bytes'] for r in sizes], 'o-')
-    floor = min(r['bytes'] for r in sizes)
-    memory.axhline(floor, color='0.6', linestyle='--')
-    memory.annotate(
-        f'floor: {floor / 1024:.0f} kB, of which the log of 1000 events is 17', (1, floor),
-        xytext=(0, 4), textcoords='offset points', fontsize=8,
-    )  # fmt: skip
-    memory.set_ylabel('memory of scene and run, bytes')
-    for side in (axis, memory):
-        side.set_xlabel('blocks')
-        side.grid(alpha=0.3, which='both')
-    figure.savefig(folder / 'physics_cost.png', dpi=90)
     plt.close(figure)
