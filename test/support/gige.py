@@ -80,23 +80,8 @@ class Gige:
         self._clock, self._latch = clock or (lambda ns: ns), latch
         self._fill = FILL(self._on_image)
         self._handle: Any = None
-        for name, takes in {
-            'gv_fake_camera_new_full': [ctypes.c_char_p] * 3,
-            'gv_fake_camera_get_fake_camera': [ctypes.c_void_p],
-        }.items():
-            function = getattr(self.library, f'arv_{name}')
-            function.argtypes, function.restype = takes, ctypes.c_void_p
-        self.library.arv_fake_camera_set_fill_pattern.argtypes = [
-            ctypes.c_void_p, FILL, ctypes.c_void_p,
-        ]  # fmt: skip
-        self.library.arv_fake_camera_get_payload.argtypes = [ctypes.c_void_p]
-        self.library.arv_fake_camera_set_trigger_frequency.argtypes = [
-            ctypes.c_void_p, ctypes.c_double,
-        ]  # fmt: skip
-        self.library.arv_fake_camera_write_memory.argtypes = [
-            ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_char_p,
-        ]  # fmt: skip
-        self.library.arv_buffer_set_timestamp.argtypes = [ctypes.c_void_p, ctypes.c_uint64]
+        for name in ('new_full', 'get_fake_camera'):
+            getattr(self.library, f'arv_gv_fake_camera_{name}').restype = aravis.Handle
         text = description()
         if latch:
             text = text.replace('</RegisterDescription>', f'{CLOCK}</RegisterDescription>')
@@ -109,9 +94,7 @@ class Gige:
             b'127.0.0.1', NAME.encode(), str(self._xml).encode()
         )
         assert self._handle
-        self.glib.g_object_set(
-            ctypes.c_void_p(self._handle), b'gvsp-lost-ratio', ctypes.c_double(self._lost), None
-        )
+        self.glib.g_object_set(self._handle, b'gvsp-lost-ratio', ctypes.c_double(self._lost), None)
         self.memory = self.library.arv_gv_fake_camera_get_fake_camera(self._handle)
         self.library.arv_fake_camera_set_fill_pattern(self.memory, self._fill, None)
         self._stop.clear()
@@ -121,7 +104,7 @@ class Gige:
 
     def trigger(self, rate_hz: float) -> None:
         """Let its trigger come at this rate."""
-        self.library.arv_fake_camera_set_trigger_frequency(self.memory, rate_hz)
+        self.library.arv_fake_camera_set_trigger_frequency(self.memory, ctypes.c_double(rate_hz))
 
     def unplug(self) -> None:
         self._stop.set()
@@ -152,11 +135,11 @@ class Gige:
     def _on_image(
         self, buffer: int, _data: Any, exposure_us: int, _gain: int, _format: int
     ) -> None:
-        arv = aravis.load()
+        arv, buffer = aravis.load(), aravis.Handle(buffer)
         began_ns = time.monotonic_ns() - exposure_us * 1000 - self._readout_ns
         self.exposed.append((began_ns, exposure_us * 1000))
         pixels = self.library.arv_fake_camera_get_payload(self.memory)
-        arv.library.arv_buffer_set_timestamp(buffer, self._clock(began_ns))
+        self.library.arv_buffer_set_timestamp(buffer, ctypes.c_uint64(self._clock(began_ns)))
         size = ctypes.c_size_t()  # of what has been received: nothing here
         data = arv.call('buffer_get_data', buffer, ctypes.byref(size))
         if self._images:
@@ -189,12 +172,8 @@ def own_network():
 def description() -> str:
     """Return the GenICam description of the simulated camera."""
     library = aravis.load().library
-    library.arv_fake_camera_new.restype = ctypes.c_void_p
-    library.arv_fake_camera_new.argtypes = [ctypes.c_char_p]
-    library.arv_fake_camera_get_genicam_xml.restype = ctypes.c_void_p
-    library.arv_fake_camera_get_genicam_xml.argtypes = [
-        ctypes.c_void_p, ctypes.POINTER(ctypes.c_size_t),
-    ]  # fmt: skip
+    for name in ('new', 'get_genicam_xml'):
+        getattr(library, f'arv_fake_camera_{name}').restype = aravis.Handle
     camera, size = library.arv_fake_camera_new(b'description'), ctypes.c_size_t()
     data = library.arv_fake_camera_get_genicam_xml(camera, ctypes.byref(size))
     text = ctypes.string_at(data, size.value).decode().rstrip('\0')

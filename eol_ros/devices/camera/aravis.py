@@ -7,7 +7,7 @@ Aravis (LGPL) is a system library; nothing of it is loaded before `load` is call
 import ctypes
 import threading
 from collections.abc import Callable
-from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_size_t, c_uint, c_uint64, c_void_p
+from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_int64, c_void_p
 from typing import Any
 
 from eol_ros.devices.camera.ports import GENICAM
@@ -19,69 +19,41 @@ PROTOCOLS = ('GigEVision', 'USB3Vision')
 SUCCESS = 0  # ARV_BUFFER_STATUS_SUCCESS
 CHECKED = 1  # of ArvRangeCheckPolicy and ArvAccessCheckPolicy
 
-# What each function returns and takes; the GError ** that ends the list of most is passed by `call`
-_INT, _TEXT, _POINTER = c_int, c_char_p, c_void_p
-_PLAIN: dict[str, tuple[Any, list[Any]]] = {
-    'arv_update_device_list': (None, []),
-    'arv_get_n_devices': (c_uint, []),
-    'arv_get_device_id': (_TEXT, [c_uint]),
-    'arv_get_device_address': (_TEXT, [c_uint]),
-    'arv_get_device_vendor': (_TEXT, [c_uint]),
-    'arv_get_device_model': (_TEXT, [c_uint]),
-    'arv_get_device_serial_nbr': (_TEXT, [c_uint]),
-    'arv_get_device_protocol': (_TEXT, [c_uint]),
-    'arv_camera_get_device': (_POINTER, [_POINTER]),
-    'arv_camera_is_gv_device': (_INT, [_POINTER]),
-    'arv_camera_set_range_check_policy': (None, [_POINTER, _INT]),
-    'arv_camera_set_access_check_policy': (None, [_POINTER, _INT]),
-    'arv_gv_device_is_controller': (_INT, [_POINTER]),
-    'arv_buffer_new_allocate': (_POINTER, [c_size_t]),
-    'arv_stream_push_buffer': (None, [_POINTER, _POINTER]),
-    'arv_stream_timeout_pop_buffer': (_POINTER, [_POINTER, c_uint64]),
-    'arv_stream_get_statistics': (None, [_POINTER, *[POINTER(c_uint64)] * 3]),
-    'arv_gv_stream_get_statistics': (None, [_POINTER, *[POINTER(c_uint64)] * 2]),
-    'arv_buffer_get_status': (_INT, [_POINTER]),
-    'arv_buffer_get_data': (_POINTER, [_POINTER, POINTER(c_size_t)]),
-    'arv_buffer_get_timestamp': (c_uint64, [_POINTER]),
-    'arv_buffer_get_system_timestamp': (c_uint64, [_POINTER]),
-    'arv_buffer_get_frame_id': (c_uint64, [_POINTER]),
-}
-_CHECKED: dict[str, tuple[Any, list[Any]]] = {
-    'arv_camera_new': (_POINTER, [_TEXT]),
-    'arv_camera_get_payload': (c_uint, [_POINTER]),
-    'arv_camera_create_stream': (_POINTER, [_POINTER, _POINTER, _POINTER]),
-    'arv_camera_start_acquisition': (None, [_POINTER]),
-    'arv_camera_stop_acquisition': (None, [_POINTER]),
-    'arv_camera_execute_command': (None, [_POINTER, _TEXT]),
-    'arv_camera_is_feature_available': (_INT, [_POINTER, _TEXT]),
-    'arv_camera_get_integer': (ctypes.c_int64, [_POINTER, _TEXT]),
-    'arv_camera_get_float': (c_double, [_POINTER, _TEXT]),
-    'arv_camera_get_string': (_TEXT, [_POINTER, _TEXT]),
-    'arv_camera_set_string': (None, [_POINTER, _TEXT, _TEXT]),
-    'arv_camera_get_sensor_size': (None, [_POINTER, POINTER(_INT), POINTER(_INT)]),
-    'arv_camera_set_region': (None, [_POINTER, _INT, _INT, _INT, _INT]),
-    'arv_camera_get_region': (None, [_POINTER, *[POINTER(_INT)] * 4]),
-    'arv_camera_is_region_offset_available': (_INT, [_POINTER]),
-    'arv_camera_get_x_offset_increment': (_INT, [_POINTER]),
-    'arv_camera_get_y_offset_increment': (_INT, [_POINTER]),
-    'arv_camera_set_pixel_format_from_string': (None, [_POINTER, _TEXT]),
-    'arv_camera_get_pixel_format_as_string': (_TEXT, [_POINTER]),
-    'arv_camera_is_exposure_auto_available': (_INT, [_POINTER]),
-    'arv_camera_set_exposure_time_auto': (None, [_POINTER, _INT]),
-    'arv_camera_set_exposure_time': (None, [_POINTER, c_double]),
-    'arv_camera_get_exposure_time': (c_double, [_POINTER]),
-    'arv_camera_is_gain_auto_available': (_INT, [_POINTER]),
-    'arv_camera_set_gain_auto': (None, [_POINTER, _INT]),
-    'arv_camera_set_gain': (None, [_POINTER, c_double]),
-    'arv_camera_get_gain': (c_double, [_POINTER]),
-    'arv_camera_is_frame_rate_available': (_INT, [_POINTER]),
-    'arv_camera_set_frame_rate': (None, [_POINTER, c_double]),
-    'arv_camera_get_frame_rate': (c_double, [_POINTER]),
-    'arv_camera_clear_triggers': (None, [_POINTER]),
-    'arv_camera_set_trigger': (None, [_POINTER, _TEXT]),
-    'arv_camera_get_trigger_source': (_TEXT, [_POINTER]),
-    'arv_gv_device_get_timestamp_tick_frequency': (c_uint64, [_POINTER]),
-}
+
+class Handle(c_void_p):
+    """A pointer of the library, which ctypes would turn into an int and cut to 32 bits."""
+
+
+# Return types of the functions that return no int
+_RETURNS: dict[Any, tuple[str, ...]] = {
+    Handle: (
+        'camera_new', 'camera_get_device', 'camera_create_stream', 'buffer_new_allocate',
+        'stream_timeout_pop_buffer', 'buffer_get_data',
+    ),
+    c_char_p: (
+        'get_device_id', 'get_device_address', 'get_device_vendor', 'get_device_model',
+        'get_device_serial_nbr', 'get_device_protocol', 'camera_get_string',
+        'camera_get_pixel_format_as_string', 'camera_get_trigger_source',
+    ),
+    c_double: (
+        'camera_get_float', 'camera_get_exposure_time', 'camera_get_gain',
+        'camera_get_frame_rate',
+    ),
+    c_int64: (
+        'camera_get_integer', 'buffer_get_timestamp', 'buffer_get_system_timestamp',
+        'buffer_get_frame_id', 'gv_device_get_timestamp_tick_frequency',
+    ),
+}  # fmt: skip
+# The functions of a camera take a GError ** at the end, all but these; of the others only one does.
+_NO_ERROR = (
+    'camera_get_device', 'camera_is_gv_device', 'camera_set_range_check_policy',
+    'camera_set_access_check_policy',
+)  # fmt: skip
+
+
+def _has_error(name: str) -> bool:
+    of_camera = name.startswith('camera_') and name not in _NO_ERROR
+    return of_camera or name == 'gv_device_get_timestamp_tick_frequency'
 
 
 class AravisError(EolError):
@@ -93,7 +65,7 @@ class _GError(ctypes.Structure):
 
 
 class Aravis:
-    """The library, its functions declared; `call` turns a GError into an AravisError.
+    """The library; `call` turns a GError into an AravisError.
 
     library, gobject: libaravis and the GObject it is linked against, as ctypes loaded them.
     """
@@ -105,21 +77,21 @@ class Aravis:
         self.gobject = ctypes.CDLL('libgobject-2.0.so.0')
         self._glib.g_error_free.argtypes = [c_void_p]
         self.gobject.g_object_unref.argtypes = [c_void_p]
-        for name, (returns, takes) in _PLAIN.items():
-            function = getattr(self.library, name)
-            function.restype, function.argtypes = returns, takes
-        for name, (returns, takes) in _CHECKED.items():
-            function = getattr(self.library, name)
-            function.restype, function.argtypes = returns, [*takes, POINTER(POINTER(_GError))]
+        for returns, names in _RETURNS.items():
+            for name in names:
+                getattr(self.library, f'arv_{name}').restype = returns
 
     def call(self, name: str, *args: Any) -> Any:
-        """Return what `arv_`NAME(*args) returns; AravisError where it reports an error."""
-        name = f'arv_{name}'
-        function = getattr(self.library, name)
-        if name in _PLAIN:
-            return function(*args)
+        """Return what `arv_`NAME(*args) returns; AravisError where it reports an error.
+
+        args: handles, bytes, ints of 32 bits, floats, and None for NULL.
+        """
+        function = getattr(self.library, f'arv_{name}')
+        given = [c_double(arg) if isinstance(arg, float) else arg for arg in args]
+        if not _has_error(name):
+            return function(*given)
         error = POINTER(_GError)()
-        value = function(*args, byref(error))
+        value = function(*given, byref(error))
         if error:
             text = error.contents.message.decode(errors='replace')
             self._glib.g_error_free(error)
@@ -132,7 +104,7 @@ class Aravis:
         self.call(name, *args, *map(byref, values))
         return [int(v.value) for v in values]
 
-    def release(self, handle: int | None) -> None:
+    def release(self, handle: Handle | None) -> None:
         """Give up one reference to an object."""
         if handle:
             self.gobject.g_object_unref(handle)

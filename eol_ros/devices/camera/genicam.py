@@ -14,7 +14,7 @@ import numpy as np
 from eol_ros.core.camera_clock import CameraClock
 from eol_ros.devices import ports
 from eol_ros.devices.camera import aravis
-from eol_ros.devices.camera.aravis import Aravis, AravisError
+from eol_ros.devices.camera.aravis import Aravis, AravisError, Handle
 from eol_ros.devices.camera.picture import CLOCK_TRUST_S, Picture, SourceLost
 from eol_ros.devices.camera.ports import GENICAM
 from eol_ros.devices.ports import Port
@@ -239,7 +239,7 @@ class GenicamCamera:
         self._open_clock()
         self._call('start_acquisition')
 
-    def _push(self, buffer: int) -> None:
+    def _push(self, buffer: Handle) -> None:
         self._arv.call('stream_push_buffer', self._stream, buffer)
 
     # Its clock
@@ -305,7 +305,7 @@ class GenicamCamera:
         self._gone = True
         raise SourceLost(f'camera {self.name}: {why}')
 
-    def _picture(self, buffer: int) -> Picture | None:
+    def _picture(self, buffer: Handle) -> Picture | None:
         """Return the image of a buffer and its stamp; None of one that has holes."""
         arv = self._arv
         arrived_ns = arrival_ns(arv.call('buffer_get_system_timestamp', buffer))
