@@ -13,8 +13,8 @@ flashes. Version 1, in which the host sent the level of each white LED, is no lo
 
 import binascii
 import struct
-from dataclasses import astuple, dataclass
-from typing import Any, ClassVar, NamedTuple, get_args
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 from eol_ros.core.geometry import N_BLOCKS
 
@@ -41,67 +41,69 @@ class ProtocolError(ValueError):
     """A message that cannot be put into a packet, or a body that is not what its kind says."""
 
 
+class Message:
+    """A message: `KIND` is its byte in the packet, `BODY` the form of its fields."""
+
+    KIND: ClassVar[int]
+    BODY: ClassVar[struct.Struct]
+
+    def __init_subclass__(cls, kind: int, form: str):
+        cls.KIND, cls.BODY = kind, struct.Struct(form)
+        MESSAGES[kind] = cls
+
+
+MESSAGES: dict[int, type[Message]] = {}
+
+
 @dataclass(frozen=True)
-class Hello:
+class Hello(Message, kind=0x01, form='<B'):
     """Host to board, first of all, until it answers: the version that the host speaks."""
 
-    KIND: ClassVar[int] = 0x01
-    BODY: ClassVar[struct.Struct] = struct.Struct('<B')
     version: int = VERSION
 
 
 @dataclass(frozen=True)
-class Levels:
+class Levels(Message, kind=0x02, form=f'<I{N_BLOCKS}s'):
     """Level of each white LED, from emulated blocks to the twin. No board receives it."""
 
-    KIND: ClassVar[int] = 0x02
-    BODY: ClassVar[struct.Struct] = struct.Struct(f'<I{N_BLOCKS}s')
     stamp_us: int
     white: bytes
 
 
 @dataclass(frozen=True)
-class Infrared:
+class Infrared(Message, kind=0x04, form='<I'):
     """Host to board: bit b of `mask` is the infrared LED of block b."""
 
-    KIND: ClassVar[int] = 0x04
-    BODY: ClassVar[struct.Struct] = struct.Struct('<I')
     mask: int = ALL_BLOCKS
 
 
 @dataclass(frozen=True)
-class Ping:
+class Ping(Message, kind=0x05, form='<I'):
     """Host to board: I am here; answer with your clock."""
 
-    KIND: ClassVar[int] = 0x05
-    BODY: ClassVar[struct.Struct] = struct.Struct('<I')
     host_us: int
 
 
 @dataclass(frozen=True)
-class Lighting:
+class Lighting(Message, kind=0x06, form='<BBH'):
     """Host to bridge: how blocks flash, from `peak` on, dying within `decay_ms`.
 
     `flags`: BY_ITSELF, a knock lights its block; LIMITED, the whole field flashes three times a
     second at most, or with EACH_FIELD, from EACH_FIELD_FROM on, each field of view of 10 degrees.
     """
 
-    KIND: ClassVar[int] = 0x06
-    BODY: ClassVar[struct.Struct] = struct.Struct('<BBH')
     flags: int
     peak: int
     decay_ms: int
 
 
 @dataclass(frozen=True)
-class Detector:
+class Detector(Message, kind=0x07, form='<6HI'):
     """Host to bridge: when blocks feel a knock; eol_knock_config of firmware/block/knock.h.
 
     Zero leaves what the firmware has.
     """
 
-    KIND: ClassVar[int] = 0x07
-    BODY: ClassVar[struct.Struct] = struct.Struct('<6HI')
     threshold: int = 0
     ratio: int = 0
     quiet: int = 0
@@ -112,41 +114,33 @@ class Detector:
 
 
 @dataclass(frozen=True)
-class Light:
+class Light(Message, kind=0x08, form='<II'):
     """Host to bridge: flash the blocks of `mask` now, for the image of `stamp_us`, 0: of none."""
 
-    KIND: ClassVar[int] = 0x08
-    BODY: ClassVar[struct.Struct] = struct.Struct('<II')
     stamp_us: int
     mask: int
 
 
 @dataclass(frozen=True)
-class SelfTest:
+class SelfTest(Message, kind=0x09, form='<B'):
     """Host to bridge: let `block` test its LEDs and accelerometer; SelfTested answers."""
 
-    KIND: ClassVar[int] = 0x09
-    BODY: ClassVar[struct.Struct] = struct.Struct('<B')
     block: int
 
 
 @dataclass(frozen=True)
-class Welcome:
+class Welcome(Message, kind=0x81, form='<BB16s'):
     """Board to host, answer to Hello: what it is. `name` is ASCII, filled up with zeros."""
 
-    KIND: ClassVar[int] = 0x81
-    BODY: ClassVar[struct.Struct] = struct.Struct('<BB16s')
     version: int
     blocks: int
     name: bytes
 
 
 @dataclass(frozen=True)
-class Pong:
+class Pong(Message, kind=0x85, form='<IIIH'):
     """Board to host, answer to Ping: `host_us` as it came, its clock at that moment, counters."""
 
-    KIND: ClassVar[int] = 0x85
-    BODY: ClassVar[struct.Struct] = struct.Struct('<IIIH')
     host_us: int
     board_us: int
     good: int
@@ -154,14 +148,12 @@ class Pong:
 
 
 @dataclass(frozen=True)
-class Knock:
+class Knock(Message, kind=0x88, form='<IBHHB'):
     """Bridge to host: a block was let go at `board_us`, and lit itself `lit_us` later, or NOT_LIT.
 
     `strength` in 0.01 m/s^2. `flags`: WOKE, it slept until then, and when is known to 3 ms only.
     """
 
-    KIND: ClassVar[int] = 0x88
-    BODY: ClassVar[struct.Struct] = struct.Struct('<IBHHB')
     board_us: int
     block: int
     strength: int
@@ -170,7 +162,7 @@ class Knock:
 
 
 @dataclass(frozen=True)
-class BlockStatus:
+class BlockStatus(Message, kind=0x89, form='<BHbBBB'):
     """Bridge to host, every ten seconds and at each change: how a block is, or the BRIDGE itself.
 
     `millivolts` of its battery, 0 where it has none; `celsius`; version of its firmware; `flags`:
@@ -178,8 +170,6 @@ class BlockStatus:
     RADIO_DEAD, that of the bridge does not work; TWICE, more than one block has this number.
     """
 
-    KIND: ClassVar[int] = 0x89
-    BODY: ClassVar[struct.Struct] = struct.Struct('<BHbBBB')
     block: int
     millivolts: int
     celsius: int
@@ -189,7 +179,7 @@ class BlockStatus:
 
 
 @dataclass(frozen=True)
-class SelfTested:
+class SelfTested(Message, kind=0x8A, form='<BB3h3H'):
     """Bridge to host, answer to SelfTest: what `block` has measured.
 
     `flags`: ANSWERS, its accelerometer says what it is. `x_mg`, `y_mg`, `z_mg`: by how much they
@@ -197,8 +187,6 @@ class SelfTested:
     lit. `infrared_mv`: over the infrared LED, lit. `devices.board.self_test` judges.
     """
 
-    KIND: ClassVar[int] = 0x8A
-    BODY: ClassVar[struct.Struct] = struct.Struct('<BB3h3H')
     block: int
     flags: int
     x_mg: int
@@ -210,18 +198,11 @@ class SelfTested:
 
 
 @dataclass(frozen=True)
-class Refused:
+class Refused(Message, kind=0x87, form='<BB'):
     """Board to host: it cannot speak `host_version`; it stays dark. It speaks `version`."""
 
-    KIND: ClassVar[int] = 0x87
-    BODY: ClassVar[struct.Struct] = struct.Struct('<BB')
     version: int
     host_version: int
-
-
-_Line = Hello | Levels | Infrared | Ping | Welcome | Pong | Refused
-Message = _Line | Lighting | Detector | Light | SelfTest | Knock | BlockStatus | SelfTested
-MESSAGES: dict[int, Any] = {m.KIND: m for m in get_args(Message)}
 
 
 class Received(NamedTuple):
@@ -269,7 +250,7 @@ def cobs_decode(data: bytes) -> bytes:
 def encode(message: Message, sequence: int) -> bytes:
     """Return the packet of `message` with its delimiters; `sequence` counts modulo 256."""
     try:
-        body = message.BODY.pack(*astuple(message))
+        body = message.BODY.pack(*vars(message).values())
     except struct.error as error:
         raise ProtocolError(f'{message}: {error}') from error
     packet = _HEAD.pack(message.KIND, sequence & 0xFF) + body
@@ -323,8 +304,7 @@ class Decoder:
         try:
             packet = cobs_decode(encoded)
         except ProtocolError:
-            self.damaged += 1
-            return None
+            packet = b''
         if len(packet) < 4 or crc16(packet[:-2]) != _CRC.unpack(packet[-2:])[0]:
             self.damaged += 1
             return None
