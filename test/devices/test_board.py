@@ -59,7 +59,7 @@ def test_infrared_reaches_the_board(host, fake):
 def test_a_tap_is_stamped_with_the_time_of_the_knock(host, fake):
     assert wait_until(lambda: len(host.board.round_trip_ms) >= 9)
     before = time.monotonic()
-    fake.tap(17, 6.5)
+    fake.knock(17, 6.5)
     after = time.monotonic()
 
     assert wait_until(lambda: host.taps)
@@ -84,13 +84,13 @@ def test_what_a_board_says_of_other_blocks_or_another_time_is_counted_and_not_pa
     assert wait_until(lambda: len(host.board.round_trip_ms) >= 9)
     ahead_s = KNOCK_SPAN_S + 1.0
     for ago_s in (ahead_s, -ahead_s, 2131.0, -2131.0):
-        fake.tap(3, 1.0, ago_s)
+        fake.knock(3, 1.0, ago_s)
     for number in range(256):
         fake._send(protocol.BlockStatus(number, 3700, 20, 2, 2, protocol.LINKED))
         fake._send(protocol.SelfTested(number, 1, 0, 0, 0, 0, 0, 0))
         if number >= 25:
             fake._send(protocol.Knock(fake.clock_us(), number, 100, 0, 0))
-    fake.tap(24, 1.0, 1.0)
+    fake.knock(24, 1.0, 1.0)
     assert wait_until(lambda: host.taps)
     assert [tap.block for tap in host.taps] == [24] and host.board.taps == 1
     assert set(host.board.blocks) == {*range(25), protocol.BRIDGE}
@@ -143,8 +143,8 @@ def test_a_silent_board_counts_as_lost(host, fake, monkeypatch):
 def test_noise_truncation_and_oversize_cost_a_packet_and_nothing_else(host, fake):
     for fault in ('noise', 'truncate', 'oversize'):
         fake.fault(fault)
-        fake.tap(0, 1.0)
-    fake.tap(24, 1.0)
+        fake.knock(0, 1.0)
+    fake.knock(24, 1.0)
 
     assert wait_until(lambda: host.taps and host.taps[-1].block == 24)
     assert host.board.ready

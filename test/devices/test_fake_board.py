@@ -125,7 +125,7 @@ def test_blocks_are_lit_as_the_host_says_and_flash_by_themselves_if_they_may(boa
     assert wait_until(lambda: board.levels()[24] > 0)
     assert [b for b, level in enumerate(board.levels()) if level] == [3, 24]
     assert max(board.levels()) <= 100
-    board.tap(7, 1.0)
+    board.knock(7, 1.0)
     assert line.hear(p.Knock).lit_us == p.NOT_LIT
     assert board.levels()[7] == 0
 
@@ -135,7 +135,7 @@ def test_without_a_bridge_blocks_flash_and_fade_slowly(board, line):
     assert line.hear(p.BlockStatus).block == p.BRIDGE
     board.fault('unplug')
     began = time.monotonic()
-    board.tap(5, 1.0)
+    board.knock(5, 1.0)
     time.sleep(0.3)
     level, took = board.levels()[5] / 255, time.monotonic() - began
     assert math.exp(-took / 4.0) - 0.01 < level < 1  # and not exp(-0.3 / 0.182)
@@ -148,7 +148,7 @@ def test_while_a_block_is_silent_that_might_flash_nothing_falls(board, line):
     assert all(line.hear(p.BlockStatus) for _ in range(26))
     board.report(20, flags=0)
     began = time.monotonic()
-    board.tap(5, 1.0)
+    board.knock(5, 1.0)
     time.sleep(0.5)
     level, took = board.levels()[5] / 255, time.monotonic() - began
     assert level > math.exp(-took / 4.0) - 0.01
@@ -166,8 +166,8 @@ def test_says_how_blocks_are_when_it_is_told_how_they_flash(board, line):
 @pytest.mark.parametrize(('fault', 'heard'), [('noise', 2), ('truncate', 1), ('oversize', 2)])
 def test_spoils_one_packet_when_told(board, line, fault, heard):
     board.fault(fault)
-    board.tap(1, 1.0)
-    board.tap(2, 1.0)
+    board.knock(1, 1.0)
+    board.knock(2, 1.0)
 
     assert len([t for t in (line.hear(p.Knock), line.hear(p.Knock, 0.2)) if t]) == heard
     assert line.decoder.bad >= 1
@@ -205,7 +205,7 @@ def test_an_unknown_fault_is_named():
 def test_runs_as_a_program(tmp_path):
     link, log = tmp_path / 'board', tmp_path / 'log.csv'
     command = [sys.executable, '-m', 'eol_ros.devices.board.fake']
-    options = ['--link', str(link), '--taps', '50', '--for', '3', '--log', str(log)]
+    options = ['--link', str(link), '--taps', '50', '--log', str(log)]
     program = subprocess.Popen(command + options, stdout=subprocess.PIPE, text=True)
     try:
         assert program.stdout.readline().strip() == str(link)
@@ -220,11 +220,3 @@ def test_runs_as_a_program(tmp_path):
         program.stdout.close()
 
     assert 'Hello' in log.read_text()
-
-
-def test_a_wrong_script_is_one_line():
-    command = [sys.executable, '-m', 'eol_ros.devices.board.fake', '--faults', 'unplug']
-    done = subprocess.run(command, capture_output=True, text=True, timeout=20)
-
-    assert done.returncode == 2
-    assert done.stderr == "fake_board: --faults 'unplug': write FAULT@SECONDS, like unplug@5\n"

@@ -180,7 +180,7 @@ def test_what_lights_is_chosen(make_lights, trigger, lit):
         lights = make_lights(port=fake.port, trigger=trigger, on_tap=taps.append)
         assert wait_until(lambda: len(lights.board.blocks) == 26)
         assert fake.bridge.by_itself == (trigger != 'slips')
-        fake.tap(3, 2.0)
+        fake.knock(3, 2.0)
         assert wait_until(lambda: taps)
         lights.tap(3, taps[0].stamp_ns, taps[0].board_us)
         seen(lights, 4, time.time_ns())

@@ -5,12 +5,13 @@ It emulates the bridge, with blocks that flash by themselves.
 The twin's rehearsal runs on it, and the tests. It keeps its own clock, which neither agrees with
 the host's nor runs at quite its rate, and it can be told to misbehave.
 
-    python -m eol_ros.devices.board.fake --link /tmp/board --taps 2 --faults unplug@5,plug@8
+    python -m eol_ros.devices.board.fake --link /tmp/board --taps 2
 """
 
 import argparse
+import contextlib
 import errno
-import math
+import itertools
 import os
 import select
 import signal
@@ -77,7 +78,7 @@ class FakeBoard:
 
     `rate` is how much faster its clock runs than the host's, `clock_us` what it shows at the start.
     `on_arrival` is called from the board's thread for every good packet, `on_message` for every
-    message that came in one.
+    message that came in one. `log_file`: a CSV of all arrivals, a line each.
     """
 
     def __init__(
@@ -90,7 +91,11 @@ class FakeBoard:
         on_arrival: Callable[[Arrival], None] | None = None,
         on_message: Callable[[protocol.Message], None] | None = None,
         socket_pair: bool = False,
+        log_file: str = '',
     ):
+        self._file = open(log_file, 'w', buffering=1) if log_file else None  # noqa: SIM115
+        if self._file:
+            print(*Arrival._fields, sep=',', file=self._file)
         self.link, self.version, self.name = link, version, name
         self.log: deque[Arrival] = deque(maxlen=8192)
         self.count = N_BLOCKS  # of blocks, as it says
@@ -134,16 +139,14 @@ class FakeBoard:
         self.fault('unplug')
         os.close(self._wake_read)
         os.close(self._wake_write)
+        if self._file:
+            self._file.close()
 
     def __enter__(self) -> 'FakeBoard':
         return self.start()
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def tap(self, block: int, strength: float, ago_s: float = 0.0) -> None:
-        """Knock on `block` so hard, in m/s^2, that its accelerometer reports it as `ago_s` old."""
-        self.knock(block, strength, ago_s)
 
     def knock(
         self,
@@ -153,8 +156,12 @@ class FakeBoard:
         lit_s: float = 0.0,
         woke: bool = False,
     ) -> None:
-        """Let `block` feel a knock `ago_s` ago, which lit it, if it may, `lit_s` after that."""
-        felt_us, counts = self._felt(strength, ago_s)
+        """Let `block` feel a knock of `strength` in m/s^2 `ago_s` ago.
+
+        Where it may, the knock lit it `lit_s` after that. woke: it slept until then.
+        """
+        felt_us = (self.clock_us() - round(ago_s * 1e6)) & 0xFFFFFFFF
+        counts = min(round(strength / protocol.STRENGTH_UNIT), 0xFFFF)
         lit_us = protocol.NOT_LIT
         with self._field:
             if self.bridge.felt(time.monotonic(), block):
@@ -170,10 +177,6 @@ class FakeBoard:
                 heard = bool(flags & protocol.LINKED)
                 self.bridge.hear(time.monotonic(), block, heard)
         self._send(protocol.BlockStatus(block, millivolts, CELSIUS, *self.firmware, flags))
-
-    def _felt(self, strength: float, ago_s: float) -> tuple[int, int]:
-        counts = min(round(strength / protocol.STRENGTH_UNIT), 0xFFFF)
-        return (self.clock_us() - round(ago_s * 1e6)) & 0xFFFFFFFF, counts
 
     @property
     def plugged(self) -> bool:
@@ -271,6 +274,8 @@ class FakeBoard:
             now_ns, type(message).__name__, received.sequence, getattr(message, 'stamp_us', 0)
         )
         self.log.append(arrival)
+        if self._file:
+            print(*arrival, sep=',', file=self._file)
         if self._on_arrival:
             self._on_arrival(arrival)
         if self._on_message:
@@ -322,55 +327,21 @@ class FakeBoard:
                 pass
 
 
-def _faults(text: str) -> list[tuple[float, str]]:
-    script = []
-    for word in filter(None, text.split(',')):
-        what, at, seconds = word.partition('@')
-        try:
-            script.append((float(seconds), what))
-        except ValueError:
-            raise UsageError(f'--faults {word!r}: write FAULT@SECONDS, like unplug@5') from None
-        if not at or what not in FAULTS:
-            raise UsageError(f'--faults {word!r}: the faults are {", ".join(FAULTS)}')
-    return sorted(script)
-
-
 def main(argv: list[str] | None = None) -> int:
     """Run a board until Ctrl-C or SIGTERM; its port is the one line on stdout."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--link', metavar='PATH', help='stable name for the port')
-    parser.add_argument('--version', type=int, default=protocol.VERSION, help='protocol to speak')
-    parser.add_argument('--taps', type=float, default=0.0, metavar='HZ', help='knocks a second')
-    parser.add_argument('--faults', default='', metavar='FAULT@S,...', help=' '.join(FAULTS))
-    parser.add_argument('--log', metavar='FILE', help='write each arrival as a line of CSV')
-    parser.add_argument('--for', type=float, default=math.inf, dest='seconds', help='then stop')
+    parser.add_argument('--taps', type=float, default=0.0, metavar='HZ', help='taps a second')
+    parser.add_argument('--log', default='', metavar='FILE', help='write each arrival to a CSV')
     args = parser.parse_args(argv)
     for number in (signal.SIGINT, signal.SIGTERM):  # also where a shell has it ignore the first
         signal.signal(number, signal.default_int_handler)
-    try:
-        script = _faults(args.faults)
-    except UsageError as error:
-        print(f'fake_board: {error}', file=sys.stderr)
-        return error.exit_code
-    log = open(args.log, 'w', buffering=1) if args.log else None  # noqa: SIM115
-    if log:
-        log.write('time_ns,kind,sequence,stamp_us\n')
-    write = (lambda a: print(*a, sep=',', file=log)) if log else None
-    began, knocks = time.monotonic(), 0
-    with FakeBoard(args.link, args.version, on_arrival=write) as board:
+    with FakeBoard(args.link, log_file=args.log) as board, contextlib.suppress(KeyboardInterrupt):
         print(args.link or board.port, flush=True)
-        try:
-            while (now := time.monotonic() - began) < args.seconds:
-                while script and script[0][0] <= now:
-                    board.fault(script.pop(0)[1])
-                if args.taps and now * args.taps > knocks:
-                    board.tap(knocks * 7 % N_BLOCKS, 5.0)
-                    knocks += 1
-                time.sleep(0.01)
-        except KeyboardInterrupt:
-            pass
-    if log:
-        log.close()
+        for count in itertools.count():
+            time.sleep(1 / args.taps if args.taps else 1.0)
+            if args.taps:
+                board.knock(count * 7 % N_BLOCKS, 5.0)
     return 0
 
 

@@ -204,9 +204,6 @@ class TwinBoard:
     """
 
     def __init__(self, log: str = '', namespace: str = NAMESPACE):
-        self._log = open(log, 'w', buffering=1) if log else None  # noqa: SIM115
-        if self._log:
-            self._log.write('time_ns,kind,sequence,stamp_us\n')
         self._late_s: deque[float] = deque(maxlen=1000)
         self._guard = threading.Lock()
         self._radio, self._blocks = (
@@ -219,6 +216,7 @@ class TwinBoard:
             on_arrival=self._on_arrival,
             on_message=self._on_message,
             socket_pair=True,
+            log_file=log,
         ).start()
         self._stop = threading.Event()
         self.rounds = Rounds()
@@ -285,12 +283,8 @@ class TwinBoard:
         self._thread.join(2.0)
         self._radio.close()
         self.fake.close()
-        if self._log:
-            self._log.close()
 
     def _on_arrival(self, arrival: Arrival) -> None:
-        if self._log:
-            print(*arrival, sep=',', file=self._log)
         if arrival.kind == 'Light' and arrival.stamp_us:
             with self._guard:
                 self._late_s.append(latency_s(arrival))
