@@ -2,7 +2,6 @@
 """What is plugged into this machine, each with the line that names it in a scene."""
 
 import json
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ from eol_ros.devices.audio import outputs
 from eol_ros.devices.board.ports import list_ports
 from eol_ros.devices.camera import aravis
 from eol_ros.devices.camera.ports import list_cameras
-from eol_ros.devices.ports import Port
 from eol_ros.errors import DeviceMissing
 
 DRM = Path('/sys/class/drm')
@@ -28,30 +26,24 @@ class Found:
     scene_line: str
 
 
-def find_all(
-    cameras: Callable[[], Sequence[Port]] = list_cameras,
-    boards: Callable[[], Sequence[Port]] = list_ports,
-    sound_cards: Callable[[], Sequence[dict[str, Any]]] = outputs.cards,
-    drm: Path = DRM,
-    industrial: Callable[[], Sequence[Port]] = aravis.list_cameras,
-) -> tuple[list[Found], list[str]]:
+def find_all() -> tuple[list[Found], list[str]]:
     """Return all devices found, and remarks on what could not be looked at."""
-    remarks, listed = [], list(cameras())
+    remarks, listed = [], list_cameras()
     try:
-        listed += industrial()
+        listed += aravis.list_cameras()
     except DeviceMissing as error:
         remarks.append(f'industrial cameras: {error}')
     found = [
         Found('camera', c.name, c.description, _line('camera', 'device', c.name)) for c in listed
     ]
     found += [
-        Found('board', p.name, p.description, _line('leds', 'port', p.name)) for p in boards()
+        Found('board', p.name, p.description, _line('leds', 'port', p.name)) for p in list_ports()
     ]
     try:
-        found += [_sound_card(card) for card in sound_cards()]
+        found += [_sound_card(card) for card in outputs.cards()]
     except DeviceMissing as error:
         remarks.append(f'sound cards: {error}')
-    return found + _screens(drm), remarks
+    return found + _screens(), remarks
 
 
 def _line(node: str, key: str, name: str) -> str:
@@ -63,9 +55,9 @@ def _sound_card(card: dict[str, Any]) -> Found:
     return Found('sound card', card['name'], words, _line('sound', 'device', card['name']))
 
 
-def _screens(drm: Path) -> list[Found]:
+def _screens() -> list[Found]:
     found = []
-    for connector in sorted(drm.glob('card*-*')):
+    for connector in sorted(DRM.glob('card*-*')):
         try:
             connected = (connector / 'status').read_text().strip() == 'connected'
             modes = (connector / 'modes').read_text().split()

@@ -11,8 +11,7 @@ from eol_ros.core import serial_protocol as protocol
 from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.board.board import KNOCK_SPAN_S, Board
 from eol_ros.devices.board.fake import FakeBoard
-from eol_ros.devices.board.ports import find_port
-from eol_ros.devices.ports import Port
+from eol_ros.devices.ports import Port, find
 from eol_ros.errors import DeviceMissing
 
 
@@ -207,13 +206,14 @@ def test_back_off_grows_and_starts_anew():
 
 PORTS = [
     Port('/dev/serial/by-id/usb-Teensy_1234', '/dev/ttyACM0', 'Teensy'),
-    Port('/dev/serial/by-id/usb-FTDI_99', '/dev/ttyUSB0', 'FTDI'),
+    Port('/dev/serial/by-id/usb-FTDI_99', '/dev/ttyUSB0', 'FTDI chip'),
 ]
 
 
 def test_ports_are_found_by_stable_name():
-    assert find_port('Teensy', PORTS) == PORTS[0].name
-    assert find_port('auto', PORTS[:1]) == PORTS[0].name
+    assert find('serial port', 'Teensy', PORTS) == PORTS[0].name
+    assert find('serial port', 'FTDI chip', PORTS) == PORTS[1].name
+    assert find('serial port', 'auto', PORTS[:1]) == PORTS[0].name
 
 
 @pytest.mark.parametrize(
@@ -227,4 +227,4 @@ def test_ports_are_found_by_stable_name():
 )
 def test_ports_that_cannot_be_found_are_explained(wanted, ports, words):
     with pytest.raises(DeviceMissing, match=words):
-        find_port(wanted, ports)
+        find('serial port', wanted, ports)

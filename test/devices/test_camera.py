@@ -13,9 +13,8 @@ from support.waiting import wait_until
 from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.camera.camera import AHEAD, Camera, Pace
 from eol_ros.devices.camera.fake import FakeDriver, Mishap, number_of
-from eol_ros.devices.camera.ports import find_camera, list_cameras
+from eol_ros.devices.camera.ports import list_cameras
 from eol_ros.devices.camera.sources import LiveCamera, VideoFile, is_file, source_of
-from eol_ros.devices.ports import Port
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.settings import CameraSettings
 
@@ -415,29 +414,3 @@ def test_cameras_are_listed_by_stable_name(tmp_path):
         ('/dev/video0', 'Cam 0'),
         (str(by_id / 'usb-OV9281_77-video-index0'), 'Cam 2'),
     ]
-
-
-CAMERAS = [
-    Port('/dev/v4l/by-id/usb-OV9281_1', '/dev/video0', 'Global shutter'),
-    Port('/dev/v4l/by-id/usb-Web_2', '/dev/video2', 'Web camera'),
-]
-
-
-def test_cameras_are_found_by_part_of_their_name():
-    assert find_camera('OV9281', CAMERAS) == CAMERAS[0].name
-    assert find_camera('Web camera', CAMERAS) == CAMERAS[1].name
-    assert find_camera('auto', CAMERAS[:1]) == CAMERAS[0].name
-
-
-@pytest.mark.parametrize(
-    ('wanted', 'cameras', 'words'),
-    [
-        ('auto', [], 'no camera found'),
-        ('auto', CAMERAS, 'camera auto: 2 fit'),
-        ('IMX', CAMERAS, "no camera has 'IMX'"),
-        ('/dev/video77', CAMERAS, '/dev/video77 is not there'),
-    ],
-)
-def test_cameras_that_cannot_be_found_are_explained(wanted, cameras, words):
-    with pytest.raises(DeviceMissing, match=words):
-        find_camera(wanted, cameras)

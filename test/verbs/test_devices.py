@@ -32,7 +32,8 @@ class Sound:
 
 
 @pytest.fixture
-def drm(tmp_path):
+def plugged(tmp_path, monkeypatch):
+    """A camera, a board and a screen."""
     for name, status, modes in (
         ('card0-HDMI-A-1', 'connected', '1920x1080\n1280x720\n'),
         ('card0-DP-1', 'disconnected', ''),
@@ -40,7 +41,10 @@ def drm(tmp_path):
         (tmp_path / name).mkdir()
         (tmp_path / name / 'status').write_text(status + '\n')
         (tmp_path / name / 'modes').write_text(modes)
-    return tmp_path
+    monkeypatch.setattr(inventory, 'DRM', tmp_path)
+    monkeypatch.setattr(inventory, 'list_cameras', lambda: [CAMERA])
+    monkeypatch.setattr(inventory, 'list_ports', lambda: [BOARD])
+    monkeypatch.setattr(inventory.aravis, 'list_cameras', list)
 
 
 @pytest.fixture
@@ -49,8 +53,8 @@ def portaudio(monkeypatch):
     monkeypatch.setitem(sys.modules, 'sounddevice', Sound)
 
 
-def test_all_kinds_are_found(drm, portaudio):
-    found, remarks = find_all(lambda: [CAMERA], lambda: [BOARD], drm=drm, industrial=list)
+def test_all_kinds_are_found(plugged, portaudio):
+    found, remarks = find_all()
 
     assert [(f.kind, f.name) for f in found] == [
         ('camera', CAMERA.name),
@@ -61,8 +65,8 @@ def test_all_kinds_are_found(drm, portaudio):
     assert remarks == []
 
 
-def test_each_line_is_what_a_scene_takes(drm, portaudio):
-    found, _ = find_all(lambda: [CAMERA], lambda: [BOARD], drm=drm, industrial=list)
+def test_each_line_is_what_a_scene_takes(plugged, portaudio):
+    found, _ = find_all()
     for device in found:
         if device.scene_line:
             ((node, values),) = yaml.safe_load(device.scene_line).items()
@@ -70,7 +74,7 @@ def test_each_line_is_what_a_scene_takes(drm, portaudio):
             assert device.name in vars(settings).values()
 
 
-def test_without_portaudio_the_rest_is_still_listed(drm, monkeypatch):
+def test_without_portaudio_the_rest_is_still_listed(plugged, monkeypatch):
     class Missing:
         def find_spec(self, name, path=None, target=None):
             if name == 'sounddevice':
@@ -78,9 +82,9 @@ def test_without_portaudio_the_rest_is_still_listed(drm, monkeypatch):
 
     monkeypatch.delitem(sys.modules, 'sounddevice', raising=False)
     monkeypatch.setattr(sys, 'meta_path', [Missing(), *sys.meta_path])
-    found, remarks = find_all(lambda: [CAMERA], list, drm=drm, industrial=list)
+    found, remarks = find_all()
 
-    assert [f.kind for f in found] == ['camera', 'screen']
+    assert [f.kind for f in found] == ['camera', 'board', 'screen']
     assert 'sudo apt install libportaudio2' in remarks[0]
 
 

@@ -39,6 +39,7 @@ TABLE = said('simulated_table')  # the port of a bridge that a twin plays
 MILLIVOLTS, CELSIUS = 3900, 24  # of the battery of a block that has one
 WHOLE = (protocol.ANSWERS, 400, 400, 400, 1700, 100, 1350)  # of a self-test
 FAULTS = ('noise', 'truncate', 'oversize', 'mute', 'unmute', 'unplug', 'plug', 'reboot')
+CLOCK_US, CLOCK_RATE = 4_200_000_000, 30e-6  # at the start; how much faster than the host's it runs
 NOISE = bytes(range(1, 200, 7)) + b'\0\xff\xff\0'
 
 
@@ -76,7 +77,6 @@ class FakeBoard:
     through a pty is carried by a worker of the kernel that has no real-time priority, and waits
     for some milliseconds where both processors are taken.
 
-    `rate` is how much faster its clock runs than the host's, `clock_us` what it shows at the start.
     `on_arrival` is called from the board's thread for every good packet, `on_message` for every
     message that came in one. `log_file`: a CSV of all arrivals, a line each.
     """
@@ -86,8 +86,6 @@ class FakeBoard:
         link: str | None = None,
         version: int = protocol.VERSION,
         name: str = 'fake',
-        rate: float = 30e-6,
-        clock_us: int = 4_200_000_000,
         on_arrival: Callable[[Arrival], None] | None = None,
         on_message: Callable[[protocol.Message], None] | None = None,
         socket_pair: bool = False,
@@ -106,7 +104,7 @@ class FakeBoard:
         self._socket_pair, self.port = socket_pair, TABLE if socket_pair else ''
         self.bridge = Bridge()  # with the blocks
         self._on_arrival, self._on_message = on_arrival, on_message
-        self._rate, self._clock_us, self._boot = rate, clock_us, time.monotonic()
+        self._clock_us, self._boot = CLOCK_US, time.monotonic()
         self._muted, self._spoil = False, ''
         self._sequence = 0
         self._lock, self._field = threading.Lock(), threading.Lock()
@@ -185,7 +183,7 @@ class FakeBoard:
 
     def clock_us(self) -> int:
         """Return what the board's 32-bit microsecond clock shows."""
-        run = (time.monotonic() - self._boot) * (1 + self._rate)
+        run = (time.monotonic() - self._boot) * (1 + CLOCK_RATE)
         return (self._clock_us + int(run * 1e6)) & 0xFFFFFFFF
 
     def levels(self) -> list[int]:

@@ -2,7 +2,6 @@
 """The USB serial ports of this machine."""
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 from eol_ros.devices import ports
@@ -12,11 +11,11 @@ from eol_ros.said import said
 BY_ID = Path('/dev/serial/by-id')
 
 
-def list_ports(by_id: Path = BY_ID) -> list[Port]:
+def list_ports() -> list[Port]:
     """Return the ports, by stable name where the system gives one."""
     from serial.tools import list_ports as pyserial_ports
 
-    stable = ports.stable_names(by_id.glob('*'))
+    stable = ports.stable_names(BY_ID.glob('*'))
     found = [
         Port(stable.pop(os.path.realpath(p.device), p.device), p.device, p.description or '')
         for p in pyserial_ports.comports()
@@ -26,6 +25,6 @@ def list_ports(by_id: Path = BY_ID) -> list[Port]:
     return sorted(found, key=lambda p: p.name)
 
 
-def find_port(wanted: str, found: Sequence[Port] | None = None) -> str:
+def find_port(wanted: str) -> str:
     """Return the device path of `wanted`, see `ports.find`; raises DeviceMissing."""
-    return ports.find(said('serial_port'), wanted, list_ports() if found is None else found)
+    return ports.find(said('serial_port'), wanted, list_ports())

@@ -5,8 +5,8 @@ Aravis (LGPL) is a system library; nothing of it is loaded before `load` is call
 """
 
 import ctypes
+import functools
 import threading
-from collections.abc import Callable
 from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_int64, c_void_p
 from typing import Any
 
@@ -110,27 +110,23 @@ class Aravis:
             self.gobject.g_object_unref(handle)
 
 
-_loaded: list[Aravis] = []
-_lock = threading.Lock()
+_lock = threading.Lock()  # of the list of devices
 
 
+@functools.cache
 def load() -> Aravis:
-    """Return the library, loaded once; DeviceMissing names the package where it is absent."""
-    with _lock:
-        if not _loaded:
-            try:
-                _loaded.append(Aravis())
-            except OSError:
-                raise DeviceMissing(
-                    f'GenICam cameras need Aravis, and {LIBRARY} is not here: '
-                    f'apt-get install {PACKAGE}'
-                ) from None
-        return _loaded[0]
+    """Return the library; DeviceMissing names the package where it is absent."""
+    try:
+        return Aravis()
+    except OSError:
+        raise DeviceMissing(
+            f'GenICam cameras need Aravis, and {LIBRARY} is not here: apt-get install {PACKAGE}'
+        ) from None
 
 
-def list_cameras(library: Callable[[], Aravis] = load) -> list[Port]:
+def list_cameras() -> list[Port]:
     """Return the GenICam cameras that answer within a second, named as a scene names them."""
-    arv = library()
+    arv = load()
     with _lock:
         arv.call('update_device_list')
 

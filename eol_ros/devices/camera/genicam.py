@@ -7,17 +7,16 @@ import ipaddress
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from eol_ros.core.camera_clock import CameraClock
 from eol_ros.devices import ports
 from eol_ros.devices.camera import aravis
-from eol_ros.devices.camera.aravis import Aravis, AravisError, Handle
-from eol_ros.devices.camera.picture import CLOCK_TRUST_S, Picture, SourceLost
+from eol_ros.devices.camera.aravis import AravisError, Handle
+from eol_ros.devices.camera.picture import CLOCK_TRUST_S, Device, Picture, SourceLost
 from eol_ros.devices.camera.ports import GENICAM
-from eol_ros.devices.ports import Port
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.settings import CameraSettings
 
@@ -35,12 +34,12 @@ CLOCKS = (
 WRAP_IDS = 65535  # image numbers of GigE Vision 1 are 1 to 65535
 
 
-def find_camera(wanted: str, cameras: Callable[[], list[Port]] = aravis.list_cameras) -> str:
+def find_camera(wanted: str) -> str:
     """Return the id of the camera that `genicam:`WANTED names; raises DeviceMissing."""
     name = wanted.removeprefix(GENICAM) or 'auto'
     with contextlib.suppress(ValueError):
         return str(ipaddress.ip_address(name))  # also where no broadcast reaches it
-    return ports.find('GenICam camera', name, cameras()).removeprefix(GENICAM)
+    return ports.find('GenICam camera', name, aravis.list_cameras()).removeprefix(GENICAM)
 
 
 def arrival_ns(came_ns: int) -> int:
@@ -50,29 +49,23 @@ def arrival_ns(came_ns: int) -> int:
     return min(now_ns, now_ns - (system_ns - came_ns)) if came_ns else now_ns
 
 
-class GenicamCamera:
+class GenicamCamera(Device):
     """A camera of 8-bit grey images whose stamps are its own clock's, carried over to the host's.
 
-    `library` and `find` are for tests. DeviceMissing where Aravis is not installed.
+    `find` is for tests. DeviceMissing where Aravis is not installed.
     """
-
-    live: Literal[True] = True
 
     def __init__(
         self,
         settings: CameraSettings,
-        library: Callable[[], Aravis] = aravis.load,
         find: Callable[[str], str] = find_camera,
     ):
-        self.name = settings.device
-        self.fps = settings.fps or 60.0
-        self.notes: list[str] = []
-        self.odd_stamps = self.repeated = self.incomplete = self.lost_images = 0
+        super().__init__(settings)
+        self.incomplete = self.lost_images = 0
         self.lost_packets = 0  # of this opening
-        self.exposure_us = float(settings.exposure_us)
         self.stamp_error_s = 0.0  # of the last image
-        self._settings, self._find = settings, find
-        self._arv = library()
+        self._find = find
+        self._arv = aravis.load()
         self._camera: Any = None
         self._stream: Any = None
         self._gone = False
@@ -80,10 +73,7 @@ class GenicamCamera:
     @property
     def values(self) -> dict[str, Any]:
         """Return what /diagnostics tells of the camera."""
-        return {
-            'odd_stamps': self.odd_stamps,
-            'repeated': self.repeated,
-            'exposure_us': self.exposure_us,
+        return super().values | {
             'incomplete': self.incomplete,
             'lost_images': self.lost_images,
             'lost_packets': self.lost_packets,

@@ -5,6 +5,8 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from eol_ros.settings import CameraSettings
+
 CLOCK_TRUST_S = 1.0  # a driver's stamp further from now than this is of another clock
 
 
@@ -40,3 +42,26 @@ class Live(Protocol):
         """Return the next image; None where there is none yet, and none is overdue."""
 
     def close(self) -> None: ...
+
+
+class Device:
+    """The part of `Live` that V4L2 and GenICam cameras share: state as /diagnostics reports it."""
+
+    live: Literal[True] = True
+
+    def __init__(self, settings: CameraSettings):
+        self.name = settings.device
+        self.fps = settings.fps or 60.0
+        self.notes: list[str] = []
+        self.odd_stamps = self.repeated = 0
+        self.exposure_us = float(settings.exposure_us)
+        self._settings = settings
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Return the counters by name."""
+        return {
+            'odd_stamps': self.odd_stamps,
+            'repeated': self.repeated,
+            'exposure_us': self.exposure_us,
+        }

@@ -2,7 +2,6 @@
 """The V4L2 cameras of this machine."""
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 from eol_ros.devices import ports
@@ -32,9 +31,9 @@ def list_cameras(by_id: Path = BY_ID, system: Path = SYSTEM) -> list[Port]:
     return sorted(found, key=lambda c: c.name)
 
 
-def find_camera(wanted: str, cameras: Sequence[Port] | None = None) -> str:
+def find_camera(wanted: str) -> str:
     """Return the device path of `wanted`, see `ports.find`; raises DeviceMissing."""
-    return ports.find(said('a_camera'), wanted, list_cameras() if cameras is None else cameras)
+    return ports.find(said('a_camera'), wanted, list_cameras())
 
 
 def _text(path: Path) -> str:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from eol_ros.devices.camera.picture import CLOCK_TRUST_S, Live, Picture, SourceLost
+from eol_ros.devices.camera.picture import CLOCK_TRUST_S, Device, Live, Picture, SourceLost
 from eol_ros.devices.camera.ports import GENICAM, find_camera
 from eol_ros.devices.files.names import is_text
 from eol_ros.errors import ConfigError, DeviceMissing
@@ -171,14 +171,12 @@ def open_v4l2(path: str) -> Any:
     return cv2.VideoCapture(path, cv2.CAP_V4L2)
 
 
-class LiveCamera:
+class LiveCamera(Device):
     """A V4L2 camera in GREY or MJPG with manual exposure.
 
     `open_capture` returns what has the methods of cv2.VideoCapture; tests give their own, with
     `find`, which turns the scene's name into a path.
     """
-
-    live: Literal[True] = True
 
     def __init__(
         self,
@@ -186,25 +184,11 @@ class LiveCamera:
         open_capture: Callable[[str], Any] = open_v4l2,
         find: Callable[[str], str] = find_camera,
     ):
-        self.name = settings.device
-        self.fps = settings.fps or 60.0
-        self.notes: list[str] = []
-        self.odd_stamps = self.repeated = 0
-        self.exposure_us = float(settings.exposure_us)
-        self._settings = settings
+        super().__init__(settings)
         self._open_capture, self._find = open_capture, find
         self._capture: Any = None
         self._format = ''
         self._last_ns = 0
-
-    @property
-    def values(self) -> dict[str, Any]:
-        """Return what /diagnostics tells of the camera."""
-        return {
-            'odd_stamps': self.odd_stamps,
-            'repeated': self.repeated,
-            'exposure_us': self.exposure_us,
-        }
 
     def open(self) -> None:
         """Open the camera, set format, then exposure, and read back what it took."""
