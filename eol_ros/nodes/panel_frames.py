@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames for tf2: world -> table -> camera_optical, by the calibration."""
 
-import math
 from typing import Any
 
 import numpy as np
@@ -45,18 +44,16 @@ def _transform(
 def quaternion(r: np.ndarray) -> Quaternion:
     """Return the quaternion of a rotation matrix (3, 3).
 
-    The largest of its four parts is taken first (Shepperd 1978), so none is divided by a small one.
+    Each row below is the quaternion (w, x, y, z) times four times one of its parts; the row of the
+    largest part is taken (Shepperd 1978), so that none is divided by a small one.
     """
-    parts = np.array([np.trace(r), *np.diag(r)])
-    k = int(parts.argmax())
-    if k == 0:
-        w = math.sqrt(1 + parts[0]) / 2
-        x, y, z = (r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]) / np.array(4 * w)
-        return Quaternion(x=float(x), y=float(y), z=float(z), w=w)
-    i, j, m = k - 1, k % 3, (k + 1) % 3
-    q = np.zeros(4)
-    q[i] = math.sqrt(1 + r[i, i] - r[j, j] - r[m, m]) / 2
-    q[j], q[m] = (r[j, i] + r[i, j]) / (4 * q[i]), (r[m, i] + r[i, m]) / (4 * q[i])
-    q[3] = (r[m, j] - r[j, m]) / (4 * q[i])
-    x, y, z, w = q.tolist()
+    (a, b, c), (d, e, f), (g, h, i) = r.tolist()
+    rows = np.array([
+        [1 + a + e + i, h - f, c - g, d - b],
+        [h - f, 1 + a - e - i, b + d, c + g],
+        [c - g, b + d, 1 - a + e - i, f + h],
+        [d - b, c + g, f + h, 1 - a - e + i],
+    ])  # fmt: skip
+    row = rows[rows.diagonal().argmax()]
+    w, x, y, z = (row / np.linalg.norm(row)).tolist()
     return Quaternion(x=x, y=y, z=z, w=w)
