@@ -3,7 +3,7 @@
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -166,13 +166,7 @@ def _stack(path: Path, moments: Moments) -> ImageSource:
             '(count, height, width) uint8, grey'
         )
 
-    moments.check(len(stack), str(path))
-
-    def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:
-        for time_s, image in zip(moments.read(DEFAULT_FPS), stack, strict=False):
-            yield time_s, np.ascontiguousarray(image)
-
-    return ImageSource(str(path), moments.fps or DEFAULT_FPS, len(stack), images)
+    return _series(str(path), moments, stack, np.ascontiguousarray)
 
 
 def _folder(folder: Path, moments: Moments) -> ImageSource:
@@ -182,18 +176,27 @@ def _folder(folder: Path, moments: Moments) -> ImageSource:
             f'{folder}: neither a bag nor an image in this folder ({" ".join(PICTURES)})'
         )
 
-    moments.check(len(files), str(folder))
+    return _series(
+        str(folder), moments, files, lambda file: picture_file.load_grey(file, picture_file.GREY)
+    )
+
+
+def _series(
+    name: str, moments: Moments, items: Sequence[Any], load: Callable[[Any], np.ndarray]
+) -> ImageSource:
+    """Return the images that `load` makes of `items`; one that cannot be read is left out."""
+    moments.check(len(items), name)
 
     def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:
-        for time_s, file in zip(moments.read(DEFAULT_FPS), files, strict=False):
+        for time_s, item in zip(moments.read(DEFAULT_FPS), items, strict=False):
             try:
-                image = picture_file.load_grey(file, picture_file.GREY)
+                image = load(item)
             except EolError as error:
                 source.notes.append(f'{error}; left out')
                 continue
             yield time_s, image
 
-    return ImageSource(str(folder), moments.fps or DEFAULT_FPS, len(files), images)
+    return ImageSource(name, moments.fps or DEFAULT_FPS, len(items), images)
 
 
 def _film(path: str, moments: Moments) -> ImageSource:

@@ -7,6 +7,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import cv2
 import numpy as np
 
+from eol_ros.devices.files import picture_file
 from eol_ros.errors import UsageError
 
 QUALITY = 85
@@ -58,9 +59,8 @@ class LiveView:
         """Show an image (h, w) uint8 with `words` on it."""
         shown = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
         size = image.shape[1] / 1000
-        place, font = (round(20 * size), round(45 * size)), cv2.FONT_HERSHEY_SIMPLEX
-        for colour, width in (((0, 0, 0), 6), ((80, 255, 80), 2)):
-            cv2.putText(shown, words, place, font, size, colour, max(round(width * size), 1))
+        place, width = (round(20 * size), round(45 * size)), max(round(2 * size), 1)
+        picture_file.write_text(shown, words, place, (80, 255, 80), size, width)
         done, jpeg = cv2.imencode('.jpg', shown, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
         if done:
             with self._new:

@@ -77,17 +77,13 @@ def draw(
         corners = np.column_stack([u + reach * np.cos(turn), v - reach * np.sin(turn)])
         points = np.round(corners * 2**FINE).astype(np.int32)
         cv2.polylines(picture, [points], True, colour, 2 if seen else 1, cv2.LINE_AA, FINE)
-        _text(picture, str(block), (int(u) - 9, int(v) + 6), colour)
+        picture_file.write_text(picture, str(block), (int(u) - 9, int(v) + 6), colour)
     words = STATES[tracked.state]
     if tracked.symmetry_ambiguous and tracked.state == TRACKING:
         words += ', turn open'
     count = int(tracked.seen.sum())
-    _text(picture, f'{tracked.stamp_s:9.3f} s  {words}  {count}/25', (12, 26), TEXT)
+    words = f'{tracked.stamp_s:9.3f} s  {words}  {count}/25'
+    picture_file.write_text(picture, words, (12, 26), TEXT)
     if tracked.why:
-        _text(picture, tracked.why, (12, 52), TEXT)
+        picture_file.write_text(picture, tracked.why, (12, 52), TEXT)
     return picture
-
-
-def _text(picture: np.ndarray, words: str, place: tuple[int, int], colour) -> None:
-    cv2.putText(picture, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.55, (0, 0, 0), 3, cv2.LINE_AA)
-    cv2.putText(picture, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.55, colour, 1, cv2.LINE_AA)

@@ -88,15 +88,18 @@ def load(path: str | Path, mirror: bool = False) -> Calibration:
         DeviceMissing: no such file.
         ConfigError: not YAML, or a field absent or wrong; all are named at once.
     """
+    return loads(_read(path), path, mirror)
+
+
+def _read(path: str | Path) -> bytes:
     try:
-        content = Path(path).read_bytes()
+        return Path(path).read_bytes()
     except FileNotFoundError:
         raise DeviceMissing(
             f'{path}: no such calibration file; make one with `eol calibrate`'
         ) from None
     except OSError as error:
         raise DeviceMissing(f'{path}: cannot read the calibration ({error.strerror})') from None
-    return loads(content, path, mirror)
 
 
 def loads(text: str | bytes, path: str | Path, mirror: bool = False) -> Calibration:
@@ -189,11 +192,7 @@ def load_lens(path: str | Path) -> tuple[int, int, np.ndarray, np.ndarray]:
     Raises:
         DeviceMissing, ConfigError: as `load`.
     """
-    try:
-        content = camera_info.read(Path(path).read_bytes(), path)
-    except OSError as error:
-        raise DeviceMissing(f'{path}: cannot read the lens ({error.strerror})') from None
-    wrong: list[str] = []
+    content, wrong = camera_info.read(_read(path), path), list[str]()
     width, height = camera_info.size(content, wrong)
     camera, lens = camera_info.lens(content, (width, height), wrong)
     if wrong or camera is None or lens is None:

@@ -39,7 +39,8 @@ def draw(solution: Solution, image: np.ndarray | None) -> np.ndarray:
         calibration.to_pixels(PLATFORM_CORNERS * 0.94), solution.corner_mm, strict=True
     ):
         if np.isfinite(sigma):
-            _write(picture, place - [40, 0], f'+-{sigma:.2f} mm')
+            u, v = place.astype(int).tolist()
+            picture_file.write_text(picture, f'+-{sigma:.2f} mm', (u - 40, v), _TEXT)
     refusal = solution.refusal()
     words = [
         f'residual {calibration.residual_px:.3f} px = {calibration.residual_mm:.3f} mm RMS',
@@ -47,7 +48,7 @@ def draw(solution: Solution, image: np.ndarray | None) -> np.ndarray:
         f'REFUSED: {refusal[:90]}' if refusal else 'good',
     ]
     for line, text in enumerate(words):
-        _write(picture, (12, 24 + 22 * line), text)
+        picture_file.write_text(picture, text, (12, 24 + 22 * line), _TEXT)
     return picture
 
 
@@ -64,9 +65,3 @@ def _line(picture, px, colour) -> None:
     if np.isfinite(px).all() and np.abs(px).max() < 1e5:
         points = np.rint(16 * px).astype(np.int32)
         cv2.polylines(picture, [points], False, colour, 1, cv2.LINE_AA, 4)
-
-
-def _write(picture, place, text) -> None:
-    where = (int(place[0]), int(place[1]))
-    cv2.putText(picture, text, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 3, cv2.LINE_AA)
-    cv2.putText(picture, text, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, _TEXT, 1, cv2.LINE_AA)
