@@ -156,20 +156,19 @@ def _fitted(
     rational: np.ndarray, camera: np.ndarray, size_px: tuple[int, int], wrong: list[str]
 ) -> np.ndarray | None:
     """Return k1, k2, p1, p2, k3 that distort as k1 k2 p1 p2 k3 k4 k5 k6 do within the image."""
-    k1, k2, p1, p2, k3, k4, k5, k6 = rational
     if not rational[5:].any():
         return rational[:5]
-    width, height = size_px
-    u, v = np.meshgrid(np.linspace(-0.3, 1.3, 65) * width, np.linspace(-0.3, 1.3, 65) * height)
-    x = (u.ravel() - camera[0, 2]) / camera[0, 0]
-    y = (v.ravel() - camera[1, 2]) / camera[1, 1]
+    import cv2
+
+    focal, middle = camera[[0, 1], [0, 1]], camera[:2, 2]
+    share = np.linspace(-0.3, 1.3, 65)
+    px = np.stack(np.meshgrid(share, share), axis=2).reshape(-1, 2) * size_px
+    rays = np.column_stack([(px - middle) / focal, np.ones(len(px))])
+    seen = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera, rational)[0][:, 0]
+    inside = ((seen > -1) & (seen < size_px)).all(axis=1)
+    x, y = rays[inside, :2].T
+    away_x, away_y = ((seen[inside] - middle) / focal).T
     r2 = x * x + y * y
-    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-    away_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    away_y = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    seen_u, seen_v = away_x * camera[0, 0] + camera[0, 2], away_y * camera[1, 1] + camera[1, 2]
-    inside = (seen_u > -1) & (seen_u < width) & (seen_v > -1) & (seen_v < height)
-    x, y, r2, away_x, away_y = (values[inside] for values in (x, y, r2, away_x, away_y))
     terms = np.concatenate([
         np.stack([x * r2, x * r2**2, 2 * x * y, r2 + 2 * x * x, x * r2**3], 1),
         np.stack([y * r2, y * r2**2, r2 + 2 * y * y, 2 * x * y, y * r2**3], 1),
