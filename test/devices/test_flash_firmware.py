@@ -28,42 +28,7 @@ GLUE = """
 size_t flash_size(void) { return sizeof(eol_flash_field); }
 size_t local_size(void) { return sizeof(eol_local_field); }
 
-enum { B = EOL_FLASH_BLOCKS, WAY_MS = 1, BEACON_MS = 2 };
-
-/* `ms` milliseconds of 25 blocks, their bridge and the link between them, which takes 1 ms either
- * way and loses `lost` of 1000 words of the bridge. felt[t * B + b]: that block feels a knock. The
- * bridge is there until `gone_ms`. shown[t * B + b]: its light. Without `limited` it may fall. */
-void show(int ms, const uint8_t *felt, int decay_ms, int lost, int gone_ms, int limited,
-          uint8_t *shown)
-{
-    eol_flash_field field;
-    eol_light light[B];
-    eol_flash_begin(&field, decay_ms * 1e-3, 1.0, (uint8_t)limited);
-    eol_flash_hold(&field, 0.0, 1.001 / 3);
-    for (int b = 0; b < B; b++) eol_light_begin(&light[b], 1, 255, (uint16_t)decay_ms, 0);
-    int said = 0, beacon = 0, words[B];
-    srand(1);
-    for (int b = 0; b < B; b++) words[b] = -1;
-    for (int t = 0; t < ms; t++) {
-        for (int b = 0; b < B; b++) { /* what the bridge said a millisecond ago */
-            if (words[b] >= 0) eol_light_told(&light[b], (uint8_t)words[b]);
-            words[b] = -1;
-        }
-        for (int b = 0; b < B; b++) {
-            if (felt[t * B + b]) eol_light_felt(&light[b]);
-            if (t >= WAY_MS && felt[(t - WAY_MS) * B + b] && t < gone_ms)
-                eol_flash_slip(&field, t * 1e-3, (uint8_t)b);
-        }
-        int falls = !eol_flash_holds(&field, t * 1e-3);
-        if (t < gone_ms && (falls != said || ++beacon >= BEACON_MS)) {
-            for (int b = 0; b < B; b++)
-                if (rand() % 1000 >= lost) words[b] = falls;
-            said = falls;
-            beacon = 0;
-        }
-        for (int b = 0; b < B; b++) shown[t * B + b] = eol_light_tick(&light[b]);
-    }
-}
+enum { B = EOL_FLASH_BLOCKS };
 
 /* Light at `hz` under the limit of each field of view: of slips at `at_s`; or of an adversary, who
  * lights a block of `mask` when it has lost `depth`, in `often` of 1000 looks. */
@@ -120,17 +85,18 @@ static void host(eol_bridge *bridge, int t, uint8_t kind, uint8_t *body, size_t 
     for (size_t k = 0; k < length; k++) eol_bridge_byte(bridge, 1000u * (uint64_t)t, wire[k]);
 }
 
-/* As `show`, with the whole firmware of both: felt 1 a knock, 2 a weak one, 3 an order of the host.
- * Of 1000 frames `lost` are lost either way, and so many answers. The bridge is started again at
- * `gone_ms`, after 0.1 s, and block 12 at `reset_ms`. */
-void table(int ms, const uint8_t *felt, int decay_ms, int lost, int gone_ms, int reset_ms,
-           uint8_t *shown)
+/* `ms` milliseconds of the whole firmware of 25 blocks and their bridge. felt[t * B + b]: block b
+ * feels a knock (1) or a weak one (2), or the host lights it (3). `flags` are those of Lighting. Of
+ * 1000 frames `lost` are lost either way, and so many answers. The bridge is started again at
+ * `gone_ms`, after 0.1 s, and block 12 at `reset_ms`. shown[t * B + b]: the light of a block. */
+void table(int ms, const uint8_t *felt, int flags, int decay_ms, int lost, int gone_ms,
+           int reset_ms, uint8_t *shown)
 {
     static eol_bridge bridge;
     static eol_block block[B];
     static int measured[B];
     uint8_t frame[EOL_FRAME], word[EOL_FRAME] = {0}, byte;
-    uint8_t lighting[4] = {7, 255, (uint8_t)decay_ms, (uint8_t)(decay_ms >> 8)};
+    uint8_t lighting[4] = {(uint8_t)flags, 255, (uint8_t)decay_ms, (uint8_t)(decay_ms >> 8)};
     srand(1);
     eol_bridge_begin(&bridge, 0);
     host(&bridge, 0, EOL_LIGHTING, lighting, 4);
@@ -194,7 +160,7 @@ def bridge(tmp_path_factory):
     lib = ctypes.CDLL(str(library))
     number, memory = ctypes.c_double, ctypes.c_void_p
     lib.flash_size.restype = lib.local_size.restype = ctypes.c_size_t
-    lib.table.argtypes = [ctypes.c_int, memory, *[ctypes.c_int] * 4, memory]
+    lib.table.argtypes = [ctypes.c_int, memory, *[ctypes.c_int] * 5, memory]
     lib.storm.argtypes = [number, ctypes.c_int, memory, memory, ctypes.c_int, number, memory]
     lib.adversary.argtypes = [number, ctypes.c_uint32, *[ctypes.c_int] * 4, number, memory]
     lib.eol_local_begin.argtypes = [memory, number, number]
@@ -207,7 +173,6 @@ def bridge(tmp_path_factory):
     lib.eol_flash_slip.argtypes = [memory, number, ctypes.c_uint8]
     lib.eol_flash_levels.argtypes = [memory, number, memory]
     lib.eol_flash_hold.argtypes = [memory, number, number]
-    lib.show.argtypes = [ctypes.c_int, memory, *[ctypes.c_int] * 4, memory]
     lib.eol_flash_holds.argtypes = [memory, number]
     lib.eol_flash_holds.restype = ctypes.c_uint8
     lib.eol_flash_share.argtypes = [memory, number, ctypes.c_uint8]
@@ -216,41 +181,33 @@ def bridge(tmp_path_factory):
 
 
 class Field:
-    """The firmware's field, with the methods of FlashField."""
+    """A field of the firmware, with the methods of FlashField; KIND names it in C."""
 
-    def __init__(self, lib, decay_s, peak=1.0, limited=True):
-        self.lib, self.memory = lib, ctypes.create_string_buffer(lib.flash_size())
+    KIND = 'flash'
+
+    def __init__(self, lib, *settings):
+        for name in ('slip', 'hold', 'levels'):
+            setattr(self, f'_{name}', getattr(lib, f'eol_{self.KIND}_{name}'))
+        self.lib = lib
+        self.memory = ctypes.create_string_buffer(getattr(lib, f'{self.KIND}_size')())
         self.out = ctypes.create_string_buffer(N_BLOCKS)
-        lib.eol_flash_begin(self.memory, decay_s, peak, limited)
+        getattr(lib, f'eol_{self.KIND}_begin')(self.memory, *settings)
 
     def slip(self, now_s, block):
-        self.lib.eol_flash_slip(self.memory, now_s, block)
+        self._slip(self.memory, now_s, block)
 
-    def hold(self, now_s, until_s):
-        self.lib.eol_flash_hold(self.memory, now_s, until_s)
+    def hold(self, *when):
+        self._hold(self.memory, *when)
 
     def level_bytes(self, now_s):
-        self.lib.eol_flash_levels(self.memory, now_s, self.out)
+        self._levels(self.memory, now_s, self.out)
         return self.out.raw
 
 
-class Local:
-    """The firmware's limit within each field of view, with the methods of LocalField."""
+class Local(Field):
+    """The limit within each field of view, with the methods of LocalField."""
 
-    def __init__(self, lib, decay_s, peak=1.0):
-        self.lib, self.memory = lib, ctypes.create_string_buffer(lib.local_size())
-        self.out = ctypes.create_string_buffer(N_BLOCKS)
-        lib.eol_local_begin(self.memory, decay_s, peak)
-
-    def slip(self, now_s, block):
-        self.lib.eol_local_slip(self.memory, now_s, block)
-
-    def hold(self, now_s, until_s, block):
-        self.lib.eol_local_hold(self.memory, now_s, until_s, block)
-
-    def level_bytes(self, now_s):
-        self.lib.eol_local_levels(self.memory, now_s, self.out)
-        return self.out.raw
+    KIND = 'local'
 
     def falls(self, now_s):
         mask = self.lib.eol_local_falls(self.memory, now_s)
@@ -319,7 +276,7 @@ def test_the_bridge_limits_as_the_host_does_in_1e5_sequences(bridge):
 
 
 def test_it_says_when_blocks_must_hold_and_how_they_fall(bridge):
-    field = Field(bridge, 0.2)
+    field = Field(bridge, 0.2, 1.0, True)
     holds = lambda t: field.lib.eol_flash_holds(field.memory, t)  # noqa: E731
     field.slip(10.0, 3)
     assert not holds(10.0)  # the first flash falls at once
@@ -331,14 +288,14 @@ def test_it_says_when_blocks_must_hold_and_how_they_fall(bridge):
         np.exp(-HOLD_RATE * 0.3)
     )
     assert field.lib.eol_flash_share(field.memory, 0.3, 0) == pytest.approx(np.exp(-0.3 / 0.2))
-    free = Field(bridge, 0.2, limited=False)
+    free = Field(bridge, 0.2, 1.0, False)
     free.slip(1.0, 0)
     free.slip(1.1, 1)
     assert not free.lib.eol_flash_holds(free.memory, 1.1)
 
 
 def test_a_block_that_is_none_lights_nothing(bridge):
-    field = Field(bridge, 0.2)
+    field = Field(bridge, 0.2, 1.0, True)
     field.slip(1.0, 25)
     field.slip(1.0, 255)
     assert field.level_bytes(1.0) == bytes(25)
@@ -346,12 +303,17 @@ def test_a_block_that_is_none_lights_nothing(bridge):
 
 MS = 4000
 PLENTY = np.iinfo(np.int32).max
+FREE, WHOLE, EACH = 1, 3, 7  # flags of Lighting: BY_ITSELF, with LIMITED, with EACH_FIELD
 
 
-def shown(bridge, felt, decay_ms, lost=300, gone_ms=PLENTY, limited=True):
-    """Light (ms, 25) in 0..1 of blocks that feel `felt` (ms, 25)."""
+NEVER = -1000
+
+
+def shown(bridge, felt, decay_ms=100, lost=0, gone_ms=PLENTY - 1000, reset_ms=NEVER, flags=EACH):
+    """Light (ms, 25) in 0..1 of the whole firmware, of what `table` takes."""
     felt, out = np.ascontiguousarray(felt, np.uint8), np.zeros(felt.shape, np.uint8)
-    bridge.show(len(felt), felt.ctypes.data, decay_ms, lost, gone_ms, limited, out.ctypes.data)
+    settings = flags, decay_ms, lost, gone_ms, reset_ms
+    bridge.table(len(felt), felt.ctypes.data, *settings, out.ctypes.data)
     return out / 255
 
 
@@ -379,10 +341,11 @@ def eyes(levels, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize('decay_ms', [182, 350, 1500])
 def test_blocks_that_flash_by_themselves_are_no_strobe(bridge, decay_ms):
-    """Over links that lose a third or nearly all, without a bridge, and when it goes in between."""
-    cases = [(4, 300, PLENTY), (25, 300, PLENTY), (12, 900, PLENTY), (12, 300, 0), (12, 300, 1500)]
+    """Over links that lose a third or nearly all, and where the bridge is started again."""
+    never = PLENTY - 1000
+    cases = [(4, 300, never), (25, 300, never), (12, 900, never), (12, 300, 0), (12, 300, 1500)]
     for seed, (hz, lost, gone_ms) in enumerate(cases):
-        levels = shown(bridge, storm(seed, hz), decay_ms, lost, gone_ms)
+        levels = shown(bridge, storm(seed, hz), decay_ms, lost, gone_ms, flags=WHOLE)
         for light in eyes(levels, seed):
             assert most_flashes_in_a_second(light[::4], 250) <= FLASHES_PER_S
 
@@ -403,34 +366,6 @@ def test_a_block_that_no_word_reaches_falls_by_1_1_percent_and_then_holds(bridge
     bridge.eol_light_felt(light)  # its own flash is the end of what it was told
     bridge.eol_light_tick(light)
     assert level() > before and level() > 0.999
-
-
-@pytest.mark.parametrize('seed', [1, 2, 3])
-def test_the_twins_blocks_and_bridge_are_those_of_the_firmware(bridge, seed):
-    """core/light/bridge.py has no link that takes a millisecond: 1 % of the light, after a slip."""
-    felt, model = storm(seed, 6), Bridge()
-    model.configure(-9.0, True, 'field', 1.0, 0.35)
-    model.link(0.0, False)
-    model.link(0.0, True)
-    theirs = np.zeros((MS, N_BLOCKS))
-    for ms in range(MS):
-        for block in np.flatnonzero(felt[ms]).tolist():
-            model.felt(ms * 1e-3, block)
-        theirs[ms] = model.levels((ms + 1) * 1e-3)
-    ours = shown(bridge, felt, 350, lost=0)
-    assert np.abs(ours - theirs).max() < 0.03
-    assert theirs.min() < 0.5 * theirs.max()  # much has fallen
-
-
-NEVER = -1000
-
-
-def each_shown(bridge, felt, decay_ms=100, lost=0, gone_ms=PLENTY - 1000, reset_ms=NEVER):
-    """Light (ms, 25) in 0..1 of the whole firmware, of what `table` takes."""
-    felt, out = np.ascontiguousarray(felt, np.uint8), np.zeros(felt.shape, np.uint8)
-    settings = decay_ms, lost, gone_ms, reset_ms
-    bridge.table(len(felt), felt.ctypes.data, *settings, out.ctypes.data)
-    return out / 255
 
 
 def of_all_kinds(seed, hz):
@@ -484,7 +419,7 @@ def test_no_field_of_view_of_the_firmware_flashes_four_times(bridge, areas_sr, d
     cases = [(8, 0, 0), (60, 0, 0), (60, 300, 0), (150, 300, 0), (60, 600, 0), (60, 300, 1500)]
     for seed, (hz, lost, gone_ms) in enumerate(cases):
         more = {'gone_ms': gone_ms, 'reset_ms': 2500} if gone_ms else {}
-        levels = each_shown(bridge, of_all_kinds(seed, hz), decay_ms, lost, **more)
+        levels = shown(bridge, of_all_kinds(seed, hz), decay_ms, lost, **more)
         assert most_in_a_second(levels[at], areas_sr) <= 3, (hz, lost, gone_ms)
 
 
@@ -497,7 +432,7 @@ def test_each_block_of_the_firmware_shines_as_that_of_the_model(bridge, hz, seed
         for block in np.flatnonzero(felt[ms]).tolist():
             model.felt(ms * 1e-3, block)
         theirs[ms] = model.levels((ms + 1) * 1e-3)
-    ours = each_shown(bridge, felt)
+    ours = shown(bridge, felt)
     # it falls some 10 ms later, when the bridge is known to know
     late = np.abs(ours[10:] - theirs[:-10])
     if hz < 10:  # in a storm 10 ms decide which flash is the one that waits
@@ -508,7 +443,7 @@ def test_each_block_of_the_firmware_shines_as_that_of_the_model(bridge, hz, seed
 def test_a_block_that_the_bridge_does_not_hear_holds_and_falls_when_it_is_heard(bridge):
     felt = np.zeros((MS, N_BLOCKS), np.uint8)
     felt[1100, 3], felt[1700, 4] = 1, 2
-    light = each_shown(bridge, felt, gone_ms=1050)  # until 1150
+    light = shown(bridge, felt, gone_ms=1050)  # until 1150
     assert light[1140, 3] == light[1700, 4] == pytest.approx(0.75, abs=0.01)
     assert light[1140 + 1000, 3] > 0.65  # the new bridge holds for a second
     assert light[3900].max() == 0
@@ -517,18 +452,7 @@ def test_a_block_that_the_bridge_does_not_hear_holds_and_falls_when_it_is_heard(
 def test_a_storm_that_nobody_holds_is_a_strobe(bridge):
     felt = np.zeros((MS, N_BLOCKS), bool)
     felt[::120, 7] = True
-    free, held = (shown(bridge, felt, 182, limited=limited)[:, 7] for limited in (False, True))
+    free, held = (shown(bridge, felt, 182, flags=flags)[:, 7] for flags in (FREE, WHOLE))
 
     assert most_flashes_in_a_second(free[::4], 250) > 5
     assert most_flashes_in_a_second(held[::4], 250) <= FLASHES_PER_S
-
-
-def test_a_block_falls_by_its_decay_time_when_the_bridge_lets_it_and_else_slowly(bridge):
-    felt = np.zeros((MS, N_BLOCKS), bool)
-    felt[1000, 3] = True
-    for lost, gone_ms, tau_s in ((0, PLENTY, 0.35), (0, 0, 4.0), (1000, PLENTY, 4.0)):
-        light = shown(bridge, felt, 350, lost, gone_ms)[:, 3]
-        assert (light[999], light[1000]) == (0, 1)
-        fell = np.log(light[1100] / light[1400])
-        assert 0.3 / fell == pytest.approx(tau_s, rel=0.05)
-    assert pytest.approx(1 / 4.0, rel=0.001) == HOLD_RATE
