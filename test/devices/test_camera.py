@@ -105,17 +105,6 @@ def test_a_numbered_series_of_pictures_is_a_file_too(tmp_path):
     np.testing.assert_array_equal(seen.images, images)
 
 
-def test_stamps_of_a_file_are_exactly_a_period_apart_and_near_now(tmp_path):
-    path = write(tmp_path / 'a.avi', pictures(20), 'MJPG')
-    before_ns = time.time_ns()
-    with Watcher(VideoFile(settings(path, fps=80.0)), loop=False) as seen:
-        assert wait_until(lambda: seen.camera.state.kind == 'ended')
-
-    assert set(np.diff(seen.stamps)) == {12_500_000}
-    assert before_ns <= seen.stamps[0] <= seen.stamps[-1] <= time.time_ns()
-    assert time.time_ns() - before_ns >= 19 * 12_500_000
-
-
 def test_a_late_file_catches_up_at_twice_the_rate_and_keeps_its_stamps():
     pace, now, epoch = Pace(100.0), 5_000_000_000, 90_000_000_000
     stamps, goes = [], []
@@ -143,10 +132,12 @@ def test_a_file_that_is_much_too_late_goes_on_from_now():
 
 def test_a_file_goes_at_its_own_rate_when_the_scene_says_zero(tmp_path):
     path = write(tmp_path / 'a.avi', pictures(6), 'MJPG', fps=50.0)
+    before_ns = time.time_ns()
     with Watcher(VideoFile(settings(path, fps=0.0)), loop=False) as seen:
         assert wait_until(lambda: seen.camera.state.kind == 'ended')
 
     assert set(np.diff(seen.stamps)) == {20_000_000}
+    assert before_ns <= seen.stamps[0] <= seen.stamps[-1] <= time.time_ns()
 
 
 def test_a_loop_begins_again_without_a_gap(tmp_path):
@@ -238,24 +229,15 @@ def test_a_name_is_told_from_a_file():
 # A live camera
 
 
-def test_a_live_camera_gives_its_images(tmp_path):
-    driver = FakeDriver()
-    with Watcher(live(driver)) as seen:
-        assert wait_until(lambda: len(seen.images) >= 20)
-
-    numbers = [number_of(i) for i in seen.images]
-    assert min(np.diff(numbers)) > 0
-    assert seen.states[0].text == 'fake at 200 images/s'
-
-
 @pytest.mark.parametrize('name', ['GREY', 'MJPG'])
 def test_either_format_will_do(name):
     driver = FakeDriver(formats=[name])
     with Watcher(live(driver)) as seen:
-        assert wait_until(lambda: len(seen.images) >= 3)
+        assert wait_until(lambda: len(seen.images) >= 20)
 
     assert seen.images[0].shape == (H, W)
-    assert number_of(seen.images[1]) > number_of(seen.images[0])
+    assert min(np.diff([number_of(image) for image in seen.images])) > 0
+    assert seen.states[0].text == 'fake at 200 images/s'
 
 
 def test_the_stamp_is_the_drivers_less_half_the_exposure():

@@ -10,7 +10,6 @@ import pytest
 from support.spinning import Nodes
 
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.nodes.camera import CameraNode
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
@@ -126,15 +125,6 @@ def test_an_absent_camera_warns_and_looks_on(graph):
     )
 
     assert any('camera /dev/video77 is not there' in s for s in reader.states)
-
-
-@pytest.mark.parametrize(
-    ('name', 'error'), [('none.avi', DeviceMissing), ('text.avi', ConfigError)]
-)
-def test_a_file_that_cannot_be_used_stops_the_node(ros, tmp_path, name, error):
-    (tmp_path / 'text.avi').write_text('no video')
-    with pytest.raises(error):
-        CameraNode(settings(tmp_path / name))
 
 
 @pytest.mark.slow
