@@ -86,7 +86,8 @@ def test_without_a_word_light_falls_slowly_and_with_it_as_set(blocks):
 
 
 def test_an_order_lights_those_that_it_names_once(blocks):
-    run(blocks, 1, 100, say=word(count=3))
+    _, levels = run(blocks, 1, 100, say=word(light=1 << 7, count=3))
+    assert not any(levels)  # given before it started
     _, levels = run(blocks, 100, 110, say=word(light=1 << 8, count=4))
     assert not any(levels)
     _, levels = run(blocks, 110, 120, say=word(light=1 << 7, count=5))

@@ -13,10 +13,12 @@ import pytest
 from support import needs
 from support.emulated import (
     FEELS,
+    HZ,
     INFRARED,
     LEVEL,
-    LIT,
     MS,
+    RATE_HZ,
+    SENT,
     STATUS,
     TESTED,
     WORD,
@@ -32,7 +34,6 @@ from eol_ros.core.serial_protocol import FIRMWARE, NOT_LIT, SelfTested
 from eol_ros.devices.board import self_test
 from eol_ros.devices.board.block import FELT, LEARN, TOLD, Detector
 from eol_ros.devices.board.bluepill import FRAME, KNOCK
-from eol_ros.devices.board.firmware import HZ, RATE_HZ, SENT
 from eol_ros.settings import TwinSettings
 
 pytestmark = [
@@ -45,13 +46,9 @@ LATENCY = 2 * MS  # from the end of the sample that crosses the threshold to the
 NUMBER = 7
 
 
-def word(
-    falls=False, by_itself=True, peak=255, decay_ms=350, infrared=2**25 - 1, light=0, count=0,
-    test=-1, each=None,
-):  # fmt: skip
-    flags = 1 * by_itself + 4 * falls + 8 * (each is not None)
-    frame = struct.pack('<BBBHIIBB', WORD, flags, peak, decay_ms, infrared, light, count, test + 1)
-    return frame + (each or 0).to_bytes(3, 'little')
+def word(falls=False, infrared=2**25 - 1, test=-1):
+    frame = struct.pack('<BBBHIIBB', WORD, 1 + 4 * falls, 255, 350, infrared, 0, 0, test + 1)
+    return frame.ljust(FRAME, b'\0')
 
 
 def detector(*fields):
@@ -223,26 +220,6 @@ def test_a_reset_in_the_middle_of_anything_is_survived():
         assert_lives(block)
 
 
-def test_a_knock_is_said_until_it_is_heard_and_its_age_stays_true(block):
-    samples = slips(np.random.default_rng(4), 1)
-    block.surround(acknowledged=False)
-    last = block.feel(samples)
-    felt = next(e for e in natively(samples)[1] if e.what == TOLD)
-    told = last - (len(samples) - 1 - felt.sample) * SAMPLE
-    events = block.run(told - block.cycle + 12 * MS)
-    tries = sent(events, KNOCK)
-    assert len(tries) >= 3
-    onsets = [e.cycle / 8 - struct.unpack_from('<H', e.frame, 3)[0] for e in tries]
-    assert np.ptp(onsets) < 100  # us
-    assert len({e.frame[9] for e in tries}) == 1  # one number: the bridge counts it once
-
-    block.surround(acknowledged=True)
-    assert len(sent(block.run(100 * MS), KNOCK)) == 1
-    block.surround(acknowledged=False)
-    block.run(100 * MS)
-    assert not sent(block.run(200 * MS), KNOCK)
-
-
 def test_it_gives_up_where_nobody_hears_it_and_flashes_all_the_same():
     samples = slips(np.random.default_rng(4), 3)
     with Block(NUMBER) as block:
@@ -267,40 +244,6 @@ def test_light_dies_away_as_the_bridge_says(block):
     assert level == pytest.approx(on * np.exp(-0.35 / 0.35), rel=0.05)
     block.run(300 * MS)  # no word: it holds
     assert block.counts.level == pytest.approx(level * np.exp(-0.3 / 4.003), abs=2)
-
-
-def test_limited_by_itself_it_falls_when_its_own_bit_says_so_and_its_flash_was_heard(block):
-    last = block.feel(slips(np.random.default_rng(4), 2, every=2000))
-    mine, lit = word(decay_ms=100, each=1 << NUMBER), last - 4000 * SAMPLE
-    talking(block, lit + 200 * MS - block.cycle, word(decay_ms=100, each=1 << 3))  # not its own
-    before = block.counts.level
-    assert before > 180
-    talking(block, 100 * MS, mine)
-    assert block.counts.level == pytest.approx(before / np.e, rel=0.1)
-    block.surround(acknowledged=False)
-    talking(block, last - 2000 * SAMPLE + 200 * MS - block.cycle, mine)
-    assert block.counts.level > 180  # it holds, whatever its bit says: the bridge does not know
-    block.surround(acknowledged=True)
-    events = talking(block, 1500 * MS, mine)
-    assert [e.frame[9] for e in sent(events, LIT)] == [3]
-    assert block.counts.level == 0
-
-
-def test_the_bridge_lights_a_block_once_an_order(block):
-    block.feel(at_rest(np.random.default_rng(1), 5000))
-    talking(block, 20 * MS, word(count=3))
-    mine, other = 1 << NUMBER, 1 << 3
-    assert not [e for e in talking(block, 20 * MS, word(light=other, count=4)) if e.what == LEVEL]
-    events = talking(block, 20 * MS, word(light=mine, count=5))
-    assert [e.value for e in events if e.what == LEVEL][:1] == [255]
-    talking(block, 500 * MS, word(True, light=mine, count=5))  # the same order, said again
-    assert block.counts.level < 100
-
-
-def test_a_block_that_starts_takes_an_old_order_for_old(block):
-    block.feel(at_rest(np.random.default_rng(1), 500))
-    events = talking(block, 50 * MS, word(light=1 << NUMBER, count=9))
-    assert not [e for e in events if e.what == LEVEL]
 
 
 def test_a_sensor_that_is_gone_is_told_and_taken_up_again(block):
@@ -374,16 +317,6 @@ def test_a_self_test_without_a_sensor_ends_and_says_so(block):
     assert 'does not answer' in wrong[0]
     block.surround(dead_bus=False)
     assert_lives(block)
-
-
-def test_what_a_self_test_has_found_is_told_until_it_is_heard(block):
-    block.feel(at_rest(np.random.default_rng(8), 9000))
-    block.surround(acknowledged=False)
-    events = talking(block, 250 * MS, word(test=NUMBER))
-    assert len(found_by(events)[0]) == 12
-    block.surround(acknowledged=True)
-    events = talking(block, 1000 * MS, word(test=NUMBER))  # asked still: once more
-    assert len(found_by(events)[0]) == 1
 
 
 def test_a_block_that_sleeps_tests_itself_when_it_next_looks(block):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The twin's blocks and their bridge, each as its own firmware: one block and the bridge emulated.
+"""The twin's blocks and their bridge, each with its own firmware; the bridge is emulated.
 
-What the twin's accelerometers write goes to 25 blocks: 24 run their firmware compiled for this
-machine, one the program of an ATmega328P in simavr; their frames go through the bridge's program
-on an emulated STM32F103, whose line is a pty. It needs a checkout in which `make firmware` has run.
+The samples of the twin's accelerometers go to 25 blocks, whose firmware is compiled for this
+machine. Their frames go through the bridge's program on an emulated STM32F103, whose line is a
+pty. It needs a checkout in which `make firmware` has run.
 
     python -m eol_ros.devices.board.firmware        # prints the pty of the bridge
 """
@@ -26,126 +26,25 @@ from eol_ros import parent_death
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.devices.board.block import library
-from eol_ros.devices.board.bluepill import BUILT, FRAME, Bridge, aged
+from eol_ros.devices.board.bluepill import BUILT, FRAME, Bridge
 from eol_ros.devices.board.twin import REST, WOKEN, Chunk, board_address, unix_socket
 from eol_ros.errors import DeviceMissing, EolError
 from eol_ros.streams.graph import NAMESPACE
 
-EMULATED = 12  # the block in the middle
-HZ, RATE_HZ = 8_000_000, 1344.0
 AIR_US = 550  # firmware/link.h
 TURN_S = 1e-3
 TOLD_S = 0.01  # from one telling of the levels to the next
-BEHIND_S = 0.2  # a machine that stood still does not make up for more
-SENT = 3  # of an event of the emulator
-# What draws current, as the emulator counts it; the names are those of docs/build/block.yaml.
-LOADS = (
-    'active', 'idle', 'power_down', 'listening', 'sending', 'sensor_fast', 'sensor_slow',
-    'infrared', 'white',
-)  # fmt: skip
-
-
-class EmulatorEvent(ctypes.Structure):
-    """As in firmware/emulator/block.c: when, in cycles, what, and its value or its frame."""
-
-    _fields_ = [
-        ('cycle', ctypes.c_uint64),
-        ('what', ctypes.c_uint32),
-        ('value', ctypes.c_uint32),
-        ('frame', ctypes.c_uint8 * FRAME),
-        ('pad', ctypes.c_uint8 * 6),
-    ]
 
 
 def needed() -> None:
-    """Raise DeviceMissing where the firmware or an emulator is missing."""
-    for name in ('block.bin', 'bluepill.bin', 'emulator.so', 'bluepill.so'):
+    """Raise DeviceMissing where the bridge's firmware or its emulator is missing."""
+    for name in ('bluepill.bin', 'bluepill.so'):
         if not (BUILT / name).exists():
             raise DeviceMissing(f'{BUILT / name} is missing: run `make firmware` in a checkout')
 
 
-class EmulatedBlock:
-    """One block in simavr; times are in s since it has power."""
-
-    def __init__(self, number: int):
-        code = (BUILT / 'block.bin').read_bytes()
-        lib = self._lib = ctypes.CDLL(str(BUILT / 'emulator.so'))
-        lib.emulator_new.restype = lib.emulator_free.restype = ctypes.c_void_p
-        lib.emulator_cycle.restype = ctypes.c_uint64
-        self._memory = ctypes.c_void_p(lib.emulator_new(code, len(code), number))
-        self._events = (EmulatorEvent * 256)()
-        self._counts = (ctypes.c_uint64 * 9)()
-        self._rest = np.zeros((1, 2), np.int16)
-        self._filled = 0
-        self._chunks: deque[tuple[float, float, np.ndarray]] = deque()
-        self._next_s, self._base_s = 0.0, 0.0
-
-    def feel(self, first_s: float, period_s: float, xy: np.ndarray) -> None:
-        """Give it samples to come; between them it rests."""
-        self._chunks.append((first_s, period_s, xy))
-
-    def rest(self, xy: np.ndarray) -> None:
-        """What it feels where nothing else is given."""
-        self._rest = xy
-
-    def run(self, now_s: float, heard: bool) -> list[bytes]:
-        """Go on to `now_s`; return the frames that it has sent, which were heard, or not."""
-        cycle = self._lib.emulator_cycle(self._memory)
-        if now_s - self._base_s - cycle / HZ > BEHIND_S:  # the machine stood still
-            self._base_s = now_s - cycle / HZ
-            self._next_s = max(self._next_s, now_s)
-        samples, first_s = [], self._next_s
-        while self._next_s <= now_s:
-            samples.append(self._sample(self._next_s))
-            self._next_s += 1 / RATE_HZ
-        self._given = np.array(samples, np.int16).reshape(-1, 2)
-        self._lib.emulator_samples(
-            self._memory, ctypes.c_void_p(self._given.ctypes.data), ctypes.c_uint64(len(samples)),
-            ctypes.c_double((first_s - self._base_s) * HZ), ctypes.c_double(HZ / RATE_HZ),
-        )  # fmt: skip
-        self._lib.emulator_set(self._memory, int(heard), 0)
-        until = ctypes.c_uint64(max(0, int((now_s - self._base_s) * HZ)))
-        self._lib.emulator_run(self._memory, until)
-        count = self._lib.emulator_events(self._memory, self._events, len(self._events))
-        return [
-            aged(bytes(e.frame), now_s - self._base_s - e.cycle / HZ)
-            for e in self._events[:count]
-            if e.what == SENT and e.value
-        ]
-
-    def _sample(self, at_s: float) -> np.ndarray:
-        while self._chunks:
-            first_s, period_s, xy = self._chunks[0]
-            n = round((at_s - first_s) / period_s)
-            if n < len(xy):
-                if n >= 0:
-                    return xy[n]
-                break
-            self._chunks.popleft()
-        self._filled += 1
-        return self._rest[self._filled % len(self._rest)]
-
-    def hear(self, frame: bytes) -> None:
-        """The bridge sends."""
-        self._lib.emulator_radio(self._memory, frame)
-
-    def loads_s(self) -> dict[str, float]:
-        """Return for how long each part has drawn its current; for `white`, that of full light."""
-        cycles = (ctypes.c_uint64 * len(LOADS))()
-        self._lib.emulator_loads(self._memory, cycles)
-        found = {name: count / HZ for name, count in zip(LOADS, cycles, strict=True)}
-        found['white'] /= 255
-        return found
-
-    @property
-    def level(self) -> int:
-        """Of its white LED, 0..255."""
-        self._lib.emulator_counts(self._memory, self._counts)
-        return int(self._counts[8])
-
-
 class NativeBlocks:
-    """All 25, compiled for this machine; times are in s."""
+    """The firmware of all blocks, compiled for this machine; times are in s."""
 
     def __init__(self) -> None:
         lib = self._lib = library()
@@ -213,7 +112,6 @@ class Table:
     def __init__(self, namespace: str = NAMESPACE, loss: float = 0.0):
         needed()
         self.bridge, self.blocks = Bridge(), NativeBlocks()
-        self.emulated = EmulatedBlock(EMULATED)
         self._random, self._loss = random.Random(1), loss
         self._samples = unix_socket(board_address(namespace, 'firmware'))
         self._twin = board_address(namespace, 'blocks')
@@ -237,24 +135,13 @@ class Table:
         ahead_s = self._begun_s - (time.monotonic() - time.time())
         while self._packets:
             for chunk in Chunk.unpack(self._packets.popleft()):
-                first_s = chunk.first_ns * 1e-9 - ahead_s
-                if chunk.block != EMULATED:
-                    self.blocks.feel(chunk, first_s)
-                elif chunk.kind == REST:
-                    self.emulated.rest(chunk.xy)
-                else:
-                    self.emulated.feel(first_s, chunk.period_s, chunk.xy)
+                self.blocks.feel(chunk, chunk.first_ns * 1e-9 - ahead_s)
         while self.bridge.frames:
-            frame, deaf = self.bridge.frames.popleft(), self._lost()
-            self.blocks.hear(frame, deaf)
-            if not deaf >> EMULATED & 1:
-                self.emulated.hear(frame)
-        heard = ~self._lost()
-        levels, said = self.blocks.run(now_s, heard & ~(1 << EMULATED))
-        said += self.emulated.run(now_s, bool(heard >> EMULATED & 1))
-        for frame in said:
+            self.blocks.hear(self.bridge.frames.popleft(), self._lost())
+        levels, frames = self.blocks.run(now_s, ~self._lost())
+        for frame in frames:
             self.bridge.say(frame)
-        return levels[:EMULATED] + bytes([self.emulated.level]) + levels[EMULATED + 1 :]
+        return levels
 
     def _listen(self) -> None:
         """Take what the twin sends as it comes: the system keeps ten datagrams."""
