@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The program of the bridge that docs/build tells how to build, with a radio and blocks around it.
+"""The program of the bridge on an emulated STM32F103, with a radio, blocks and a host around it.
 
-Time is that of the emulated bridge. test_emulated_bridge.py has it at the host's own code.
+Time is that of the emulated bridge, but for the tests at its pty.
 """
 
 import ctypes
+import itertools
 import random
 import struct
 import subprocess
@@ -12,13 +13,17 @@ import subprocess
 import numpy as np
 import pytest
 from support import needs
-from support.emulated import HZ, MS, RATE_HZ, SENT, WORD, Block, built
+from support.emulated import HZ, MS, RATE_HZ, SENT, STATUS, TESTED, WORD, Block, built
 from support.emulated_bluepill import HIGH, LOW, NO_CE, NO_IRQ, POWER, TO_BLOCKS, BluePill
+from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as protocol
-from eol_ros.core.serial_protocol import BRIDGE, LINKED, RADIO_DEAD
-from eol_ros.devices.board.bluepill import AIR_US, ANSWER_US, KNOCK, packet
+from eol_ros.core.serial_protocol import BRIDGE, FIRMWARE, LINKED, RADIO_DEAD
+from eol_ros.devices.board import bluepill
+from eol_ros.devices.board.bluepill import AIR_US, ANSWER_US, FRAME, KNOCK, packet
+from eol_ros.devices.board.board import Board
 from eol_ros.devices.board.lights import faults
+from eol_ros.settings import LedsSettings, MotionSettings
 
 pytestmark = [
     pytest.mark.firmware,
@@ -29,7 +34,7 @@ FLASH, RAM = 65536, 20480
 US = HZ // 1_000_000
 STEP_US = 20
 BLOCK = 7
-TRIES = 12
+BY_ITSELF, FALLS = 1, 4
 
 
 class Host:
@@ -69,8 +74,13 @@ def host(pill):
     return Host(pill)
 
 
-def knock(number, age_us=6000, block=BLOCK):
-    return struct.pack('<BBBHHHB', KNOCK, block, 0, age_us, 299, 1100, number).ljust(18, b'\0')
+def knock(number, age_us=6000, block=BLOCK, strength=299, lit_us=1100, flags=0):
+    packed = struct.pack('<BBBHHHB', KNOCK, block, flags, age_us, strength, lit_us, number)
+    return packed.ljust(FRAME, b'\0')
+
+
+def status(block, flags=LINKED):
+    return struct.pack('<BBHbBBB', STATUS, block, 3700, 24, *FIRMWARE, flags).ljust(FRAME, b'\0')
 
 
 def offer(pill, frame, number):
@@ -81,12 +91,106 @@ def offer(pill, frame, number):
     return took and pill.answered
 
 
+def say(pill, frame, number=itertools.count(1)):  # noqa: B008, numbers go on
+    """Send a frame as a block does, until it is acknowledged."""
+    own = next(number) & 3
+    while not offer(pill, frame, own):
+        pill.run(1000)
+
+
+def words(pill, wanted):
+    """Return the words that the bridge says until one is `wanted`."""
+    found = []
+    while not any(map(wanted, found)):
+        assert len(found) < 10_000, 'it has not come in 20 s'
+        found += [one.frame for one in pill.run(10_000) if one.frame[0] == WORD]
+    return found
+
+
+def falls(word):
+    return bool(word[1] & FALLS)
+
+
 def alone(pill, us):
     """Wait until the bridge has just begun to listen, `us` after the end of a word."""
     while not (words := pill.run(STEP_US)):
         pass
     assert words[-1].frame[0] == WORD
     pill.run(us)
+
+
+def test_it_says_who_it_is_and_refuses_another_version(host):
+    name = b'eol bridge %d.%d\0\0' % FIRMWARE
+    assert host.ask(protocol.Hello(), protocol.Welcome) == [protocol.Welcome(2, 25, name)]
+    assert host.ask(protocol.Hello(1), protocol.Refused) == [protocol.Refused(2, 1)]
+
+
+def test_it_tells_the_blocks_what_the_host_wants(pill, host):
+    host.send(protocol.Lighting(protocol.LIMITED, 200, 500))
+    host.send(protocol.Infrared(0b1010))
+    last = words(pill, lambda w: struct.unpack_from('<I', w, 5)[0] == 0b1010)[-1]
+    assert (last[1] & BY_ITSELF, last[2], struct.unpack_from('<H', last, 3)[0]) == (0, 200, 500)
+    pill.run(50_000)
+    told = {s.block: s for s in host.look(protocol.BlockStatus)}
+    assert sorted(told) == [*range(25), BRIDGE]
+    assert told[BRIDGE] == protocol.BlockStatus(255, 0, 0, *FIRMWARE, 1)
+    assert told[7].flags == 0  # not heard so far
+
+    wanted = protocol.Detector(256, 13, 40, 7000, 67, 2016, 80640)
+    host.send(wanted)
+    found = next(one.frame for one in pill.run(50_000) if one.frame[0] != WORD)
+    assert found[1:17] == wanted.BODY.pack(*vars(wanted).values())
+
+
+def test_a_knock_is_told_once_by_its_number(pill, host):
+    for _ in range(3):  # said again, as its acknowledgements were lost
+        say(pill, knock(1))
+    say(pill, knock(2, lit_us=protocol.NOT_LIT, flags=protocol.WOKE))
+    say(pill, knock(200, block=8))
+    say(pill, knock(1))  # after a reset of the block, say
+    pill.run(5000)
+    told = [(k.block, k.strength, k.lit_us, k.flags) for k in host.look(protocol.Knock)]
+    one = (7, 299, 1100, 0)
+    assert told == [one, (7, 299, protocol.NOT_LIT, protocol.WOKE), (8, 299, 1100, 0), one]
+
+
+def test_a_block_is_asked_to_test_itself_until_it_has(pill, host):
+    host.send(protocol.SelfTest(7))
+    words(pill, lambda w: w[14] == 8)
+    found = protocol.SelfTested(7, 1, 300, -340, 500, 1500, 100, 1350)
+    frame = bytes([TESTED]) + found.BODY.pack(*vars(found).values())
+    say(pill, frame.ljust(FRAME, b'\0'))
+    words(pill, lambda w: w[14] == 0)
+    assert host.look(protocol.SelfTested) == [found]
+    host.send(protocol.SelfTest(25))  # there is none
+    pill.run(10_000)
+    assert words(pill, lambda w: True)[-1][14] == 0
+
+
+def test_an_order_to_light_is_in_the_words_for_a_while_only(pill, host):
+    first = words(pill, lambda w: True)[-1]
+    host.send(protocol.Light(5, 1 << 3))
+    host.send(protocol.Light(5, 1 << 9))
+    both = words(pill, lambda w: struct.unpack_from('<I', w, 9)[0] == 1 << 3 | 1 << 9)[-1]
+    assert both[13] == (first[13] + 2) & 0xFF
+    gone = words(pill, lambda w: not any(w[9:13]))[-1]
+    assert gone[13] == both[13]
+
+
+def test_while_a_block_is_silent_nothing_falls(pill, host):
+    host.ask(protocol.Lighting(3, 255, 350), protocol.BlockStatus)
+    words(pill, falls)
+    say(pill, status(5))
+    say(pill, status(6, flags=LINKED | protocol.ASLEEP))
+    words(pill, falls)
+    heard = [s for s in host.look(protocol.BlockStatus) if s.block == 5 and s.flags]
+    assert heard[-1] == protocol.BlockStatus(5, 3700, 24, *FIRMWARE, LINKED)
+    words(pill, lambda w: not falls(w))
+    pill.run(1000)
+    gone = [s for s in host.look(protocol.BlockStatus) if not s.flags & LINKED]
+    assert {s.block for s in gone} == {5}  # who sleeps is silent and all the same there
+    say(pill, status(5))
+    words(pill, falls)
 
 
 def test_it_says_a_word_every_2_ms_to_the_address_of_the_blocks(pill):
@@ -225,6 +329,97 @@ def test_a_reset_at_any_moment_is_survived(pill, host):
     assert host.ask(protocol.Hello(), protocol.Welcome)
     alone(pill, 300)
     assert offer(pill, knock(200), 2)
+
+
+def noise(pill, host, rng, count):
+    """Write `count` bytes on each line: packets that are whole or spoilt, and what is none."""
+    kinds = [kind for kind in protocol.MESSAGES if kind < 0x80]
+    written = 0
+    while written < count:
+        choice = rng.random()
+        data = rng.randbytes(rng.randint(1, 120))
+        if choice < 0.4:
+            body = rng.randbytes(protocol.MESSAGES[rng.choice(kinds)].BODY.size)
+            packed = bytes([rng.choice(kinds), 0]) + body
+            packed += struct.pack('<H', protocol.crc16(packed))
+            data = b'\0' + protocol.cobs_encode(packed) + b'\0'
+            if choice < 0.1:
+                at = rng.randrange(len(data))
+                data = data[:at] + rng.randbytes(1) + data[at + 1 :]
+        pill.write(data)
+        offer(
+            pill, rng.choice((b'K', b'S', b'W', rng.randbytes(1))) + rng.randbytes(17), written & 3
+        )
+        host.look(protocol.Message)
+        written += len(data)
+
+
+def assert_lives(pill, host):
+    pill.run(50_000)
+    pill.write(b'\0')
+    assert host.ask(protocol.Hello(), protocol.Welcome)
+    host.send(protocol.Lighting(protocol.BY_ITSELF, 255, 350))
+    for number in (7, 8):  # one of them may have been told
+        say(pill, knock(number, strength=777))
+    pill.run(50_000)
+    assert any(k.strength == 777 for k in host.look(protocol.Knock))
+
+
+@pytest.mark.parametrize(
+    'count',
+    [40_000, pytest.param(1_000_000, marks=[pytest.mark.soak, pytest.mark.timeout(3600)])],
+)
+def test_whatever_the_lines_bring_it_goes_on(pill, host, count):
+    noise(pill, host, random.Random(1), count)
+    assert_lives(pill, host)
+
+
+@pytest.fixture
+def live():
+    one = bluepill.Bridge(BluePill())
+    yield one
+    one.close()
+
+
+def test_the_host_takes_it_for_its_board(live):
+    taps = []
+    board = Board(live.port, taps.append)
+    board.configure(protocol.Lighting(3, 255, 350), protocol.Detector())
+    board.start()
+    try:
+        wait_until(lambda: board.ready and board.sync.ready and len(board.blocks) == 26)
+        live.say(knock(1, block=12))
+        tap = wait_until(lambda: taps)[0]
+        assert (tap.block, tap.strength, tap.lit_s) == (12, 2.99, pytest.approx(1.1e-3))
+        assert board.version == 2
+    finally:
+        board.close()
+
+
+def test_the_leds_node_opens_it_and_publishes_its_taps(live, ros):
+    from eol_msgs.msg import BlockTap
+    from support.spinning import Nodes
+
+    from eol_ros.nodes.leds import LedsNode
+    from eol_ros.ros.node import EolNode
+
+    class Listener(EolNode):
+        NAME = 'motion'
+
+    leds = LedsNode(LedsSettings(port=live.port))
+    listener, taps = Listener(MotionSettings()), []
+    listener.subscribe('block_taps', taps.append)
+    numbers = itertools.count()
+
+    def tapped():
+        if leds.lights.board.sync.ready and not taps:
+            live.say(knock(next(numbers) % 256, block=4))
+        return taps
+
+    with Nodes(leds, listener) as nodes:
+        tap = nodes.until(tapped)[0]
+    assert isinstance(tap, BlockTap)
+    assert tap.block == 4
 
 
 def test_the_watchdog_ends_a_hang_within_60_ms(pill, host):

@@ -3,12 +3,10 @@
 
 import ctypes
 import subprocess
-import time
 from functools import cache
 from typing import NamedTuple
 
 from eol_ros.devices.board import bluepill
-from eol_ros.devices.board.bluepill import FRAME
 from support.emulated import built
 
 TO_BLOCKS = bytes.fromhex('C24C6F45B1')  # firmware/link.h
@@ -72,39 +70,3 @@ class BluePill(bluepill.BluePill):
         room = (ctypes.c_uint64 * len(Counts._fields))()
         self._lib.bluepill_counts(self._memory, room)
         return Counts(*room)
-
-
-class LiveBluePill(bluepill.Bridge):
-    """A bridge that follows the clock."""
-
-    def __init__(self) -> None:
-        super().__init__(BluePill())
-
-    def __enter__(self) -> 'LiveBluePill':
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def noise(self, data: bytes) -> None:
-        """Packets with a good checksum and anything in them."""
-        for at in range(0, len(data), FRAME):
-            self.say(data[at : at + FRAME])
-
-    def sent(self, seconds: float) -> list[bytes]:
-        """Return the frames that it has sent since the last call, and within some time."""
-        time.sleep(seconds)
-        found = []
-        while self.frames:
-            found.append(self.frames.popleft())
-        return found
-
-    def reset(self) -> None:
-        """Push its button."""
-        with self._lock:
-            self._pill.reset()
-
-    def hang(self) -> None:
-        """Let the processor run in an endless loop."""
-        with self._lock:
-            self._pill.hang()
