@@ -78,6 +78,13 @@ def live(driver, **more):
 # Files
 
 
+def played(path, slow_s=0.0, **more):
+    """Return what was seen of a file from its beginning to its end."""
+    with Watcher(source_of(settings(str(path), **more)), slow_s, loop=False) as seen:
+        assert wait_until(lambda: seen.camera.state.kind == 'ended')
+    return seen
+
+
 @pytest.mark.parametrize(
     ('name', 'fourcc', 'worst'),
     [('a.avi', 'MJPG', 40), ('a.mkv', 'FFV1', 0), ('b.avi', 'FFV1', 0), ('a.mp4', 'mp4v', 40)],
@@ -85,8 +92,7 @@ def live(driver, **more):
 def test_a_file_of_any_encoder_comes_back_whole_and_in_order(tmp_path, name, fourcc, worst):
     images = pictures(30)
     path = write(tmp_path / name, images, fourcc)
-    with Watcher(VideoFile(settings(path)), loop=False) as seen:
-        assert wait_until(lambda: seen.camera.state.kind == 'ended')
+    seen = played(path)
 
     assert len(seen.images) == 30
     assert all(i.shape == (H, W) and i.dtype == np.uint8 for i in seen.images)
@@ -99,8 +105,7 @@ def test_a_numbered_series_of_pictures_is_a_file_too(tmp_path):
     images = pictures(5)
     for k, image in enumerate(images):
         cv2.imwrite(str(tmp_path / f'p{k:03}.png'), image)
-    with Watcher(source_of(settings(str(tmp_path / 'p%03d.png'))), loop=False) as seen:
-        assert wait_until(lambda: seen.camera.state.kind == 'ended')
+    seen = played(tmp_path / 'p%03d.png')
 
     np.testing.assert_array_equal(seen.images, images)
 
@@ -133,8 +138,7 @@ def test_a_file_that_is_much_too_late_goes_on_from_now():
 def test_a_file_goes_at_its_own_rate_when_the_scene_says_zero(tmp_path):
     path = write(tmp_path / 'a.avi', pictures(6), 'MJPG', fps=50.0)
     before_ns = time.time_ns()
-    with Watcher(VideoFile(settings(path, fps=0.0)), loop=False) as seen:
-        assert wait_until(lambda: seen.camera.state.kind == 'ended')
+    seen = played(path, fps=0.0)
 
     assert set(np.diff(seen.stamps)) == {20_000_000}
     assert before_ns <= seen.stamps[0] <= seen.stamps[-1] <= time.time_ns()
@@ -154,8 +158,7 @@ def test_a_loop_begins_again_without_a_gap(tmp_path):
 def test_a_slow_reader_of_a_file_loses_nothing(tmp_path):
     images = pictures(3 * AHEAD)
     path = write(tmp_path / 'a.mkv', images, 'FFV1')
-    with Watcher(VideoFile(settings(path)), slow_s=0.012, loop=False) as seen:
-        assert wait_until(lambda: seen.camera.state.kind == 'ended')
+    seen = played(path, slow_s=0.012)
 
     np.testing.assert_array_equal(seen.images, images)
     assert seen.camera.dropped == 0
@@ -165,8 +168,7 @@ def test_a_file_that_breaks_off_says_where(tmp_path):
     path = write(tmp_path / 'a.avi', pictures(30), 'MJPG')
     whole = (tmp_path / 'a.avi').read_bytes()
     (tmp_path / 'a.avi').write_bytes(whole[: len(whole) // 2])
-    with Watcher(VideoFile(settings(path)), loop=False) as seen:
-        assert wait_until(lambda: seen.camera.state.kind == 'ended')
+    seen = played(path)
 
     assert 5 < len(seen.images) < 25
     assert f'breaks off after {len(seen.images)} of 30 images' in seen.camera.state.text
@@ -215,8 +217,7 @@ def write_size(path):
 def test_grey_stored_in_colour_channels_is_grey(tmp_path):
     images = pictures(5)
     path = write(tmp_path / 'g.mkv', [np.repeat(i[..., None], 3, 2) for i in images], 'FFV1')
-    with Watcher(VideoFile(settings(path)), loop=False) as seen:
-        assert wait_until(lambda: seen.camera.state.kind == 'ended')
+    seen = played(path)
 
     np.testing.assert_array_equal(seen.images, images)
 

@@ -2,6 +2,7 @@
 """GenICam cameras: the real protocol on a loopback, from the simulated camera of Aravis."""
 
 import itertools
+import re
 import signal
 import subprocess
 import sys
@@ -46,10 +47,28 @@ def plugged(tmp_path):
         made[-1].plug()
         return made[-1]
 
+    plug.made = made
     with own_network():
         yield plug
         for one in made:
             one.unplug()
+
+
+@pytest.fixture
+def opened(plugged):
+    """Open cameras of ours, in front of a simulated one if there is none, and close them."""
+    made = []
+
+    def open_one(**more):
+        if not plugged.made:
+            plugged()
+        made.append(camera(**more))
+        made[-1].open()
+        return made[-1]
+
+    yield open_one
+    for one in made:
+        one.close()
 
 
 def number_of(image):
@@ -76,11 +95,8 @@ def test_it_is_found_by_its_serial_number_and_gives_its_images(plugged):
     assert all((i.ravel()[4:] == GREY).all() for i in images)
 
 
-def test_what_it_takes_is_told_only_where_it_differs(plugged):
-    plugged()
-    source = camera(exposure_us=2500, gain=3.0, fps=50.0)
-    source.open()
-    source.close()
+def test_what_it_takes_is_told_only_where_it_differs(opened):
+    source = opened(exposure_us=2500, gain=3.0, fps=50.0)
 
     assert source.exposure_us == 2500 and source.fps == 50
     assert len(source.notes) == 1 and 'its clock cannot be read' in source.notes[0]
@@ -97,49 +113,38 @@ def fixed(text):
     return text[:at] + text[at:].replace('>RW<', '>RO<', 1)
 
 
-def test_a_camera_that_rounds_is_told_in_one_line(plugged):
-    plugged(describe=in_tenths_of_ms)
-    source = camera(exposure_us=2570)
-    source.open()
-    source.close()
+@pytest.mark.parametrize(
+    ('describe', 'exposure_us', 'note'),
+    [
+        (in_tenths_of_ms, (2500, 2600), r'exposure 2[56]00 us, not the 2570 asked for$'),
+        (fixed, (10000,), r'exposure 10000 us, not the 2570 asked for: it refuses \('),
+        (
+            lambda text: without(text, 'ExposureTimeAbs'),
+            (2570,),
+            r'exposure cannot be verified: it refuses \(',
+        ),
+    ],
+    ids=['rounds', 'refuses', 'has none'],
+)
+def test_an_exposure_that_is_not_taken_is_told_in_one_line(
+    plugged, opened, describe, exposure_us, note
+):
+    plugged(describe=describe)
+    source = opened(exposure_us=2570)
 
-    assert source.exposure_us in (2500, 2600)
-    assert source.notes[0] == f'exposure {source.exposure_us:g} us, not the 2570 asked for'
-
-
-def test_a_camera_that_refuses_is_told_in_one_line(plugged):
-    plugged(describe=fixed)
-    source = camera(exposure_us=2570)
-    source.open()
-    source.close()
-
-    assert source.exposure_us == 10000  # as the simulated camera begins
-    assert source.notes[0].startswith('exposure 10000 us, not the 2570 asked for: it refuses (')
-    assert '\n' not in source.notes[0]
-
-
-def test_a_camera_without_an_exposure_setting_says_so(plugged):
-    plugged(describe=lambda text: without(text, 'ExposureTimeAbs'))
-    source = camera(exposure_us=2570)
-    source.open()
-    source.close()
-
-    assert source.notes[0].startswith('exposure cannot be verified: it refuses (')
+    assert source.exposure_us in exposure_us
+    assert re.match(note, source.notes[0]) and '\n' not in source.notes[0]
 
 
-def test_a_trigger_is_set_and_verified(plugged):
-    plugged()
-    source = camera(trigger='Line0', fps=0.0)
-    source.open()
+def test_a_trigger_is_set_and_verified(opened):
+    source = opened(trigger='Line0', fps=0.0)
     assert source._call('get_string', b'TriggerMode') == b'On'
     assert source._call('get_string', b'TriggerSource') == b'Line0'
     assert source.notes[0] == 'triggered by Line0'
-    source.close()
 
-    source = camera()  # and taken away again
-    source.open()
-    assert source._call('get_string', b'TriggerMode') == b'Off'
     source.close()
+    source = opened()  # and taken away again
+    assert source._call('get_string', b'TriggerMode') == b'Off'
 
 
 @pytest.mark.parametrize(
@@ -168,14 +173,12 @@ def test_another_format_is_refused(plugged):
     source.close()
 
 
-def test_its_clock_is_carried_over_within_the_error_that_is_told(plugged):
+def test_its_clock_is_carried_over_within_the_error_that_is_told(plugged, opened):
     """A clock with an origin of its own and 200 ppm fast, asked over the wire."""
     gige = plugged(clock=lambda ns: 10**15 + ns * 10002 // 10000, latch=True)
-    source = camera(exposure_us=4000)
-    source.open()
+    source = opened(exposure_us=4000)
     assert 'stamps of its own clock, known to' in source.notes[0]
     found = [source.read() for _ in range(70)]
-    source.close()
 
     # The register is written by a thread: what it holds may be as old as its longest pause.
     ticks = np.array([at for at, _ in gige.latched])
@@ -200,12 +203,10 @@ def test_an_image_that_is_looked_at_late_came_no_earlier_for_it(monkeypatch):
     assert genicam.arrival_ns(0) == 10_000_000
 
 
-def test_without_a_clock_to_ask_images_are_late_by_their_delay_and_it_says_so(plugged):
+def test_without_a_clock_to_ask_images_are_late_by_their_delay_and_it_says_so(plugged, opened):
     gige = plugged(clock=lambda ns: 10**15 + ns, readout_ns=6_000_000)
-    source = camera(exposure_us=1000)
-    source.open()
+    source = opened(exposure_us=1000)
     found = [source.read() for _ in range(60)]
-    source.close()
 
     assert 'may be late by one and the same time, at most 10 ms' in source.notes[0]
     late_ns = [p.monotonic_ns - sum(gige.exposed[number_of(p.image)]) + 500_000 for p in found[30:]]
@@ -214,25 +215,21 @@ def test_without_a_clock_to_ask_images_are_late_by_their_delay_and_it_says_so(pl
     assert source.values['stamp_error_us'] >= 10_000
 
 
-def test_a_stamp_of_another_end_of_the_exposure(plugged):
+def test_a_stamp_of_another_end_of_the_exposure(plugged, opened):
     gige = plugged(clock=lambda ns: ns + 7_000_000, readout_ns=0)  # stamped when 7 ms are over
-    source = camera(exposure_us=7000, stamped_at='end')
-    source.open()
+    source = opened(exposure_us=7000, stamped_at='end')
     found = [source.read() for _ in range(30)]
-    source.close()
 
     for picture in found[20:]:
         begun_ns, _ = gige.exposed[number_of(picture.image)]
         assert picture.monotonic_ns >= begun_ns + 3_500_000
 
 
-def test_images_with_holes_are_counted_and_kept_back(plugged):
+def test_images_with_holes_are_counted_and_kept_back(plugged, opened):
     plugged(lost=0.005)
-    source = camera()
-    source.open()
+    source = opened()
     images = [source.read().image for _ in range(40)]
     counts = source.values
-    source.close()
 
     assert all((i.ravel()[4:] == GREY).all() for i in images)
     assert counts['incomplete'] + counts['lost_images'] > 0
@@ -305,14 +302,12 @@ def test_a_camera_that_hangs_or_ends_is_lost_and_found_again(tmp_path, monkeypat
     assert np.abs(images[-1].astype(int) - 77).max() < 4
 
 
-def test_a_trigger_that_pauses_is_no_loss(plugged, monkeypatch):
+def test_a_trigger_that_pauses_is_no_loss(plugged, monkeypatch, opened):
     gige = plugged()
     monkeypatch.setattr(genicam, 'PATIENCE_S', 0.05)
-    source = camera(trigger='Line0')
-    source.open()
+    source = opened(trigger='Line0')
     gige.trigger(0.01)
     assert wait_until(lambda: source.read() is None)
-    source.close()
 
 
 @pytest.mark.soak  # the simulated camera leaves a stranger without an answer: seconds
