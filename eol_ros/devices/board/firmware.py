@@ -27,7 +27,7 @@ from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.devices.board.block import library
 from eol_ros.devices.board.bluepill import BUILT, FRAME, Bridge
-from eol_ros.devices.board.twin import REST, WOKEN, Chunk, board_address, unix_socket
+from eol_ros.devices.board.twin import REST, WOKEN, Chunk, board_address, sent, unix_socket
 from eol_ros.errors import DeviceMissing, EolError
 from eol_ros.streams.graph import NAMESPACE
 
@@ -160,9 +160,7 @@ class Table:
             levels = self.turn(now_s)
             if now_s - told_s >= TOLD_S:
                 told_s = now_s
-                with contextlib.suppress(OSError):  # no twin, or it was started again
-                    packet = protocol.encode(protocol.Levels(0, levels), 0)
-                    self._samples.sendto(packet, self._twin)
+                sent(self._samples, protocol.encode(protocol.Levels(0, levels), 0), self._twin)
 
     def close(self) -> None:
         """Cut the power."""

@@ -101,19 +101,16 @@ class Radio:
     @property
     def firmware(self) -> bool:
         """Whether blocks run their firmware elsewhere, and want samples."""
-        return _sent(self._socket, b'', self._firmware)
+        return sent(self._socket, b'', self._firmware)
 
     def feel(self, chunks: Iterable[Chunk]) -> None:
         """Give samples to the blocks that run their firmware elsewhere."""
-        _sent(self._socket, b''.join(chunk.packed() for chunk in chunks), self._firmware)
+        sent(self._socket, b''.join(chunk.packed() for chunk in chunks), self._firmware)
 
     def send(self, knocks: Iterable[Felt]) -> None:
         """Say what was felt; where no board listens it is lost."""
         for knock in knocks:
-            try:
-                self._socket.sendto(KNOCK.pack(*knock), self._board)
-            except OSError:
-                return
+            sent(self._socket, KNOCK.pack(*knock), self._board)
 
     def hear(self) -> list[protocol.Message]:
         """Return what the board has said to the blocks."""
@@ -180,7 +177,8 @@ def unix_socket(address: str) -> socket.socket:
     return made
 
 
-def _sent(radio: socket.socket, packet: bytes, to: str) -> bool:
+def sent(radio: socket.socket, packet: bytes, to: str) -> bool:
+    """Send a datagram; return whether anybody has that address."""
     try:
         radio.sendto(packet, to)
     except BlockingIOError:  # it is there, and has more to do than it can
@@ -250,20 +248,14 @@ class TwinBoard:
             if self.fake.plugged and time.monotonic() - beacon_s >= BEACON_S:
                 beacon_s = time.monotonic()
                 for message in list(self._told.values()):
-                    self._tell(message)
+                    sent(self._radio, protocol.encode(message, 0), self._blocks)
         self.rounds.rest()
 
     def _on_message(self, message: protocol.Message) -> None:
         if isinstance(message, protocol.Lighting | protocol.Detector):
             self._told[type(message)] = message
         elif isinstance(message, protocol.Light):
-            self._tell(message)
-
-    def _tell(self, message: protocol.Message) -> None:
-        try:
-            self._radio.sendto(protocol.encode(message, 0), self._blocks)
-        except OSError:  # no twin, or it was started again
-            return
+            sent(self._radio, protocol.encode(message, 0), self._blocks)
 
     def late_ms(self) -> dict[str, float]:
         """Return image stamp -> bytes on the wire of the last 1000 first packets, ms."""
