@@ -41,12 +41,16 @@ class PanelNode(EolNode):
         say, pictures = self.get_logger().warning, Pictures(montage.pairs)
         self.server = WebServer(self.settings, PanelBridge(self), say, picture=pictures.file)
         self.documents = self.server.routes.documents
-        self.day_file = DayFile(f'{self.frame_prefix}{self.scene.name}')
-        self.screen_file = DayFile(f'{self.frame_prefix}{self.scene.name}', 'screens')
-        self.server.routes.screens = screens.kept(self.screen_file.load())
-        self.staff_file = DayFile(f'{self.frame_prefix}{self.scene.name}', 'staff')
-        self.server.routes.pin.remember(self.staff_file.load())
-        self.day = notices.Day(self.day_file.load())
+        name = f'{self.frame_prefix}{self.scene.name}'
+        day, known, staff = (DayFile(name, what) for what in ('cascades', 'screens', 'staff'))
+        routes, self.day = self.server.routes, notices.Day(day.load())
+        routes.screens = screens.kept(known.load())
+        routes.pin.remember(staff.load())
+        self.files = {
+            day: self.day.kept,
+            known: lambda: routes.screens,
+            staff: lambda: routes.pin.known,
+        }
         self.states = Health(self)
         self.streams, self.markers = Streams(self, self.server.hub), Markers(self)
         self.frames = Frames(self)
@@ -102,19 +106,18 @@ class PanelNode(EolNode):
         fitted = bool(viewers) and self.day.fit()  # some milliseconds: not for each cascade
         if fitted or turned:
             self.tell('cascades', self.day.notice())
-        self.day_file.save(self.day.kept(), time.monotonic())
-        self.screen_file.save(self.server.routes.screens, time.monotonic())
-        self.staff_file.save(self.server.routes.pin.known, time.monotonic())
-        files = self.day_file, self.screen_file, self.staff_file
-        trouble = next((file.trouble for file in files if file.trouble), '')
+        self.save(time.monotonic())
+        trouble = next((file.trouble for file in self.files if file.trouble), '')
         here = said('panel', address=self.server.address, viewers=viewers)
         self.health.ok(clauses([here, trouble]))  # the panel works; a restart loses some
 
     def close(self) -> None:
         self.server.stop()
-        self.day_file.save(self.day.kept(), float('inf'))
-        self.screen_file.save(self.server.routes.screens, float('inf'))
-        self.staff_file.save(self.server.routes.pin.known, float('inf'))
+        self.save(float('inf'))
+
+    def save(self, now_s: float) -> None:
+        for file, kept in self.files.items():
+            file.save(kept(), now_s)
 
 
 main = runner(PanelNode)
