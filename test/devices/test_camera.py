@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from support.fake_camera import FakeCamera, number_of
 from support.waiting import wait_until
 
 from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.camera.camera import AHEAD, Camera, Pace
-from eol_ros.devices.camera.fake import FakeDriver, Mishap, number_of
 from eol_ros.devices.camera.ports import list_cameras
 from eol_ros.devices.camera.sources import LiveCamera, VideoFile, is_file, source_of
 from eol_ros.errors import ConfigError, DeviceMissing
@@ -232,7 +232,7 @@ def test_a_name_is_told_from_a_file():
 
 @pytest.mark.parametrize('name', ['GREY', 'MJPG'])
 def test_either_format_will_do(name):
-    driver = FakeDriver(formats=[name])
+    driver = FakeCamera(formats=[name])
     with Watcher(live(driver)) as seen:
         assert wait_until(lambda: len(seen.images) >= 20)
 
@@ -242,7 +242,7 @@ def test_either_format_will_do(name):
 
 
 def test_the_stamp_is_the_drivers_less_half_the_exposure():
-    driver = FakeDriver()
+    driver = FakeCamera()
     with Watcher(live(driver, exposure_us=4000)) as seen:
         assert wait_until(lambda: len(seen.images) >= 10)
         arrived_ns = time.time_ns()
@@ -254,7 +254,7 @@ def test_the_stamp_is_the_drivers_less_half_the_exposure():
 
 
 def test_exposure_is_set_after_the_format_and_read_back():
-    driver = FakeDriver(exposure_steps=7)
+    driver = FakeCamera(exposure_steps=7)
     source = live(driver, exposure_us=3000)
     source.open()
 
@@ -265,14 +265,14 @@ def test_exposure_is_set_after_the_format_and_read_back():
 
 
 def test_a_camera_without_manual_exposure_says_so():
-    source = live(FakeDriver(manual_exposure=False))
+    source = live(FakeCamera(manual_exposure=False))
     source.open()
 
     assert source.notes == ['the camera keeps its automatic exposure: expect blur']
 
 
 def test_a_slow_reader_of_a_live_camera_sees_the_newest():
-    driver = FakeDriver()
+    driver = FakeCamera()
     with Watcher(live(driver), slow_s=0.05) as seen:
         assert wait_until(lambda: len(seen.images) >= 8)
         behind = driver.number - number_of(seen.images[-1])
@@ -283,7 +283,7 @@ def test_a_slow_reader_of_a_live_camera_sees_the_newest():
 
 
 def test_a_repeated_buffer_is_handed_over_once():
-    driver = FakeDriver(script=[Mishap(k, 'repeat') for k in (5, 6, 9)])
+    driver = FakeCamera(script={k: ('repeat', 0) for k in (5, 6, 9)})
     with Watcher(live(driver)) as seen:
         assert wait_until(lambda: len(seen.images) >= 12)
 
@@ -293,7 +293,7 @@ def test_a_repeated_buffer_is_handed_over_once():
 
 
 def test_a_stall_is_noticed_after_three_image_times_and_passes():
-    driver = FakeDriver(script=[Mishap(10, 'stall', 0.2)])
+    driver = FakeCamera(script={10: ('stall', 0.2)})
     with Watcher(live(driver)) as seen:
         assert wait_until(lambda: 'stalled' in seen.kinds())
         assert wait_until(lambda: seen.kinds()[-1] == 'streaming')
@@ -303,7 +303,7 @@ def test_a_stall_is_noticed_after_three_image_times_and_passes():
 
 
 def test_an_unplugged_camera_is_opened_again_and_set_again():
-    driver = FakeDriver(script=[Mishap(10, 'unplug', 0.12)], exposure_steps=1)
+    driver = FakeCamera(script={10: ('unplug', 0.12)}, exposure_steps=1)
     with Watcher(live(driver)) as seen:
         assert wait_until(lambda: 'lost' in seen.kinds())
         assert wait_until(lambda: seen.kinds()[-1] == 'streaming')
@@ -319,7 +319,7 @@ def test_an_unplugged_camera_is_opened_again_and_set_again():
 
 @pytest.mark.parametrize('jump', [3600.0, -3600.0, 0.2, -0.05])
 def test_a_driver_clock_that_jumps_is_not_believed(jump):
-    driver = FakeDriver(script=[Mishap(10, 'jump', jump)])
+    driver = FakeCamera(script={10: ('jump', jump)})
     with Watcher(live(driver)) as seen:
         assert wait_until(lambda: len(seen.images) >= 40)
         now_ns = time.time_ns()
@@ -331,7 +331,7 @@ def test_a_driver_clock_that_jumps_is_not_believed(jump):
 
 
 def test_broken_pictures_mean_a_new_start():
-    driver = FakeDriver(formats=['MJPG'], script=[Mishap(5, 'break')])
+    driver = FakeCamera(formats=['MJPG'], script={5: ('break', 0)})
     with Watcher(live(driver)) as seen:
         assert wait_until(lambda: len(seen.images) >= 8 and seen.camera.opened == 2)
 
@@ -341,8 +341,8 @@ def test_broken_pictures_mean_a_new_start():
 @pytest.mark.parametrize(
     ('driver', 'words'),
     [
-        (FakeDriver(formats=['YUYV']), "gives 'YUYV' images, not GREY or MJPG"),
-        (FakeDriver(width=640), 'gives 640x200 images, the scene says 320x200'),
+        (FakeCamera(formats=['YUYV']), "gives 'YUYV' images, not GREY or MJPG"),
+        (FakeCamera(width=640), 'gives 640x200 images, the scene says 320x200'),
     ],
 )
 def test_a_camera_of_another_kind_is_one_clear_line(driver, words):
@@ -361,7 +361,7 @@ def test_an_absent_camera_is_looked_for(monkeypatch):
             raise DeviceMissing('no camera found')
         return '/dev/video9'
 
-    source = LiveCamera(settings('auto'), FakeDriver().open, find)
+    source = LiveCamera(settings('auto'), FakeCamera().open, find)
     with Watcher(source) as seen:
         assert wait_until(lambda: 'lost' in seen.kinds())
         present.here = True
@@ -371,7 +371,7 @@ def test_an_absent_camera_is_looked_for(monkeypatch):
 
 
 def test_close_releases_the_camera():
-    driver = FakeDriver()
+    driver = FakeCamera()
     with Watcher(live(driver)) as seen:
         assert wait_until(lambda: seen.images)
 
