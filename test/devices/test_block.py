@@ -54,6 +54,11 @@ def slip(strength_mg, direction, lead, length=167, late=0.0):
     return signal[:, None] * (np.cos(direction), np.sin(direction))
 
 
+def felt(detector, random, signal, **more):
+    """Return what a signal (n, 2) in mg brings, in noise."""
+    return [e.what for e in detector.feed(counts(signal + noise(random, len(signal), **more)))]
+
+
 @pytest.mark.parametrize('strength_mg, rms_ms', [(30, 0.8), (60, 0.4), (250, 0.25), (1000, 0.25)])
 def test_a_slip_is_felt_once_and_its_moment_and_strength_told(strength_mg, rms_ms):
     random = np.random.default_rng(1)
@@ -110,13 +115,12 @@ def test_offset_and_a_slow_tilt_are_no_knock_and_a_new_offset_is_learnt():
     random = np.random.default_rng(4)
     detector = learnt(random, offset_mg=(300.0, -250.0))
     tilt = np.linspace(0, 40, 20_000)[:, None] * (1, 0)  # 40 mg in 15 s
-    assert detector.feed(counts(tilt + noise(random, 20_000, offset_mg=(300.0, -250.0)))) == []
+    assert felt(detector, random, tilt, offset_mg=(300.0, -250.0)) == []
 
-    events = detector.feed(counts(noise(random, 6000, offset_mg=(700.0, 0.0))))
-    assert [e.what for e in events] == [FELT, TOLD] and detector.state == RESTS
-    signal = slip(250, 1.0, 50)
-    events = detector.feed(counts(signal + noise(random, len(signal), offset_mg=(700.0, 0.0))))
-    assert [e.what for e in events] == [FELT, TOLD]
+    rest = np.zeros((6000, 2))
+    assert felt(detector, random, rest, offset_mg=(700.0, 0.0)) == [FELT, TOLD]
+    assert detector.state == RESTS
+    assert felt(detector, random, slip(250, 1.0, 50), offset_mg=(700.0, 0.0)) == [FELT, TOLD]
 
 
 def test_a_speed_that_never_comes_back_does_not_make_it_deaf():
@@ -125,21 +129,18 @@ def test_a_speed_that_never_comes_back_does_not_make_it_deaf():
     detector = learnt(random)
     signal = np.zeros((3000, 2))
     signal[10:110] = 100.0, 0.0
-    events = detector.feed(counts(signal + noise(random, 3000)))
-    assert [e.what for e in events] == [FELT, TOLD]
+    assert felt(detector, random, signal) == [FELT, TOLD]
     assert detector.state == RESTS
-    signal = slip(100, 2.0, 10)
-    events = detector.feed(counts(signal + noise(random, len(signal))))
-    assert [e.what for e in events] == [FELT, TOLD]
+    assert felt(detector, random, slip(100, 2.0, 10)) == [FELT, TOLD]
 
 
 def knocks(detector, random, strengths_mg):
     """Return what slips of such strengths bring, a list for each."""
-    found = []
-    for strength in strengths_mg:
-        signal = slip(strength, random.uniform(0, 2 * np.pi), 10)
-        found.append([e.what for e in detector.feed(counts(signal + noise(random, len(signal))))])
-    return found
+    ways = random.uniform(0, 2 * np.pi, len(strengths_mg))
+    return [
+        felt(detector, random, slip(strength, way, 10))
+        for strength, way in zip(strengths_mg, ways, strict=True)
+    ]
 
 
 def test_what_is_far_weaker_than_usual_is_lit_and_not_told():
@@ -165,12 +166,8 @@ def test_what_rings_counts_for_less_than_what_goes_on():
     random = np.random.default_rng(5)
     detector, time = learnt(random), np.arange(400) / RATE_HZ
     ring = 40 * np.exp(-time / 0.05) * np.sin(2 * np.pi * 60 * time)
-    mg = noise(random, 400)
-    mg[:, 0] += ring
-    assert detector.feed(counts(mg)) == []
-    signal = slip(40, 0.0, 10)
-    events = detector.feed(counts(signal + noise(random, len(signal))))
-    assert [e.what for e in events] == [FELT, TOLD]
+    assert felt(detector, random, ring[:, None] * (1, 0)) == []
+    assert felt(detector, random, slip(40, 0.0, 10)) == [FELT, TOLD]
 
 
 def test_a_saturated_sensor_feels():

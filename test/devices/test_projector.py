@@ -80,24 +80,34 @@ def test_the_digest_goes_before_the_first_command_alone(fake):
     assert converse(fake().address, 'not needed', ['POWR ?']) == ['0']
 
 
+@contextlib.contextmanager
+def answering(*said):
+    """Serve one connection: say the first, and each of the others when something has come.
+
+    Yields the address and a list of what comes.
+    """
+    heard = []
+
+    def serve(server):
+        line, _ = server.accept()
+        with line, contextlib.suppress(OSError):
+            line.sendall(said[0])
+            for one in (*said[1:], b''):
+                heard.append(line.recv(100))
+                line.sendall(one)
+
+    with socket.create_server(('127.0.0.1', 0)) as server:
+        thread = threading.Thread(target=serve, args=(server,), daemon=True)
+        thread.start()
+        yield f'127.0.0.1:{server.getsockname()[1]}', heard
+        thread.join(10)
+
+
 def test_the_example_of_the_specification():
     """Chapter 5.3: the digest of 498e4a67 and JBMIAProjectorLink."""
-    heard = []
-    with socket.create_server(('127.0.0.1', 0)) as server:
-
-        def serve():
-            line, _ = server.accept()
-            with line:
-                line.sendall(b'PJLINK 1 498e4a67\r')
-                heard.append(line.recv(100))
-                line.sendall(b'%1POWR=1\r')
-
-        thread = threading.Thread(target=serve)
-        thread.start()
-        address = f'127.0.0.1:{server.getsockname()[1]}'
+    with answering(b'PJLINK 1 498e4a67\r', b'%1POWR=1\r') as (address, heard):
         assert converse(address, 'JBMIAProjectorLink', ['POWR ?']) == ['1']
-        thread.join()
-    assert heard == [b'5d8409bc1c3fa39749434aa3a5c38682%1POWR ?\r']
+    assert heard[0] == b'5d8409bc1c3fa39749434aa3a5c38682%1POWR ?\r'
     assert hashlib.md5(b'498e4a67JBMIAProjectorLink').hexdigest() in heard[0].decode()
 
 
@@ -144,29 +154,16 @@ def test_unplugged_and_plugged_in_again(fake):
 @pytest.mark.parametrize(
     ('said', 'what'),
     [
-        (b'', 'hangs up'),
-        (b'220 mail.museum.at ESMTP\r', 'does not speak PJLink'),
-        (b'x' * 1000, 'does not speak PJLink|does not answer'),
-        (b'PJLINK 0\r%1LAMP=0\r', "answers '%1LAMP=0' to POWR"),
-        (b'PJLINK 0', 'does not answer'),
+        ([b'PJLINK 0\r'], 'hangs up'),
+        ([b'220 mail.museum.at ESMTP\r'], 'does not speak PJLink'),
+        ([b'x' * 1000], 'does not speak PJLink|does not answer'),
+        ([b'PJLINK 0\r%1LAMP=0\r'], "answers '%1LAMP=0' to POWR"),
+        ([b'PJLINK 0'], 'does not answer'),
     ],
 )
 def test_something_else_answers_at_this_address(said, what):
-    with socket.create_server(('127.0.0.1', 0)) as server:
-
-        def serve():
-            line, _ = server.accept()
-            with line:
-                line.sendall(said)
-                with contextlib.suppress(OSError):
-                    while said and line.recv(100):
-                        pass
-
-        thread = threading.Thread(target=serve, daemon=True)
-        thread.start()
-        with pytest.raises(Unanswered, match=what):
-            converse(f'127.0.0.1:{server.getsockname()[1]}', '', ['POWR ?'], timeout_s=0.2)
-        thread.join(10)
+    with answering(*said) as (address, _), pytest.raises(Unanswered, match=what):
+        converse(address, '', ['POWR ?'], timeout_s=0.2)
 
 
 def test_a_thread_keeps_it_and_ends(fake):
