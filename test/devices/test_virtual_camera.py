@@ -31,105 +31,91 @@ class Clock:
         return stop.is_set()
 
 
-def film(count, slow=None, clock=None):
-    """Return the stamps of `count` images, when each was delivered, and the camera.
+class Film:
+    """The first `count` images of a virtual camera: their stamps, deliveries and moves.
 
-    slow: of some images by index, how long they take to make, in periods.
+    slow: how long an image takes to make, in periods, by its index. `on_expose` is called with the
+    index of each. Moves and deliveries are (stamp, when), in ns of system time.
     """
-    clock = clock or Clock()
-    stamps, delivered, done = [], [], threading.Event()
 
-    def expose(index, stamp_ns):
-        stamps.append(stamp_ns)
-        clock.now_ns += round((slow or {}).get(index, 0) * PERIOD_NS)
+    def __init__(
+        self, count=30, slow=lambda index: 0, clock=None, on_expose=lambda index: None,
+        rate_hz=RATE_HZ,
+    ):  # fmt: skip
+        self.clock, self.calls = clock or Clock(), []
 
-    def deliver():
-        delivered.append(clock.time_ns())
-        if len(delivered) == count:
-            done.set()
+        def expose(index, stamp_ns):
+            self.calls.append(('expose', stamp_ns, self.clock.time_ns()))
+            on_expose(index)
+            self.clock.now_ns += round(slow(index) * NS / rate_hz)
 
-    camera = VirtualCamera(RATE_HZ, EXPOSURE_S, expose, deliver, clock)
-    assert done.wait(60)
-    camera.close()
-    return np.array(stamps[:count]), np.array(delivered[:count]), camera
+        self.camera = VirtualCamera(
+            rate_hz, EXPOSURE_S, expose,
+            lambda: self.calls.append(('deliver', 0, self.clock.time_ns())), self.clock,
+            lambda stamp_ns: self.calls.append(('move', stamp_ns, self.clock.time_ns())),
+        )  # fmt: skip
+        wait_until(lambda: len(self.of('deliver')) >= count)
+        self.camera.close()
+        self.stamps = np.array([stamp for stamp, _ in self.of('expose')][:count])
+        self.delivered = np.array([at for _, at in self.of('deliver')][:count])
+        self.moved = np.array(self.of('move'))
+
+    def of(self, kind):
+        return [call[1:] for call in list(self.calls) if call[0] == kind]
 
 
 def test_stamps_stand_on_the_grid():
-    stamps, delivered, camera = film(30)
-    assert (np.diff(stamps) == PERIOD_NS).all()
-    assert (delivered - stamps == EXPOSURE_S / 2 * NS).all()  # the end of the exposure
-    assert (camera.missed, camera.fault) == (0, None)
+    film = Film()
+    assert (np.diff(film.stamps) == PERIOD_NS).all()
+    assert (film.delivered - film.stamps == HALF_NS).all()  # the end of the exposure
+    assert (film.camera.missed, film.camera.fault) == (0, None)
 
 
 def test_slow_images_are_skipped_and_counted():
-    stamps, delivered, camera = film(30, slow={4: 5.5, 11: 4.5})
-    steps = np.diff(stamps) / PERIOD_NS
+    film = Film(slow=lambda index: {4: 5.5, 11: 4.5}.get(index, 0))
+    steps = np.diff(film.stamps) / PERIOD_NS
     assert (steps == np.round(steps)).all()
     assert np.flatnonzero(steps > 1).tolist() == [4, 11]
-    assert camera.missed == (steps - 1).sum() == 5
-    assert (delivered - stamps >= EXPOSURE_S / 2 * NS).all()
+    assert film.camera.missed == (steps - 1).sum() == 5
+    assert (film.delivered - film.stamps >= HALF_NS).all()
 
 
 def test_who_has_the_stamps_of_images_knows_to_what_the_table_moved():
-    moves, shown, clock, rate_hz = [], [], Clock(), 60.0
-
-    def expose(index, stamp_ns):
-        shown.append(stamp_ns)
-        clock.now_ns += round({4: 3.5, 5: 2.5, 11: 1.2, 20: 9.0}.get(index, 0) * NS / rate_hz)
-
-    camera = VirtualCamera(rate_hz, EXPOSURE_S, expose, lambda: None, clock, moves.append)
-    wait_until(lambda: len(shown) > 30)
-    camera.close()
-    told = [shown[0]]
-    for before_ns, stamp_ns in itertools.pairwise(shown):
-        told += moved_to(shown[0], before_ns, stamp_ns, rate_hz)
-    assert told == moves[: len(told)]
-    assert camera.missed == 10 and len(told) > len(shown)
+    slow = {4: 3.5, 5: 2.5, 11: 1.2, 20: 9.0}
+    film = Film(slow=lambda index: slow.get(index, 0), rate_hz=60.0)
+    told = [film.stamps[0]]
+    for before_ns, stamp_ns in itertools.pairwise(film.stamps):
+        told += moved_to(film.stamps[0], before_ns, stamp_ns, 60.0)
+    assert told == film.moved[: len(told), 0].tolist()
+    assert film.camera.missed == 10 and len(told) > len(film.stamps)
 
 
 def test_a_machine_that_wakes_late_does_not_drift():
     late_ns = 300_000
-    stamps, delivered, camera = film(30, clock=Clock(late_ns))
-    assert (np.diff(stamps) == PERIOD_NS).all() and camera.missed == 0
-    assert (delivered - stamps <= EXPOSURE_S / 2 * NS + late_ns).all()
+    film = Film(clock=Clock(late_ns))
+    assert (np.diff(film.stamps) == PERIOD_NS).all() and film.camera.missed == 0
+    assert (film.delivered - film.stamps <= HALF_NS + late_ns).all()
 
 
 def test_stamps_follow_the_system_clock_where_it_is_set():
     clock = Clock()
 
-    def expose(index, stamp_ns):
-        stamps.append(stamp_ns)
-        if index == 9:
-            clock.set_ns += 3600 * NS
+    def set_clock(index):
+        clock.set_ns += 3600 * NS * (index == 9)
 
-    stamps = []
-    camera = VirtualCamera(RATE_HZ, EXPOSURE_S, expose, lambda: None, clock)
-    wait_until(lambda: len(stamps) > 20)
-    camera.close()
-    steps = np.diff(stamps[:20])
+    steps = np.diff(Film(20, clock=clock, on_expose=set_clock).stamps)
     # the table has moved to image 10 by then
     assert steps[10] == 3600 * NS + PERIOD_NS and (np.delete(steps, 10) == PERIOD_NS).all()
 
 
 def test_what_an_image_shows_has_moved_before_the_one_before_is_made():
-    calls, clock = [], Clock()
-    camera = VirtualCamera(
-        RATE_HZ, EXPOSURE_S,
-        lambda index, stamp_ns: calls.append(('expose', stamp_ns, clock.time_ns())),
-        lambda: calls.append(('deliver', 0, clock.time_ns())),
-        clock,
-        lambda stamp_ns: calls.append(('move', stamp_ns, clock.time_ns())),
-    )  # fmt: skip
-    wait_until(lambda: len(calls) > 60)
-    camera.close()
-
-    assert [name for name, _, _ in calls[:58]] == ['move', *['move', 'expose', 'deliver'] * 19]
-    moved, exposed, delivered = calls[0:1] + calls[1:58:3], calls[2:58:3], calls[3:58:3]
-    stamps = [stamp for _, stamp, _ in exposed]
-    assert [stamp for _, stamp, _ in moved][:19] == stamps
-    for stamp, at in zip(stamps, (at for _, _, at in moved[1:]), strict=False):
-        assert at <= stamp + HALF_NS - SPARE_NS  # what follows an exposure is known ahead
-    assert [at for _, _, at in delivered] == [stamp + HALF_NS for stamp in stamps]
+    film = Film(20)
+    names = [name for name, _, _ in film.calls[:58]]
+    assert names == ['move', *['move', 'expose', 'deliver'] * 19]
+    assert film.moved[:20, 0].tolist() == film.stamps.tolist()
+    # what follows an exposure is known ahead
+    assert (film.moved[1:21, 1] <= film.stamps + HALF_NS - SPARE_NS).all()
+    assert (film.delivered == film.stamps + HALF_NS).all()
 
 
 def test_a_real_clock_is_kept():
@@ -157,31 +143,14 @@ def test_a_fault_is_kept():
     camera.close()
 
 
-def run_slowly(periods):
-    """Return stamps and times of moves, in ns, stamps of images, and the camera."""
-    moved, exposed, clock = [], [], Clock()
-
-    def expose(index, stamp_ns):
-        exposed.append(stamp_ns)
-        clock.now_ns += round(periods[index % len(periods)] * PERIOD_NS)
-
-    camera = VirtualCamera(
-        RATE_HZ, EXPOSURE_S, expose, lambda: None, clock,
-        lambda stamp_ns: moved.append((stamp_ns, clock.time_ns())),
-    )  # fmt: skip
-    wait_until(lambda: len(exposed) > 40)
-    camera.close()
-    return np.array(moved), np.array(exposed), camera
-
-
 def test_an_image_that_takes_nearly_a_period_holds_up_nothing_that_moves():
-    moved, _, camera = run_slowly([0.9])
-    assert camera.missed == 0
-    assert (moved[3:, 1] <= moved[2:-1, 0]).all()  # known before the exposure before it
+    film = Film(40, slow=lambda index: 0.9)
+    assert film.camera.missed == 0
+    assert (film.moved[3:, 1] <= film.moved[2:-1, 0]).all()  # known before the exposure before it
 
 
 def test_what_skipped_images_would_have_shown_is_moved_through_once():
-    moved, exposed, camera = run_slowly([0.9, 3.2, 0.9, 0.9])
-    assert camera.missed > 0
-    assert (np.diff(moved[:, 0]) > 0).all()
-    assert set(exposed) <= set(moved[:, 0])
+    film = Film(40, slow=lambda index: 3.2 if index % 4 == 1 else 0.9)
+    assert film.camera.missed > 0
+    assert (np.diff(film.moved[:, 0]) > 0).all()
+    assert set(film.stamps) <= set(film.moved[:, 0])
