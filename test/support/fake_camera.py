@@ -41,7 +41,7 @@ class FakeCamera:
         self.released = threading.Event()
 
     def open(self, path: str) -> 'FakeCamera':
-        """Begin anew, as cv2.VideoCapture(path) does."""
+        """Begin as cv2.VideoCapture(path) does."""
         self.opened += 1
         self._present = time.monotonic() >= self.gone_until_s
         self._values = {
