@@ -218,8 +218,8 @@ def sleeping(seconds: float, seed: int) -> dict[str, Any]:
     lit: dict[str, list[tuple[int, float]]] = {'first': [], 'later': []}
     for begin_s, end_s in twin.images(round(seconds * FPS)):
         for knock in blocks.advance(begin_s, end_s, twin.table.trace, twin.rim.velocity):
-            (first if knock.first else later).append((knock.time_s, knock.block, knock.time_s))
-            which = 'first' if knock.first else 'later'
+            (first if knock.woke else later).append((knock.time_s, knock.block, knock.time_s))
+            which = 'first' if knock.woke else 'later'
             lit[which].append((knock.block, knock.time_s + knock.lit_s))
     alone = {'reported': len(first), 'of_reports': len(first) + len(later)}
     both = compare(twin.all_slips(), first + later, seconds)

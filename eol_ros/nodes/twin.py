@@ -14,7 +14,7 @@ from eol_ros.core.physics.twin.play import Play
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.devices.board import block
 from eol_ros.devices.board.felt import TRACE, FeltBlocks
-from eol_ros.devices.board.twin import LIVE, REST, WOKEN, Chunk, Felt, Lamps, Radio
+from eol_ros.devices.board.twin import LIVE, REST, WOKEN, Chunk, Lamps, Radio
 from eol_ros.devices.camera.exposure_clock import VirtualCamera
 from eol_ros.devices.files.twin_camera import twin_camera
 from eol_ros.ros.images import ImagePublisher
@@ -121,13 +121,8 @@ class TwinNode(EolNode):
             return
         t, end_s = self.play.table, self.play.time_s
         knocks = self.blocks.advance(self.begin_s, end_s, t.trace, self.play.rim.velocity)
-        self.radio.send(
-            Felt(
-                self.stamp_ns - round((end_s - k.time_s) * NS),
-                k.block, k.strength_mps2, k.lit_s, k.first, k.told_s,
-            )
-            for k in knocks
-        )  # fmt: skip
+        origin_ns = self.stamp_ns - round(end_s * NS)
+        self.radio.send(k._replace(time_ns=origin_ns + k.time_ns) for k in knocks)
         self.knocks += len(knocks)
         self.give_samples(end_s)
 

@@ -99,7 +99,7 @@ def test_blocks_that_slept_say_so_with_their_first_knock():
         knocks += blocks.advance(70 + begin_s, 70 + end_s, trace, twin.rim.velocity)
     first = {}
     for knock in knocks:
-        assert knock.first == (knock.block not in first)
+        assert knock.woke == (knock.block not in first)
         first.setdefault(knock.block, knock)
     onsets = [(70 + s.onset_s, s.block) for s in twin.all_slips()]
     errors = [

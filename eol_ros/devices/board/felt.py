@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the twin's blocks feel: their accelerometers' samples, through the firmware of a block."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
@@ -10,26 +8,13 @@ from eol_ros.core.physics.twin.accelerometer import Accelerometers, Samples
 from eol_ros.core.physics.twin.live import Trace
 from eol_ros.core.serial_protocol import Detector as Wanted
 from eol_ros.devices.board.block import FELT, LEARN, RESTS, TOLD, Detector
+from eol_ros.devices.board.twin import Felt
 from eol_ros.settings import TwinSettings
 
 LEARNT = LEARN + 4096  # samples: what is at rest, and how loud the noise is
 RIM_MOVES = 1e-3  # m/s or rad/s; below that it only settles
 LIGHT_S = 1e-3  # from a sample to the LED: `make firmware` measures 0.4 ms, 0.6 at most
 TRACE = 16  # samples of the solver from image to image, about one a millisecond at 60 images/s
-
-
-class Knock(NamedTuple):
-    """A knock that a block reports: when, s, how hard, m/s^2, whether it woke the block.
-
-    `lit_s` after that the block lit itself, `told_s` after it the firmware had measured it.
-    """
-
-    block: int
-    time_s: float
-    strength_mps2: float
-    first: bool
-    lit_s: float = 0.0
-    told_s: float = 0.0
 
 
 class FeltBlocks:
@@ -53,8 +38,8 @@ class FeltBlocks:
 
     def advance(
         self, begin_s: float, end_s: float, trace: Trace | None, rim_velocity: np.ndarray
-    ) -> list[Knock]:
-        """Return what is reported of the time from `begin_s` to `end_s`, by time.
+    ) -> list[Felt]:
+        """Return what is reported of the time from `begin_s` to `end_s`, by time of the table.
 
         rim_velocity: (3,) of the rim at the end; hands knock it while they move it.
         """
@@ -77,14 +62,14 @@ class FeltBlocks:
                 time_s = ended_s - event.age_samples * self._nominal_s
                 if event.first:  # it began before the sensor looked
                     time_s -= self._wake_s / 2
-                lit_s = float(self._lit_s[s.block]) - time_s
-                strength, told_s = event.strength_mps2, ended_s - time_s
-                knocks.append(Knock(s.block, time_s, strength, event.first, lit_s, told_s))
+                lit_s, told_s = float(self._lit_s[s.block]) - time_s, ended_s - time_s
+                what = s.block, event.strength_mps2, lit_s, event.first, told_s
+                knocks.append(Felt(round(time_s * 1e9), *what))
             moves = detector.state != RESTS
             if moves or self._awake[s.block]:
                 self._moved_s[s.block] = end_s
             self._awake[s.block] = moves
-        return sorted(knocks, key=lambda knock: knock.time_s)
+        return sorted(knocks)
 
     def configure(self, wanted: Wanted) -> None:
         """Set what the detectors take for a knock; zero leaves it."""

@@ -38,10 +38,11 @@ SIGMA_S = 5e-4  # of the time of a knock: `eol bench taps`
 
 
 class Felt(NamedTuple):
-    """A knock that a block of the twin felt, on the system's clock; what it led to, so long after.
+    """A knock that a block of the twin felt: when, by the clock of the table or of the system.
 
-    The block lit itself, and had measured the knock, which it then reports. The twin knows it
-    earlier: the table of its next image has moved already.
+    `lit_s` after that the block lit itself, `told_s` after it the firmware had measured the knock,
+    which it then reports. The twin knows it earlier: the table of its next image has moved already.
+    `woke`: the block slept until then.
     """
 
     time_ns: int
@@ -50,6 +51,11 @@ class Felt(NamedTuple):
     lit_s: float = 0.0
     woke: bool = False
     told_s: float = 0.0
+
+    @property
+    def time_s(self) -> float:
+        """When, in s."""
+        return self.time_ns * 1e-9
 
     @property
     def report_ns(self) -> int:
