@@ -7,15 +7,12 @@ And all firmware: compiled without a warning, and run where undefined behaviour 
 import ctypes
 import dataclasses
 import random
-import shutil
-import subprocess
-from pathlib import Path
 
 import pytest
+from support.native import FIRMWARE, assert_compiles, library, output
 
 from eol_ros.core import serial_protocol as p
 
-HEADER = Path(__file__).parents[2] / 'firmware' / 'eol_serial.h'
 GLUE = """
 #include "eol_serial.h"
 size_t encode(uint8_t *w, uint8_t k, uint8_t s, const uint8_t *b, size_t n)
@@ -55,20 +52,7 @@ MESSAGES = [
 
 @pytest.fixture(scope='module')
 def board(tmp_path_factory):
-    compiler = shutil.which('cc') or shutil.which('gcc') or shutil.which('clang')
-    if compiler is None:
-        pytest.skip('no C compiler here')
-    folder = tmp_path_factory.mktemp('firmware')
-    (folder / 'glue.c').write_text(GLUE)
-    library = folder / 'glue.so'
-    strict = ['-std=c99', '-Wall', '-Wextra', '-Werror']
-    subprocess.run(
-        [compiler, *strict, '-shared', '-fPIC', '-I', str(HEADER.parent), 'glue.c', '-o', library],
-        cwd=folder,
-        check=True,
-        capture_output=True,
-    )
-    loaded = ctypes.CDLL(str(library))
+    loaded = library(tmp_path_factory.mktemp('firmware'), GLUE)
     loaded.encode.restype = loaded.feed.restype = ctypes.c_size_t
     loaded.round_trip.restype = loaded.good.restype = ctypes.c_uint32
     loaded.reset()
@@ -123,14 +107,13 @@ def test_both_name_the_same_kinds_and_flags(tmp_path):
     numbers = kinds | {n: getattr(p, n) for n in (*flags, 'NOT_LIT', 'VERSION', 'MAX_BODY')}
     tests = '\n'.join(f'typedef char is_{n}[EOL_{n} == {v} ? 1 : -1];' for n, v in numbers.items())
     (tmp_path / 'numbers.c').write_text(f'#include "eol_serial.h"\n{tests}\n')
-    compiled(tmp_path, '-std=c99', '-I', HEADER.parent, '-c', 'numbers.c', '-o', 'numbers.o')
+    assert_compiles(tmp_path, '-I', FIRMWARE, '-c', 'numbers.c', '-o', 'numbers.o')
 
 
 def test_its_integers_are_little_endian(board):
     assert board.round_trip(ctypes.c_uint32(0x12345678)) == 0x12345678
 
 
-FIRMWARE = HEADER.parent
 # What needs its own processor's compiler `make firmware` compiles, without a warning, too.
 OF_A_PROCESSOR = ('<avr/', '<simavr/', '<unicorn/', '__asm')
 SOURCES = [
@@ -166,38 +149,20 @@ int main(void)
 """
 
 
-def compiled(folder, *words):
-    compiler = shutil.which('cc') or shutil.which('gcc') or shutil.which('clang')
-    if compiler is None:
-        pytest.skip('no C compiler here')
-    done = subprocess.run(
-        [compiler, *map(str, words)], cwd=folder, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-
-
 @pytest.mark.parametrize('source', SOURCES, ids=lambda path: f'{path.parent.name}/{path.name}')
 def test_the_firmware_compiles_without_a_warning(source, tmp_path):
-    strict = ['-std=c99', '-pedantic', '-Wall', '-Wextra', '-Wconversion', '-Wshadow', '-Werror']
-    compiled(tmp_path, *strict, '-O2', '-c', source, '-o', tmp_path / 'out.o')
+    strict = ['-pedantic', '-Wall', '-Wextra', '-Wconversion', '-Wshadow', '-Werror']
+    assert_compiles(tmp_path, *strict, '-O2', '-c', source, '-o', tmp_path / 'out.o')
 
 
 def test_a_block_needs_no_floating_point(tmp_path):
-    words = ['-std=c99', '-O2', '-mgeneral-regs-only', '-c']
+    words = ['-O2', '-mgeneral-regs-only', '-c']
     for name in ('knock.c', 'light.c', 'block.c'):
-        compiled(tmp_path, *words, FIRMWARE / 'block' / name, '-o', tmp_path / 'out.o')
+        assert_compiles(tmp_path, *words, FIRMWARE / 'block' / name, '-o', tmp_path / 'out.o')
 
 
 def test_no_sample_makes_the_detector_do_what_is_undefined(tmp_path):
-    (tmp_path / 'storm.c').write_text(STORM)
-    trap = ['-fsanitize=undefined,bounds', '-fsanitize-undefined-trap-on-error']
-    block = FIRMWARE / 'block'
-    compiled(
-        tmp_path, '-std=c99', '-O1', *trap, '-I', block, 'storm.c', block / 'knock.c', '-o', 'storm'
-    )
-    done = subprocess.run([tmp_path / 'storm'], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f'it ended with {done.returncode}'
-    assert int(done.stdout) > 100
+    assert output(tmp_path, STORM, 'block/knock.c')[0] > 100
 
 
 RADIO_STORM = """
@@ -240,14 +205,8 @@ int main(void)
 
 def test_a_million_bytes_by_radio_make_a_block_do_nothing_undefined(tmp_path):
     """And it goes on to feel, to flash and to talk."""
-    (tmp_path / 'storm.c').write_text(RADIO_STORM)
-    trap = ['-fsanitize=undefined,bounds', '-fsanitize-undefined-trap-on-error']
-    block = FIRMWARE / 'block'
-    sources = [block / name for name in ('block.c', 'knock.c', 'light.c')]
-    compiled(tmp_path, '-std=c99', '-O1', *trap, '-I', block, 'storm.c', *sources, '-o', 'storm')
-    done = subprocess.run([tmp_path / 'storm'], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f'it ended with {done.returncode}'
-    said, lit = map(int, done.stdout.split())
+    sources = (f'block/{name}.c' for name in ('block', 'knock', 'light'))
+    said, lit = output(tmp_path, RADIO_STORM, *sources)
     assert said > 100
     assert lit > 10
 
@@ -293,15 +252,8 @@ int main(void)
 
 def test_a_million_bytes_make_the_bridge_do_nothing_undefined(tmp_path):
     """Whole packets, spoilt ones and frames of the radio, and a host that reads too slowly."""
-    (tmp_path / 'storm.c').write_text(BRIDGE_STORM)
-    trap = ['-fsanitize=undefined,bounds', '-fsanitize-undefined-trap-on-error']
-    bridge = FIRMWARE / 'bridge'
-    sources = [bridge / 'bridge.c', bridge / 'flash.c', bridge / 'local.c']
-    words = ['-std=c99', '-O1', *trap, '-I', bridge]
-    compiled(tmp_path, *words, 'storm.c', *sources, '-lm', '-o', 'storm')
-    done = subprocess.run([tmp_path / 'storm'], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f'it ended with {done.returncode}'
-    sent, said, dropped = map(int, done.stdout.split())
+    sources = (f'bridge/{name}.c' for name in ('bridge', 'flash', 'local'))
+    sent, said, dropped = output(tmp_path, BRIDGE_STORM, *sources)
     assert sent > 100_000
     assert said > 1000
     assert dropped > 100  # whole packets, so that the next one is read

@@ -5,22 +5,18 @@ And with the firmware of blocks: 25 that flash by themselves, and the bridge tha
 """
 
 import ctypes
-import shutil
-import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
 from support.fields_of_view import RATE_HZ, fields, most_in_a_second
 from support.flashes import most_flashes_in_a_second
+from support.native import library
 
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.light.bridge import Bridge
 from eol_ros.core.light.flash import FLASHES_PER_S, HOLD_RATE, MIN_PERIOD_S, FlashField
 from eol_ros.core.light.local import LocalField
 
-BRIDGE = Path(__file__).parents[2] / 'firmware' / 'bridge'
-BLOCK = BRIDGE.parent / 'block'
 GLUE = """
 #include <stdlib.h>
 #include "block.h"
@@ -144,20 +140,14 @@ void table(int ms, const uint8_t *felt, int flags, int decay_ms, int lost, int g
 
 @pytest.fixture(scope='module')
 def bridge(tmp_path_factory):
-    compiler = shutil.which('cc') or shutil.which('gcc') or shutil.which('clang')
-    if compiler is None:
-        pytest.skip('no C compiler here')
-    folder = tmp_path_factory.mktemp('bridge')
-    (folder / 'glue.c').write_text(GLUE)
-    library = folder / 'flash.so'
-    strict = ['-std=c99', '-O2', '-Wall', '-Wextra', '-Werror', '-shared', '-fPIC']
-    subprocess.run(
-        [compiler, *strict, '-I', BRIDGE, '-I', BLOCK, 'glue.c', BRIDGE / 'bridge.c',
-         BRIDGE / 'flash.c', BRIDGE / 'local.c', BLOCK / 'block.c', BLOCK / 'light.c',
-         '-o', library, '-lm'],
-        cwd=folder, check=True,
-    )  # fmt: skip
-    lib = ctypes.CDLL(str(library))
+    sources = (
+        'bridge/bridge.c',
+        'bridge/flash.c',
+        'bridge/local.c',
+        'block/block.c',
+        'block/light.c',
+    )
+    lib = library(tmp_path_factory.mktemp('bridge'), GLUE, *sources)
     number, memory = ctypes.c_double, ctypes.c_void_p
     lib.flash_size.restype = lib.local_size.restype = ctypes.c_size_t
     lib.table.argtypes = [ctypes.c_int, memory, *[ctypes.c_int] * 5, memory]

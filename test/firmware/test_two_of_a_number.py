@@ -2,11 +2,9 @@
 """The bridge's own program, compiled for this machine: blocks that have the same number."""
 
 import ctypes
-import shutil
-import subprocess
 
 import pytest
-from support.checkout import ROOT
+from support.native import library
 
 from eol_ros.core import serial_protocol as protocol
 
@@ -48,16 +46,10 @@ int after(double seconds, double every_us)
 
 @pytest.fixture
 def bridge(tmp_path):
-    (tmp_path / 'driver.c').write_text(DRIVER)
-    compiler = shutil.which('cc') or shutil.which('gcc')
-    folder = ROOT / 'firmware' / 'bridge'
-    sources = [tmp_path / 'driver.c', *(folder / f'{n}.c' for n in ('bridge', 'flash', 'local'))]
-    words = [compiler, '-Wall', '-Wextra', '-Werror', '-std=c99', '-shared', '-fPIC', '-I', folder]
-    subprocess.run([*words, *sources, '-lm', '-o', tmp_path / 'bridge.so'], check=True)
-    library = ctypes.CDLL(str(tmp_path / 'bridge.so'))
-    library.after.argtypes = ctypes.c_double, ctypes.c_double
-    library.begin()
-    return library
+    made = library(tmp_path, DRIVER, 'bridge/bridge.c', 'bridge/flash.c', 'bridge/local.c')
+    made.after.argtypes = ctypes.c_double, ctypes.c_double
+    made.begin()
+    return made
 
 
 @pytest.mark.parametrize('every_us', [1e6, 0.9e6])  # a block's oscillator is 10 % fast at most
