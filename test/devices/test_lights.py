@@ -20,13 +20,19 @@ DAY_NS = 1_700_000_000_000_000_000  # when the replayed run was
 
 
 @pytest.fixture
+def fake():
+    with FakeBoard() as one:
+        yield one
+
+
+@pytest.fixture
 def make_lights():
     made = []
 
     def make(on_tap=lambda tap: None, **settings):
         made.append(Lights(LedsSettings(**{'port': 'twin'} | settings), on_tap))
         made[-1].start()
-        assert wait_until(lambda: made[-1].board.ready)
+        assert wait_until(lambda: made[-1].board.ready and len(made[-1].board.blocks) == 26)
         return made[-1]
 
     yield make
@@ -147,20 +153,19 @@ def told_by(lights, seconds=0.3):
     return told
 
 
-def test_a_block_that_felt_its_slip_is_not_lit_again(make_lights):
+def test_a_block_that_felt_its_slip_is_not_lit_again(fake, make_lights):
     taps = []
-    with FakeBoard() as fake:
-        lights = make_lights(port=fake.port, on_tap=taps.append)
-        assert wait_until(lambda: lights.board.sync.ready)
-        fake.knock(3, 2.0, ago_s=0.004, lit_s=0.001)
-        assert wait_until(lambda: taps)
-        knock_ns = taps[0].stamp_ns
-        lights.tap(3, knock_ns, taps[0].board_us)
-        lights.slip(3, knock_ns + 20_000_000, knock_ns + 2_000_000)  # the same
-        lights.slip(4, knock_ns + 20_000_000, knock_ns + 2_000_000)  # only the camera saw it
-        assert wait_until(lambda: fake.levels()[4] > 0)
-        told = told_by(lights)
-        assert [a.kind for a in fake.log if a.kind == 'Light'] == ['Light']
+    lights = make_lights(port=fake.port, on_tap=taps.append)
+    assert wait_until(lambda: lights.board.sync.ready)
+    fake.knock(3, 2.0, ago_s=0.004, lit_s=0.001)
+    assert wait_until(lambda: taps)
+    knock_ns = taps[0].stamp_ns
+    lights.tap(3, knock_ns, taps[0].board_us)
+    lights.slip(3, knock_ns + 20_000_000, knock_ns + 2_000_000)  # the same
+    lights.slip(4, knock_ns + 20_000_000, knock_ns + 2_000_000)  # only the camera saw it
+    assert wait_until(lambda: fake.levels()[4] > 0)
+    told = told_by(lights)
+    assert [a.kind for a in fake.log if a.kind == 'Light'] == ['Light']
     by_knock, by_camera = (one for one in told if one.stamp_ns)
     assert by_knock.stamp_ns == knock_ns and by_camera.stamp_ns == knock_ns + 20_000_000
     assert by_knock.sent_ns - knock_ns == pytest.approx(1e6, abs=1)  # when it shone
@@ -173,64 +178,57 @@ def test_a_block_that_felt_its_slip_is_not_lit_again(make_lights):
 @pytest.mark.parametrize(
     ('trigger', 'lit'), [('blocks', [3]), ('slips', [4]), ('both', [3, 4])]
 )  # fmt: skip
-def test_what_lights_is_chosen(make_lights, trigger, lit):
+def test_what_lights_is_chosen(fake, make_lights, trigger, lit):
     """Block 3 knocks, block 4 is seen."""
     taps = []
-    with FakeBoard() as fake:
-        lights = make_lights(port=fake.port, trigger=trigger, on_tap=taps.append)
-        assert wait_until(lambda: len(lights.board.blocks) == 26)
-        assert fake.bridge.by_itself == (trigger != 'slips')
-        fake.knock(3, 2.0)
-        assert wait_until(lambda: taps)
-        lights.tap(3, taps[0].stamp_ns, taps[0].board_us)
-        seen(lights, 4, time.time_ns())
-        assert wait_until(lambda: all(fake.levels()[b] for b in lit))
-        assert [b for b, level in enumerate(fake.levels()) if level] == lit
-        lights.asleep = True
-        lights.close()
-        assert wait_until(lambda: not fake.bridge.by_itself)
+    lights = make_lights(port=fake.port, trigger=trigger, on_tap=taps.append)
+    assert fake.bridge.by_itself == (trigger != 'slips')
+    fake.knock(3, 2.0)
+    assert wait_until(lambda: taps)
+    lights.tap(3, taps[0].stamp_ns, taps[0].board_us)
+    seen(lights, 4, time.time_ns())
+    assert wait_until(lambda: all(fake.levels()[b] for b in lit))
+    assert [b for b, level in enumerate(fake.levels()) if level] == lit
+    lights.asleep = True
+    lights.close()
+    assert wait_until(lambda: not fake.bridge.by_itself)
 
 
-def test_without_a_camera_light_goes_on_and_without_a_bridge_too(make_lights):
-    with FakeBoard() as fake:
-        lights = make_lights(port=fake.port)
-        fake.knock(1, 2.0)  # and no slip comes
-        assert fake.levels()[1] > 0
-        fake.fault('unplug')
-        assert wait_until(lambda: not lights.board.ready)
-        fake.knock(2, 2.0)
-        assert fake.levels()[2] > 0
-        seen(lights, 5, time.time_ns())
-        assert fake.levels()[5] == 0
+def test_without_a_camera_light_goes_on_and_without_a_bridge_too(fake, make_lights):
+    lights = make_lights(port=fake.port)
+    fake.knock(1, 2.0)  # and no slip comes
+    assert fake.levels()[1] > 0
+    fake.fault('unplug')
+    assert wait_until(lambda: not lights.board.ready)
+    fake.knock(2, 2.0)
+    assert fake.levels()[2] > 0
+    seen(lights, 5, time.time_ns())
+    assert fake.levels()[5] == 0
 
 
-def test_what_is_wrong_with_a_block_is_a_line(make_lights):
-    with FakeBoard() as fake:
-        lights = make_lights(port=fake.port)
-        assert wait_until(lambda: len(lights.board.blocks) == 26)
-        assert lights.faults() == []
-        fake.report(4, millivolts=3000)
-        fake.report(7, flags=protocol.LINKED | protocol.SENSOR_DEAD)
-        fake.report(9, flags=0)
-        assert wait_until(lambda: len(lights.faults()) == 3)
-        battery, sensor, link = lights.faults()
-        assert battery == 'the battery of block 4 is at 3.0 V: charge it'
-        assert sensor.startswith('the accelerometer of block 7 repeats one value')
-        assert link.startswith('block 9 is not heard')
-        assert lights.values()['lowest_battery_v'] == 3.0
+def test_what_is_wrong_with_a_block_is_a_line(fake, make_lights):
+    lights = make_lights(port=fake.port)
+    assert lights.faults() == []
+    fake.report(4, millivolts=3000)
+    fake.report(7, flags=protocol.LINKED | protocol.SENSOR_DEAD)
+    fake.report(9, flags=0)
+    assert wait_until(lambda: len(lights.faults()) == 3)
+    battery, sensor, link = lights.faults()
+    assert battery == 'the battery of block 4 is at 3.0 V: charge it'
+    assert sensor.startswith('the accelerometer of block 7 repeats one value')
+    assert link.startswith('block 9 is not heard')
+    assert lights.values()['lowest_battery_v'] == 3.0
 
 
-def test_two_blocks_of_one_number_and_a_board_of_fewer_blocks_are_a_line_each(make_lights):
-    with FakeBoard() as fake:
-        fake.count = 24
-        lights = make_lights(port=fake.port)
-        assert wait_until(lambda: len(lights.board.blocks) == 26)
-        (count,) = lights.faults()
-        assert count.startswith('the board drives 24 blocks, and the table has 25')
-        fake.report(6, flags=protocol.LINKED | protocol.TWICE)
-        assert wait_until(lambda: len(lights.faults()) == 2)
-        assert lights.faults()[1].startswith('more than one block says that it is 6: give all but')
-        assert lights.board.ready  # the rest goes on
+def test_two_blocks_of_one_number_and_a_board_of_fewer_blocks_are_a_line_each(fake, make_lights):
+    fake.count = 24
+    lights = make_lights(port=fake.port)
+    (count,) = lights.faults()
+    assert count.startswith('the board drives 24 blocks, and the table has 25')
+    fake.report(6, flags=protocol.LINKED | protocol.TWICE)
+    assert wait_until(lambda: len(lights.faults()) == 2)
+    assert lights.faults()[1].startswith('more than one block says that it is 6: give all but')
+    assert lights.board.ready  # the rest goes on
 
 
 def test_a_bridge_without_its_radio_is_one_line():
@@ -280,52 +278,48 @@ def test_after_a_jump_back_the_twin_begins_in_the_dark_and_a_real_board_fades():
             lights.close()
 
 
-def test_a_slip_is_shown_and_told(make_lights):
-    with FakeBoard() as fake:
-        lights = make_lights(port=fake.port)
-        stamp_ns = time.time_ns()
-        seen(lights, 4, stamp_ns)
-        assert wait_until(lambda: fake.levels()[4] > 0)
-        sent = told_by(lights)[0]
-        assert (sent.stamp_ns, sent.white[4], sent.infrared) == (stamp_ns, 191, True)
-        assert lights.values()['sent'] >= 2
-        lights.asleep = True
-        orders = sum(a.kind == 'Light' for a in fake.log)
-        seen(lights, 5, time.time_ns())
-        told_by(lights, 0.1)
-        assert sum(a.kind == 'Light' for a in fake.log) == orders
+def test_a_slip_is_shown_and_told(fake, make_lights):
+    lights = make_lights(port=fake.port)
+    stamp_ns = time.time_ns()
+    seen(lights, 4, stamp_ns)
+    assert wait_until(lambda: fake.levels()[4] > 0)
+    sent = told_by(lights)[0]
+    assert (sent.stamp_ns, sent.white[4], sent.infrared) == (stamp_ns, 191, True)
+    assert lights.values()['sent'] >= 2
+    lights.asleep = True
+    orders = sum(a.kind == 'Light' for a in fake.log)
+    seen(lights, 5, time.time_ns())
+    told_by(lights, 0.1)
+    assert sum(a.kind == 'Light' for a in fake.log) == orders
 
 
-def test_the_whole_field_is_limited_while_firmware_knows_nothing_else(make_lights):
-    with FakeBoard() as fake:
-        lights = make_lights(port=fake.port)
-        assert wait_until(lambda: len(lights.board.blocks) == 26)
-        lights.follow_firmware()
-        assert lights.values()['flash_limit'] == fake.bridge.limit == 'field_of_view'
-        seen(lights, 4, time.time_ns())
-        assert told_by(lights)[0].white[4] == 191
-        fake.firmware = (2, 2)
-        fake.report(7)
-        assert wait_until(lambda: lights.board.blocks[7].minor == 2)
-        lights.follow_firmware()
-        assert lights.values()['flash_limit'] == 'field'
-        assert wait_until(lambda: fake.bridge.limit == 'field')
-        seen(lights, 5, time.time_ns())
-        assert max(sent.white[5] for sent in told_by(lights)) == 255
+def test_the_whole_field_is_limited_while_firmware_knows_nothing_else(fake, make_lights):
+    lights = make_lights(port=fake.port)
+    lights.follow_firmware()
+    assert lights.values()['flash_limit'] == fake.bridge.limit == 'field_of_view'
+    seen(lights, 4, time.time_ns())
+    assert told_by(lights)[0].white[4] == 191
+    fake.firmware = (2, 2)
+    fake.report(7)
+    assert wait_until(lambda: lights.board.blocks[7].minor == 2)
+    lights.follow_firmware()
+    assert lights.values()['flash_limit'] == 'field'
+    assert wait_until(lambda: fake.bridge.limit == 'field')
+    seen(lights, 5, time.time_ns())
+    assert max(sent.white[5] for sent in told_by(lights)) == 255
 
 
-def test_light_runs_on_over_dark_blocks_at_the_delay_of_its_look(make_lights):
-    with FakeBoard() as fake:
-        lights = make_lights(port=fake.port, spread_blocks=2, spread_delay_s=0.05)
-        stamp_ns = time.time_ns()
-        seen(lights, 6, stamp_ns - 20_000_000)
-        seen(lights, 0, stamp_ns)
-        lit = {}
-        for sent in told_by(lights, 0.4):
-            for block in range(25):
-                if sent.white[block] >= 180:
-                    lit.setdefault(block, sent)
-        orders = [a for a in fake.log if a.kind == 'Light']
+def test_light_runs_on_over_dark_blocks_at_the_delay_of_its_look(fake, make_lights):
+    lights = make_lights(port=fake.port, spread_blocks=2, spread_delay_s=0.05)
+    stamp_ns = time.time_ns()
+    seen(lights, 6, stamp_ns - 20_000_000)
+    seen(lights, 0, stamp_ns)
+    lit = {}
+    for sent in told_by(lights, 0.4):
+        for block in range(25):
+            if sent.white[block] >= 180:
+                lit.setdefault(block, sent)
+    orders = [a for a in fake.log if a.kind == 'Light']
     assert sorted(lit) == [0, 1, 2, 5, 6, 7, 8, 10, 11, 12, 16]  # each once: 1 is near both
     assert len(orders) == len(lit)
     lights.set(LedsSettings(port=fake.port, look='embers'))
@@ -382,7 +376,6 @@ def test_the_blocks_of_the_twin_do_what_their_board_says(make_lights):
         0.75 * math.exp(-0.1 / 17.3), rel=1e-3
     )
     lights = make_lights(decay_s=0.5, tap_threshold_mg=20, peak=0.8)
-    assert wait_until(lambda: len(lights.board.blocks) == 26)
     told = []
 
     def threshold():
