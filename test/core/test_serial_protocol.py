@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import random
+import re
 
 import pytest
 from hypothesis import given, settings
@@ -7,21 +8,20 @@ from hypothesis import strategies as st
 
 from eol_ros.core import serial_protocol as p
 
-U8, U16, U32 = st.integers(0, 255), st.integers(0, 65535), st.integers(0, 2**32 - 1)
-MESSAGES = st.one_of(
-    st.builds(p.Hello, U8),
-    st.builds(p.Levels, U32, st.binary(min_size=25, max_size=25)),
-    st.builds(p.Infrared, U32),
-    st.builds(p.Ping, U32),
-    st.builds(p.Welcome, U8, U8, st.binary(min_size=16, max_size=16)),
-    st.builds(p.Pong, U32, U32, U32, U16),
-    st.builds(p.Refused, U8, U8),
-    st.builds(p.Lighting, U8, U8, U16),
-    st.builds(p.Detector, U16, U16, U16, U16, U16, U16, U32),
-    st.builds(p.Light, U32, U32),
-    st.builds(p.Knock, U32, U8, U16, U16, U8),
-    st.builds(p.BlockStatus, U8, U16, st.integers(-128, 127), U8, U8, U8),
-)
+RANGES = {'B': (0, 255), 'b': (-128, 127), 'H': (0, 65535), 'h': (-(2**15), 2**15 - 1),
+          'I': (0, 2**32 - 1)}  # fmt: skip
+
+
+def fields(form):
+    """Yield a strategy for each field of a struct format."""
+    for count, code in re.findall(r'(\d*)([a-zA-Z])', form):
+        if code == 's':
+            yield st.binary(min_size=int(count), max_size=int(count))
+        else:
+            yield from [st.integers(*RANGES[code])] * int(count or 1)
+
+
+MESSAGES = st.one_of(st.builds(m, *fields(m.BODY.format)) for m in p.MESSAGES.values())
 
 
 def pieces(data, seed):
