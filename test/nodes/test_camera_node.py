@@ -91,13 +91,15 @@ def test_no_image_of_a_jpeg_film_at_120_a_second_is_lost(graph, tmp_path):
     assert camera.camera.dropped == 0
 
 
-def test_the_end_of_a_film_is_told(graph, tmp_path):
+@pytest.mark.parametrize(
+    ('device', 'level', 'text'),
+    [('f.avi', 0, 'at its end'), ('/dev/video77', 1, 'camera /dev/video77 is not there')],
+)
+def test_the_state_of_the_camera_is_told(graph, tmp_path, device, level, text):
     film(tmp_path / 'f.avi', 'MJPG', n=10)
-    reader, _ = graph(
-        settings(tmp_path / 'f.avi'), lambda r, c: any('at its end' in s for s in r.states)
-    )
+    _, camera = graph(settings(tmp_path / device), lambda r, c: any(text in s for s in r.states))
 
-    assert any('at its end' in s for s in reader.states)
+    assert camera.health.level == level
 
 
 def test_the_calibration_goes_out_as_camera_info(graph, tmp_path):
@@ -117,14 +119,6 @@ def test_the_calibration_goes_out_as_camera_info(graph, tmp_path):
     np.testing.assert_array_equal(info.k, calibration.camera_matrix.ravel())
     assert info.distortion_model == 'plumb_bob'
     assert info.header.frame_id == 'camera_optical'
-
-
-def test_an_absent_camera_warns_and_looks_on(graph):
-    reader, _ = graph(
-        settings('/dev/video77'), lambda r, c: any('trying again' in s for s in r.states)
-    )
-
-    assert any('camera /dev/video77 is not there' in s for s in reader.states)
 
 
 @pytest.mark.slow
