@@ -258,66 +258,33 @@ def encode(message: Message, sequence: int) -> bytes:
 
 
 class Decoder:
-    """Bytes as they come in, messages out; whatever is damaged is counted and left behind.
+    """Bytes as they come in, messages out.
 
-    `good`: packets read. `damaged`: bad COBS, checksum or length. `oversized`: longer than any
-    packet. `unknown`: whole, but of a kind that this version does not know. `lost`: gaps in the
-    sequence.
+    `good` counts packets read. `bad` counts what was none: damaged, longer than any packet, or of a
+    kind that this version does not know.
     """
 
     def __init__(self) -> None:
-        self.good = self.damaged = self.oversized = self.unknown = self.lost = 0
-        self._pending = bytearray()
-        self._skipping = False
-        self._sequence: int | None = None
-
-    @property
-    def bad(self) -> int:
-        """Everything that was not a packet of ours."""
-        return self.damaged + self.oversized + self.unknown
+        self.good = self.bad = 0
+        self._pending = b''
 
     def feed(self, data: bytes) -> list[Received]:
         """Take in `data`, cut anywhere, and return the messages that are now complete."""
-        found = []
-        *ended, rest = bytes(data).split(b'\0')
-        for part in ended:
-            self._take(part)
-            if self._pending and not self._skipping:
-                received = self._read(bytes(self._pending))
-                if received is not None:
-                    found.append(received)
-            self._pending.clear()
-            self._skipping = False
-        self._take(rest)
-        return found
-
-    def _take(self, part: bytes) -> None:
-        if self._skipping:
-            return
-        self._pending += part
-        if len(self._pending) > MAX_ENCODED:
-            self.oversized += 1
-            self._skipping = True
-            self._pending.clear()
+        *ended, rest = (self._pending + data).split(b'\0')
+        self._pending = rest[: MAX_ENCODED + 1]  # what is longer is no packet
+        found = [self._read(encoded) for encoded in ended if encoded]
+        return [received for received in found if received]
 
     def _read(self, encoded: bytes) -> Received | None:
         try:
-            packet = cobs_decode(encoded)
+            packet = cobs_decode(encoded[: MAX_ENCODED + 1])  # what is longer has no checksum
         except ProtocolError:
             packet = b''
-        if len(packet) < 4 or crc16(packet[:-2]) != _CRC.unpack(packet[-2:])[0]:
-            self.damaged += 1
-            return None
-        kind, sequence = _HEAD.unpack_from(packet)
-        if self._sequence is not None:
-            self.lost += (sequence - self._sequence - 1) & 0xFF
-        self._sequence = sequence
-        if kind not in MESSAGES:
-            self.unknown += 1
-            return None
         body = packet[2:-2]
-        if len(body) != MESSAGES[kind].BODY.size:
-            self.damaged += 1
+        kind = MESSAGES.get(packet[0]) if len(packet) >= 4 else None
+        whole = packet[-2:] == _CRC.pack(crc16(packet[:-2]))
+        if kind is None or not whole or len(body) != kind.BODY.size:
+            self.bad += 1
             return None
         self.good += 1
-        return Received(sequence, MESSAGES[kind](*MESSAGES[kind].BODY.unpack(body)))
+        return Received(packet[1], kind(*kind.BODY.unpack(body)))
