@@ -49,7 +49,6 @@ class NativeBlocks:
     def __init__(self) -> None:
         lib = self._lib = library()
         size = lib.eol_block_size()
-        self._size = size
         self._memory = ctypes.create_string_buffer(size * N_BLOCKS)
         self._at = [ctypes.addressof(self._memory) + k * size for k in range(N_BLOCKS)]
         self._levels = (ctypes.c_uint8 * N_BLOCKS)()
