@@ -62,7 +62,7 @@ def test_says_what_is_wrong(fake, capsys, monkeypatch):
 
 def test_lets_one_block_flash(fake, capsys):
     lit = []
-    fake._on_message = lambda m: lit.append(m.mask) if isinstance(m, protocol.Light) else None
+    fake._on_message = lambda m, _: lit.append(m.mask) if isinstance(m, protocol.Light) else None
     assert cli.main(['board', '--port', fake.port, '--blink', '7', '--seconds', '1.2']) == 0
     assert lit == [1 << 7] * len(lit)
     assert 1 <= len(lit) <= 3  # never more than two a second

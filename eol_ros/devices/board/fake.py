@@ -77,8 +77,8 @@ class FakeBoard:
     through a pty is carried by a worker of the kernel that has no real-time priority, and waits
     for some milliseconds where both processors are taken.
 
-    `on_arrival` is called from the board's thread for every good packet, `on_message` for every
-    message that came in one. `log_file`: a CSV of all arrivals, a line each.
+    `on_message` is called from the board's thread for every message that came in, with its arrival.
+    `log_file`: a CSV of all arrivals, a line each.
     """
 
     def __init__(
@@ -86,8 +86,7 @@ class FakeBoard:
         link: str | None = None,
         version: int = protocol.VERSION,
         name: str = 'fake',
-        on_arrival: Callable[[Arrival], None] | None = None,
-        on_message: Callable[[protocol.Message], None] | None = None,
+        on_message: Callable[[protocol.Message, Arrival], None] | None = None,
         socket_pair: bool = False,
         log_file: str = '',
     ):
@@ -103,7 +102,7 @@ class FakeBoard:
         self.self_tests: dict[int, tuple[int, ...] | None] = {}  # but for WHOLE; None: no answer
         self._socket_pair, self.port = socket_pair, TABLE if socket_pair else ''
         self.bridge = Bridge()  # with the blocks
-        self._on_arrival, self._on_message = on_arrival, on_message
+        self._on_message = on_message
         self._clock_us, self._boot = CLOCK_US, time.monotonic()
         self._muted, self._spoil = False, ''
         self._sequence = 0
@@ -274,10 +273,8 @@ class FakeBoard:
         self.log.append(arrival)
         if self._file:
             print(*arrival, sep=',', file=self._file)
-        if self._on_arrival:
-            self._on_arrival(arrival)
         if self._on_message:
-            self._on_message(message)
+            self._on_message(message, arrival)
         if isinstance(message, protocol.Hello):
             if message.version == self.version:
                 name = self.name.encode('ascii')[:16]

@@ -212,11 +212,6 @@ class Lights:
         s = self._settings
         return LOOKS.get(s.look) or Look(s.decay_s, s.spread_blocks, s.spread_delay_s)
 
-    @property
-    def by_themselves(self) -> bool:
-        """Whether incoming taps are those of blocks that light themselves."""
-        return self._played is None
-
     def slip(self, block: int, stamp_ns: int, onset_ns: int) -> None:
         """Light `block` for a slip seen in the image of `stamp_ns`, unless it has felt it; not
         while asleep.
@@ -233,7 +228,7 @@ class Lights:
         if self._asleep or self._settings.trigger == 'slips':
             return
         self._felt_ns[block] = stamp_ns
-        if not self.by_themselves:
+        if self._played is not None:  # recorded taps: no block lights itself
             self._light(stamp_ns, block)
             self._run_on(block, self._at_ns(stamp_ns))
         elif (shone_ns := self._shone.pop((block, board_us), None)) is not None:

@@ -217,7 +217,6 @@ class TwinBoard:
         self._told: dict[type, protocol.Message] = {}
         self.fake = FakeBoard(
             name='twin',
-            on_arrival=self._on_arrival,
             on_message=self._on_message,
             socket_pair=True,
             log_file=log,
@@ -257,11 +256,14 @@ class TwinBoard:
                     sent(self._radio, protocol.encode(message, 0), self._blocks)
         self.rounds.rest()
 
-    def _on_message(self, message: protocol.Message) -> None:
+    def _on_message(self, message: protocol.Message, arrival: Arrival) -> None:
         if isinstance(message, protocol.Lighting | protocol.Detector):
             self._told[type(message)] = message
         elif isinstance(message, protocol.Light):
             sent(self._radio, protocol.encode(message, 0), self._blocks)
+            if message.stamp_us:
+                with self._guard:
+                    self._late_s.append(latency_s(arrival))
 
     def late_ms(self) -> dict[str, float]:
         """Return image stamp -> bytes on the wire of the last 1000 first packets, ms."""
@@ -281,8 +283,3 @@ class TwinBoard:
         self._thread.join(2.0)
         self._radio.close()
         self.fake.close()
-
-    def _on_arrival(self, arrival: Arrival) -> None:
-        if arrival.kind == 'Light' and arrival.stamp_us:
-            with self._guard:
-                self._late_s.append(latency_s(arrival))

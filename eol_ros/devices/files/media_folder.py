@@ -40,6 +40,7 @@ WORDS = ('left', 'right', 'caption', 'credit', 'caption_zh', 'fit', 'focus_left'
          'play')  # fmt: skip
 PICTURES = ('.svg', '.svgz', '.png', '.jpg', '.jpeg', '.webp')
 VIDEOS = ('.mp4', '.webm', '.gif')  # web/static/film.js knows them too
+KINDS = *PICTURES, *VIDEOS
 DEGREES = 10  # of a video, from its first image to its last
 MAX_SVG_BYTES = 100_000_000  # of an SVG file when unpacked (chosen): limits memory
 _PLACED = re.compile(r'(?<=\.mp4|webm|\.gif)#\d+$', re.I)
@@ -276,8 +277,7 @@ def _listed(folder: Path) -> list[Pair]:
 
 
 def _are_files(cells: Sequence[str]) -> bool:
-    kinds = *PICTURES, *VIDEOS
-    return any(source(cell).strip().lower().endswith(kinds) for cell in cells)
+    return any(source(cell).strip().lower().endswith(KINDS) for cell in cells)
 
 
 def _poster(folder: Path, name: str) -> str:
@@ -306,8 +306,7 @@ def _forbidden(folder: Path, name: str) -> str:
     path = find(folder, name)
     if not path.resolve().is_relative_to(folder.resolve()):
         return 'outside the folder'
-    kinds = *PICTURES, *VIDEOS
-    return '' if path.suffix.lower() in kinds else f'not one of {" ".join(kinds)}'
+    return '' if path.suffix.lower() in KINDS else f'not one of {" ".join(KINDS)}'
 
 
 def _stamp(path: str | Path) -> tuple[int, int]:
