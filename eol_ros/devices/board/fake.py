@@ -334,8 +334,8 @@ def main(argv: list[str] | None = None) -> int:
     with FakeBoard(args.link, log_file=args.log) as board, contextlib.suppress(KeyboardInterrupt):
         print(args.link or board.port, flush=True)
         for count in itertools.count():
-            time.sleep(1 / args.taps if args.taps else 1.0)
-            if args.taps:
+            time.sleep(1 / args.taps if args.taps > 0 else 1.0)
+            if args.taps > 0:
                 board.knock(count * 7 % N_BLOCKS, 5.0)
     return 0
 
