@@ -51,17 +51,17 @@ def test_meets_the_board(host, fake):
 def test_infrared_reaches_the_board(host, fake):
     host.board.infrared(False)
 
-    assert wait_until(lambda: fake.infrared_mask == 0)
+    wait_until(lambda: fake.infrared_mask == 0)
     assert not host.board.infrared_on
 
 
 def test_a_tap_is_stamped_with_the_time_of_the_knock(host, fake):
-    assert wait_until(lambda: len(host.board.round_trip_ms) >= 9)
+    wait_until(lambda: len(host.board.round_trip_ms) >= 9)
     before = time.monotonic()
     fake.knock(17, 6.5)
     after = time.monotonic()
 
-    assert wait_until(lambda: host.taps)
+    wait_until(lambda: host.taps)
     tap = host.taps[0]
     assert (tap.block, tap.strength) == (17, pytest.approx(6.5))
     assert before - 5 * tap.time.sigma_s - 1e-3 < tap.time.time_s < after + 5 * tap.time.sigma_s
@@ -70,17 +70,17 @@ def test_a_tap_is_stamped_with_the_time_of_the_knock(host, fake):
 
 def test_a_block_that_lit_itself_says_when_and_one_that_slept_is_less_sure(host, fake):
     assert host.board.version == 2
-    assert wait_until(lambda: len(host.board.round_trip_ms) >= 9)
+    wait_until(lambda: len(host.board.round_trip_ms) >= 9)
     fake.knock(3, 2.0, ago_s=0.005, lit_s=0.002)
     fake.knock(4, 2.0, ago_s=0.012, lit_s=0.009, woke=True)
-    assert wait_until(lambda: len(host.taps) == 2)
+    wait_until(lambda: len(host.taps) == 2)
     first, second = host.taps
     assert (first.lit_s, second.lit_s) == (pytest.approx(0.002), pytest.approx(0.009))
     assert first.time.sigma_s < second.time.sigma_s >= 3e-3
 
 
 def test_what_a_board_says_of_other_blocks_or_another_time_is_counted_and_not_passed_on(host, fake):
-    assert wait_until(lambda: len(host.board.round_trip_ms) >= 9)
+    wait_until(lambda: len(host.board.round_trip_ms) >= 9)
     ahead_s = KNOCK_SPAN_S + 1.0
     for ago_s in (ahead_s, -ahead_s, 2131.0, -2131.0):
         fake.knock(3, 1.0, ago_s)
@@ -90,7 +90,7 @@ def test_what_a_board_says_of_other_blocks_or_another_time_is_counted_and_not_pa
         if number >= 25:
             fake._send(protocol.Knock(fake.clock_us(), number, 100, 0, 0))
     fake.knock(24, 1.0, 1.0)
-    assert wait_until(lambda: host.taps)
+    wait_until(lambda: host.taps)
     assert [tap.block for tap in host.taps] == [24] and host.board.taps == 1
     assert set(host.board.blocks) == {*range(25), protocol.BRIDGE}
     assert set(host.board.tests) == set(range(25))
@@ -100,28 +100,28 @@ def test_what_a_board_says_of_other_blocks_or_another_time_is_counted_and_not_pa
 def test_a_board_that_comes_back_is_told_how_blocks_flash_and_feel(host, fake):
     detector = protocol.Detector(threshold=384)
     host.board.configure(protocol.Lighting(protocol.LIMITED, 128, 500), detector)
-    assert wait_until(lambda: fake.detector == detector)
+    wait_until(lambda: fake.detector == detector)
     fake.fault('unplug')
-    assert wait_until(lambda: not host.board.ready)
+    wait_until(lambda: not host.board.ready)
     fake.detector = protocol.Detector()
     fake.fault('plug')
-    assert wait_until(lambda: fake.detector == detector)
+    wait_until(lambda: fake.detector == detector)
     assert host.board.light(1 << 9, 5) is not None
-    assert wait_until(lambda: 0 < fake.levels()[9] <= 128)
-    assert wait_until(lambda: len(host.board.blocks) == 26)
+    wait_until(lambda: 0 < fake.levels()[9] <= 128)
+    wait_until(lambda: len(host.board.blocks) == 26)
 
 
 def test_an_unplugged_board_is_met_again_and_shown_what_it_missed(host, fake):
     host.board.infrared(0b11)
     fake.fault('unplug')
 
-    assert wait_until(lambda: not host.board.ready)
+    wait_until(lambda: not host.board.ready)
     assert host.board.light(1, 5) is None
     fake.infrared_mask = protocol.ALL_BLOCKS
     fake.fault('reboot')
     fake.fault('plug')
-    assert wait_until(lambda: host.board.ready)
-    assert wait_until(lambda: fake.infrared_mask == 0b11)
+    wait_until(lambda: host.board.ready)
+    wait_until(lambda: fake.infrared_mask == 0b11)
     assert host.board.connections == 2
     kinds = [s.kind for s in host.states]
     assert kinds[0] == 'ready' and kinds[-1] == 'ready'
@@ -133,10 +133,10 @@ def test_a_silent_board_counts_as_lost(host, fake, monkeypatch):
     monkeypatch.setattr('eol_ros.devices.board.board.SILENT_AFTER_S', 0.3)
     fake.fault('mute')
 
-    assert wait_until(lambda: host.board.state.kind == 'lost')
+    wait_until(lambda: host.board.state.kind == 'lost')
     assert 'silent' in host.board.state.text
     fake.fault('unmute')
-    assert wait_until(lambda: host.board.ready)
+    wait_until(lambda: host.board.ready)
 
 
 def test_noise_truncation_and_oversize_cost_a_packet_and_nothing_else(host, fake):
@@ -145,7 +145,7 @@ def test_noise_truncation_and_oversize_cost_a_packet_and_nothing_else(host, fake
         fake.knock(0, 1.0)
     fake.knock(24, 1.0)
 
-    assert wait_until(lambda: host.taps and host.taps[-1].block == 24)
+    wait_until(lambda: host.taps and host.taps[-1].block == 24)
     assert host.board.ready
     assert host.board.decoder.bad >= 3
 
@@ -153,7 +153,7 @@ def test_noise_truncation_and_oversize_cost_a_packet_and_nothing_else(host, fake
 def test_another_version_is_one_clear_line(tmp_path):
     for version, cure in ((1, 'update the firmware'), (7, 'update eol_ros')):
         with FakeBoard(version=version) as fake, Host(fake.port) as host:
-            assert wait_until(lambda: host.states)
+            wait_until(lambda: host.states)
             state = host.states[0]
             assert state.kind == 'refused'
             assert f'speaks protocol version {version}, this program 2: ' in state.text
@@ -165,22 +165,22 @@ def test_a_port_that_never_answers_is_not_a_board(monkeypatch):
     with FakeBoard() as fake:
         fake.fault('mute')
         with Host(fake.port) as host:
-            assert wait_until(lambda: host.states)
+            wait_until(lambda: host.states)
             assert 'nothing on' in host.states[0].text
 
 
 def test_a_missing_port_is_looked_for_until_it_is_there(tmp_path):
     link = str(tmp_path / 'later')
     with Host(link) as host:
-        assert wait_until(lambda: host.states)
+        wait_until(lambda: host.states)
         assert f'{link} is not there' in host.states[0].text
         with FakeBoard(link):
-            assert wait_until(lambda: host.board.ready)
+            wait_until(lambda: host.board.ready)
 
 
 def test_a_board_in_use_is_said_to_be(host, fake):
     with Host(fake.link) as second:
-        assert wait_until(lambda: second.states)
+        wait_until(lambda: second.states)
         assert 'in use by another program' in second.states[0].text
 
 

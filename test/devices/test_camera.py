@@ -81,7 +81,7 @@ def live(driver, **more):
 def played(path, slow_s=0.0, **more):
     """Return what was seen of a file from its beginning to its end."""
     with Watcher(source_of(settings(str(path), **more)), slow_s, loop=False) as seen:
-        assert wait_until(lambda: seen.camera.state.kind == 'ended')
+        wait_until(lambda: seen.camera.state.kind == 'ended')
     return seen
 
 
@@ -147,7 +147,7 @@ def test_a_file_goes_at_its_own_rate_when_the_scene_says_zero(tmp_path):
 def test_a_loop_begins_again_without_a_gap(tmp_path):
     path = write(tmp_path / 'a.mkv', pictures(7), 'FFV1')
     with Watcher(VideoFile(settings(path)), loop=True) as seen:
-        assert wait_until(lambda: len(seen.images) >= 30)
+        wait_until(lambda: len(seen.images) >= 30)
 
     for k, image in enumerate(seen.images):
         np.testing.assert_array_equal(image, seen.images[k % 7])
@@ -234,7 +234,7 @@ def test_a_name_is_told_from_a_file():
 def test_either_format_will_do(name):
     driver = FakeCamera(formats=[name])
     with Watcher(live(driver)) as seen:
-        assert wait_until(lambda: len(seen.images) >= 20)
+        wait_until(lambda: len(seen.images) >= 20)
 
     assert seen.images[0].shape == (H, W)
     assert min(np.diff([number_of(image) for image in seen.images])) > 0
@@ -244,7 +244,7 @@ def test_either_format_will_do(name):
 def test_the_stamp_is_the_drivers_less_half_the_exposure():
     driver = FakeCamera()
     with Watcher(live(driver, exposure_us=4000)) as seen:
-        assert wait_until(lambda: len(seen.images) >= 10)
+        wait_until(lambda: len(seen.images) >= 10)
         arrived_ns = time.time_ns()
 
     # The driver's stamp is half a millisecond before the grab returns.
@@ -274,7 +274,7 @@ def test_a_camera_without_manual_exposure_says_so():
 def test_a_slow_reader_of_a_live_camera_sees_the_newest():
     driver = FakeCamera()
     with Watcher(live(driver), slow_s=0.05) as seen:
-        assert wait_until(lambda: len(seen.images) >= 8)
+        wait_until(lambda: len(seen.images) >= 8)
         behind = driver.number - number_of(seen.images[-1])
 
     assert seen.camera.dropped > 20
@@ -285,7 +285,7 @@ def test_a_slow_reader_of_a_live_camera_sees_the_newest():
 def test_a_repeated_buffer_is_handed_over_once():
     driver = FakeCamera(script={k: ('repeat', 0) for k in (5, 6, 9)})
     with Watcher(live(driver)) as seen:
-        assert wait_until(lambda: len(seen.images) >= 12)
+        wait_until(lambda: len(seen.images) >= 12)
 
     assert max(Counter(seen.stamps).values()) == 1
     assert seen.camera.source.repeated == 3
@@ -295,8 +295,8 @@ def test_a_repeated_buffer_is_handed_over_once():
 def test_a_stall_is_noticed_after_three_image_times_and_passes():
     driver = FakeCamera(script={10: ('stall', 0.2)})
     with Watcher(live(driver)) as seen:
-        assert wait_until(lambda: 'stalled' in seen.kinds())
-        assert wait_until(lambda: seen.kinds()[-1] == 'streaming')
+        wait_until(lambda: 'stalled' in seen.kinds())
+        wait_until(lambda: seen.kinds()[-1] == 'streaming')
 
     assert driver.opened == 1
     assert 'for 3 image times' in next(s.text for s in seen.states if s.kind == 'stalled')
@@ -305,10 +305,10 @@ def test_a_stall_is_noticed_after_three_image_times_and_passes():
 def test_an_unplugged_camera_is_opened_again_and_set_again():
     driver = FakeCamera(script={10: ('unplug', 0.12)}, exposure_steps=1)
     with Watcher(live(driver)) as seen:
-        assert wait_until(lambda: 'lost' in seen.kinds())
-        assert wait_until(lambda: seen.kinds()[-1] == 'streaming')
+        wait_until(lambda: 'lost' in seen.kinds())
+        wait_until(lambda: seen.kinds()[-1] == 'streaming')
         count = len(seen.images)
-        assert wait_until(lambda: len(seen.images) > count + 3)
+        wait_until(lambda: len(seen.images) > count + 3)
 
     assert seen.camera.opened == 2
     assert driver.opened >= 3  # while it was away, too
@@ -321,7 +321,7 @@ def test_an_unplugged_camera_is_opened_again_and_set_again():
 def test_a_driver_clock_that_jumps_is_not_believed(jump):
     driver = FakeCamera(script={10: ('jump', jump)})
     with Watcher(live(driver)) as seen:
-        assert wait_until(lambda: len(seen.images) >= 40)
+        wait_until(lambda: len(seen.images) >= 40)
         now_ns = time.time_ns()
 
     ahead = np.array(seen.stamps) - now_ns
@@ -333,7 +333,7 @@ def test_a_driver_clock_that_jumps_is_not_believed(jump):
 def test_broken_pictures_mean_a_new_start():
     driver = FakeCamera(formats=['MJPG'], script={5: ('break', 0)})
     with Watcher(live(driver)) as seen:
-        assert wait_until(lambda: len(seen.images) >= 8 and seen.camera.opened == 2)
+        wait_until(lambda: len(seen.images) >= 8 and seen.camera.opened == 2)
 
     assert 'broken JPEG' in next(s.text for s in seen.states if s.kind == 'lost')
 
@@ -347,7 +347,7 @@ def test_broken_pictures_mean_a_new_start():
 )
 def test_a_camera_of_another_kind_is_one_clear_line(driver, words):
     with Watcher(live(driver)) as seen:
-        assert wait_until(lambda: seen.states)
+        wait_until(lambda: seen.states)
 
     assert seen.states[0].kind == 'wrong'
     assert words in seen.states[0].text
@@ -363,9 +363,9 @@ def test_an_absent_camera_is_looked_for(monkeypatch):
 
     source = LiveCamera(settings('auto'), FakeCamera().open, find)
     with Watcher(source) as seen:
-        assert wait_until(lambda: 'lost' in seen.kinds())
+        wait_until(lambda: 'lost' in seen.kinds())
         present.here = True
-        assert wait_until(lambda: len(seen.images) > 3)
+        wait_until(lambda: len(seen.images) > 3)
 
     assert seen.camera.source.name == '/dev/video9'
 
@@ -373,7 +373,7 @@ def test_an_absent_camera_is_looked_for(monkeypatch):
 def test_close_releases_the_camera():
     driver = FakeCamera()
     with Watcher(live(driver)) as seen:
-        assert wait_until(lambda: seen.images)
+        wait_until(lambda: seen.images)
 
     assert driver.released.is_set()
 

@@ -32,7 +32,7 @@ def make_lights():
     def make(on_tap=lambda tap: None, **settings):
         made.append(Lights(LedsSettings(**{'port': 'twin'} | settings), on_tap))
         made[-1].start()
-        assert wait_until(lambda: made[-1].board.ready and len(made[-1].board.blocks) == 26)
+        wait_until(lambda: made[-1].board.ready and len(made[-1].board.blocks) == 26)
         return made[-1]
 
     yield make
@@ -104,7 +104,7 @@ def test_blocks_and_host_together_are_no_strobe(make_lights):
     for more, strobes in ((FREE, True), (WHOLE, False)):
         with FakeBoard() as fake:
             lights = make_lights(port=fake.port, decay_s=0.182, **more)
-            assert wait_until(lambda fake=fake: fake.bridge.field.decay_s == 0.182)
+            wait_until(lambda fake=fake: fake.bridge.field.decay_s == 0.182)
             slip, count = lights.slip, [0]
 
             def either(block, *stamps, slip=slip, count=count, fake=fake):
@@ -133,7 +133,7 @@ def test_a_real_board_keeps_its_limit_in_wall_time_at_any_rate():
         for port, board in boards.items():
             lights = Lights(LedsSettings(port=port, decay_s=0.02), played=played)
             lights.start()
-            assert wait_until(lambda board=lights.board: board.ready)
+            wait_until(lambda board=lights.board: board.ready)
             began_ns = time.time_ns()
             most[port] = flashes(changes(*replayed_storm(lights, board, 4.0)))
             lights.close()
@@ -149,21 +149,21 @@ def told_by(lights, seconds=0.3):
         return time.monotonic() > end
 
     end = time.monotonic() + seconds
-    assert wait_until(all_shown)
+    wait_until(all_shown)
     return told
 
 
 def test_a_block_that_felt_its_slip_is_not_lit_again(fake, make_lights):
     taps = []
     lights = make_lights(port=fake.port, on_tap=taps.append)
-    assert wait_until(lambda: lights.board.sync.ready)
+    wait_until(lambda: lights.board.sync.ready)
     fake.knock(3, 2.0, ago_s=0.004, lit_s=0.001)
-    assert wait_until(lambda: taps)
+    wait_until(lambda: taps)
     knock_ns = taps[0].stamp_ns
     lights.tap(3, knock_ns, taps[0].board_us)
     lights.slip(3, knock_ns + 20_000_000, knock_ns + 2_000_000)  # the same
     lights.slip(4, knock_ns + 20_000_000, knock_ns + 2_000_000)  # only the camera saw it
-    assert wait_until(lambda: fake.levels()[4] > 0)
+    wait_until(lambda: fake.levels()[4] > 0)
     told = told_by(lights)
     assert [a.kind for a in fake.log if a.kind == 'Light'] == ['Light']
     by_knock, by_camera = (one for one in told if one.stamp_ns)
@@ -184,14 +184,14 @@ def test_what_lights_is_chosen(fake, make_lights, trigger, lit):
     lights = make_lights(port=fake.port, trigger=trigger, on_tap=taps.append)
     assert fake.bridge.by_itself == (trigger != 'slips')
     fake.knock(3, 2.0)
-    assert wait_until(lambda: taps)
+    wait_until(lambda: taps)
     lights.tap(3, taps[0].stamp_ns, taps[0].board_us)
     seen(lights, 4, time.time_ns())
-    assert wait_until(lambda: all(fake.levels()[b] for b in lit))
+    wait_until(lambda: all(fake.levels()[b] for b in lit))
     assert [b for b, level in enumerate(fake.levels()) if level] == lit
     lights.asleep = True
     lights.close()
-    assert wait_until(lambda: not fake.bridge.by_itself)
+    wait_until(lambda: not fake.bridge.by_itself)
 
 
 def test_without_a_camera_light_goes_on_and_without_a_bridge_too(fake, make_lights):
@@ -199,7 +199,7 @@ def test_without_a_camera_light_goes_on_and_without_a_bridge_too(fake, make_ligh
     fake.knock(1, 2.0)  # and no slip comes
     assert fake.levels()[1] > 0
     fake.fault('unplug')
-    assert wait_until(lambda: not lights.board.ready)
+    wait_until(lambda: not lights.board.ready)
     fake.knock(2, 2.0)
     assert fake.levels()[2] > 0
     seen(lights, 5, time.time_ns())
@@ -212,7 +212,7 @@ def test_what_is_wrong_with_a_block_is_a_line(fake, make_lights):
     fake.report(4, millivolts=3000)
     fake.report(7, flags=protocol.LINKED | protocol.SENSOR_DEAD)
     fake.report(9, flags=0)
-    assert wait_until(lambda: len(lights.faults()) == 3)
+    wait_until(lambda: len(lights.faults()) == 3)
     battery, sensor, link = lights.faults()
     assert battery == 'the battery of block 4 is at 3.0 V: charge it'
     assert sensor.startswith('the accelerometer of block 7 repeats one value')
@@ -226,7 +226,7 @@ def test_two_blocks_of_one_number_and_a_board_of_fewer_blocks_are_a_line_each(fa
     (count,) = lights.faults()
     assert count.startswith('the board drives 24 blocks, and the table has 25')
     fake.report(6, flags=protocol.LINKED | protocol.TWICE)
-    assert wait_until(lambda: len(lights.faults()) == 2)
+    wait_until(lambda: len(lights.faults()) == 2)
     assert lights.faults()[1].startswith('more than one block says that it is 6: give all but')
     assert lights.board.ready  # the rest goes on
 
@@ -255,7 +255,7 @@ def test_a_slip_that_was_in_time_is_in_time_when_played_slowly(monkeypatch):
     )
     lights = Lights(LedsSettings(port='twin'), played=played)
     lights.start()
-    assert wait_until(lambda: lights.board.ready)
+    wait_until(lambda: lights.board.ready)
     for wall_ms in range(0, 2000, 4):
         wall_ns = DAY_NS + wall_ms * 1_000_000
         if wall_ms % 400 == 120:
@@ -271,7 +271,7 @@ def test_after_a_jump_back_the_twin_begins_in_the_dark_and_a_real_board_fades():
         for port, glows in (('twin', False), (fake.port, True)):
             lights = Lights(LedsSettings(port=port), played=played)
             lights.start()
-            assert wait_until(lambda board=lights.board: board.ready)
+            wait_until(lambda board=lights.board: board.ready)
             seen(lights, 1, time.time_ns())
             lights.restart()
             assert lights.glows is glows
@@ -282,7 +282,7 @@ def test_a_slip_is_shown_and_told(fake, make_lights):
     lights = make_lights(port=fake.port)
     stamp_ns = time.time_ns()
     seen(lights, 4, stamp_ns)
-    assert wait_until(lambda: fake.levels()[4] > 0)
+    wait_until(lambda: fake.levels()[4] > 0)
     sent = told_by(lights)[0]
     assert (sent.stamp_ns, sent.white[4], sent.infrared) == (stamp_ns, 191, True)
     assert lights.values()['sent'] >= 2
@@ -301,10 +301,10 @@ def test_the_whole_field_is_limited_while_firmware_knows_nothing_else(fake, make
     assert told_by(lights)[0].white[4] == 191
     fake.firmware = (2, 2)
     fake.report(7)
-    assert wait_until(lambda: lights.board.blocks[7].minor == 2)
+    wait_until(lambda: lights.board.blocks[7].minor == 2)
     lights.follow_firmware()
     assert lights.values()['flash_limit'] == 'field'
-    assert wait_until(lambda: fake.bridge.limit == 'field')
+    wait_until(lambda: fake.bridge.limit == 'field')
     seen(lights, 5, time.time_ns())
     assert max(sent.white[5] for sent in told_by(lights)) == 255
 
@@ -336,9 +336,9 @@ def test_the_log_of_the_wire(tmp_path):
     path = tmp_path / 'wire.csv'
     lights = Lights(LedsSettings(port='twin', board_log=str(path)))
     lights.start()
-    assert wait_until(lambda: lights.board.ready)
+    wait_until(lambda: lights.board.ready)
     seen(lights, 0, time.time_ns())
-    assert wait_until(lambda: 'wire_packets' in lights.values())
+    wait_until(lambda: 'wire_packets' in lights.values())
     lights.close()
     rows = [line.split(',') for line in path.read_text().split()]
 
@@ -357,7 +357,7 @@ def test_a_knock_is_reported_when_its_block_has_measured_it():
     quick = Felt(now + 40_000_000, 24, 0.25, 1.0, True)
     past = Felt(now + 10**10, 7, 2.5)  # the clock was set back since
     radio.send([slow, quick, past])
-    assert wait_until(lambda: len(taps) == 3)
+    wait_until(lambda: len(taps) == 3)
     board.close()
     radio.send([slow])  # nobody listens any more
     radio.close()
@@ -382,13 +382,13 @@ def test_the_blocks_of_the_twin_do_what_their_board_says(make_lights):
         told.append(lamps.advance(1.0, 1.0, [])[1])
         return told[-1] and told[-1].threshold
 
-    assert wait_until(lambda: threshold() == 320)
+    wait_until(lambda: threshold() == 320)
     seen(lights, 9, time.time_ns())
-    assert wait_until(lambda: lights.twin.fake.levels()[9])
+    wait_until(lambda: lights.twin.fake.levels()[9])
     light, _ = lamps.advance(10.0, 10.0, [])
     assert light[9] == pytest.approx(0.6, abs=0.01) and np.count_nonzero(light) == 1
     lights.twin.fake.fault('unplug')
-    assert wait_until(lambda: not radio.linked)
+    wait_until(lambda: not radio.linked)
     radio.close()
     before, after = (lamps.advance(10.5, t, [])[0][9] for t in (10.5, 11.5))
     assert after == pytest.approx(before * math.exp(-1 / 17.3), rel=1e-3)
@@ -399,7 +399,7 @@ def test_of_two_boards_in_one_graph_the_first_hears():
     for name, board in (('first', first), ('second', second)):
         board.fake.knock = lambda *tap, name=name: taps.append(name)
     radio.send([Felt(time.time_ns(), 3, 2.5)])
-    assert wait_until(lambda: taps)
+    wait_until(lambda: taps)
     for end in (first, second, radio):
         end.close()
     assert taps == ['first']

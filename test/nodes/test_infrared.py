@@ -61,12 +61,12 @@ def test_the_button_makes_the_tracker_learn_the_lamps(show, tmp_path, monkeypatc
     tracker, _leds, _twin, panel, until = show
     monkeypatch.chdir(tmp_path)
     panel.requests.ask(Asked('learn_background', id='mine'))
-    assert until(lambda: any(b.state == Blocks.LOST for b in panel.blocks))
-    assert until(lambda: any('background learnt' in text for text in panel.states))
+    until(lambda: any(b.state == Blocks.LOST for b in panel.blocks))
+    until(lambda: any('background learnt' in text for text in panel.states))
     assert tracker.tracker.finder.background is not None
     assert (tmp_path / 'lamps.png').exists()
-    assert until(lambda: panel.blocks[-1].state == Blocks.TRACKING)
-    assert until(lambda: any(r.node == 'tracker' for r in panel.said))
+    until(lambda: panel.blocks[-1].state == Blocks.TRACKING)
+    until(lambda: any(r.node == 'tracker' for r in panel.said))
     (answer,) = (r for r in panel.said if r.id == 'mine')  # of whom is asked last
     assert (answer.node, answer.kind, answer.accepted) == ('tracker', 'darkness', True)
     assert 'background learnt' in answer.reason and 'kept in lamps.png' in answer.reason
@@ -79,7 +79,7 @@ def test_the_button_makes_the_tracker_learn_the_lamps(show, tmp_path, monkeypatc
 def test_one_blinking_block_tells_which_way_round(show):
     _tracker, _leds, _twin, panel, until = show
     assert any(b.symmetry_ambiguous for b in panel.blocks)
-    assert until(lambda: not panel.blocks[-1].symmetry_ambiguous)
+    until(lambda: not panel.blocks[-1].symmetry_ambiguous)
     block = panel.blocks[-1].blocks[24]
     assert abs(block.x - 0.35) < 0.02
     assert abs(block.y - 0.35) < 0.02
@@ -90,15 +90,15 @@ def test_one_blinking_block_tells_which_way_round(show):
 def test_calibration_and_threshold_from_the_panel(show):
     tracker, _leds, twin, panel, until = show
     panel.requests.ask(Asked('calibrate', 'tracker'))
-    assert until(lambda: any('calibrated by the blocks' in text for text in panel.states))
-    assert until(lambda: panel.blocks[-1].state == Blocks.TRACKING)
+    until(lambda: any('calibrated by the blocks' in text for text in panel.states))
+    until(lambda: panel.blocks[-1].state == Blocks.TRACKING)
     assert abs(panel.blocks[-1].blocks[24].x - twin.play.table.x[24]) < 0.002
     from rclpy.parameter import Parameter
 
     tracker.set_parameters([Parameter('threshold', value=250.0)])
-    assert until(lambda: not any(b.seen for b in panel.blocks[-1].blocks))
+    until(lambda: not any(b.seen for b in panel.blocks[-1].blocks))
     tracker.set_parameters([Parameter('threshold', value=0.0)])
-    assert until(lambda: all(b.seen for b in panel.blocks[-1].blocks))
+    until(lambda: all(b.seen for b in panel.blocks[-1].blocks))
     until(lambda: len([r for r in panel.said if r.node == 'tracker']) == 3)
     answers = [r for r in panel.said if r.node == 'tracker']
     assert [r.kind for r in answers] == ['calibrate', 'set', 'set']
