@@ -8,8 +8,8 @@ import numpy as np
 FACET = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('attribute', '<u2')])
 
 
-def pack(triangles: np.ndarray, name: str = '') -> bytes:
-    """Return triangles (n, 3, 3) as the bytes of a binary STL file."""
+def save(path: str | Path, triangles: np.ndarray, name: str = '') -> None:
+    """Write triangles (n, 3, 3) to a binary STL file."""
     facets = np.zeros(len(triangles), FACET)
     facets['corners'] = triangles
     a, b, c = (facets['corners'][:, i].astype(float) for i in range(3))
@@ -18,12 +18,8 @@ def pack(triangles: np.ndarray, name: str = '') -> bytes:
     facets['normal'] = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
     # A header that begins with "solid" would be taken for the text form.
     header = f'binary STL, mm; {name}'.encode('ascii', 'replace')[:80].ljust(80)
-    return header + np.uint32(len(facets)).astype('<u4').tobytes() + facets.tobytes()
-
-
-def save(path: str | Path, triangles: np.ndarray, name: str = '') -> None:
-    """Write triangles (n, 3, 3) to a binary STL file."""
-    Path(path).write_bytes(pack(triangles, name))
+    count = len(facets).to_bytes(4, 'little')
+    Path(path).write_bytes(header + count + facets.tobytes())
 
 
 def load(path: str | Path) -> np.ndarray:
