@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from support.fake_camera import FakeCamera, number_of
+from support.fake_camera import FakeCamera, fake_source, number_of
 from support.waiting import wait_until
 
 from eol_ros.devices.backoff import Backoff
+from eol_ros.devices.camera import ports
 from eol_ros.devices.camera.camera import AHEAD, Camera, Pace
-from eol_ros.devices.camera.ports import list_cameras
-from eol_ros.devices.camera.sources import LiveCamera, VideoFile, is_file, source_of
+from eol_ros.devices.camera.sources import VideoFile, is_file, source_of
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.settings import CameraSettings
 
@@ -72,7 +72,7 @@ def settings(device='fake', **more):
 
 
 def live(driver, **more):
-    return LiveCamera(settings(**more), driver.open, find=lambda name: name)
+    return fake_source(driver, settings(**more))
 
 
 # Files
@@ -361,7 +361,8 @@ def test_an_absent_camera_is_looked_for(monkeypatch):
             raise DeviceMissing('no camera found')
         return '/dev/video9'
 
-    source = LiveCamera(settings('auto'), FakeCamera().open, find)
+    source = fake_source(FakeCamera(), settings('auto'))
+    source.find = find
     with Watcher(source) as seen:
         wait_until(lambda: 'lost' in seen.kinds())
         present.here = True
@@ -381,7 +382,7 @@ def test_close_releases_the_camera():
 # Names
 
 
-def test_cameras_are_listed_by_stable_name(tmp_path):
+def test_cameras_are_listed_by_stable_name(tmp_path, monkeypatch):
     system, by_id = tmp_path / 'sys', tmp_path / 'by-id'
     by_id.mkdir()
     for k, index in ((0, '0'), (1, '1'), (2, '0')):
@@ -391,9 +392,10 @@ def test_cameras_are_listed_by_stable_name(tmp_path):
     (by_id / 'usb-OV9281_77-video-index0').symlink_to('/dev/video2')
     (by_id / 'usb-OV9281_77-video-index1').symlink_to('/dev/video1')
 
-    found = list_cameras(by_id, system)
+    monkeypatch.setattr(ports, 'BY_ID', by_id)
+    monkeypatch.setattr(ports, 'SYSTEM', system)
 
-    assert [(c.name, c.description) for c in found] == [
+    assert [(c.name, c.description) for c in ports.list_cameras()] == [
         ('/dev/video0', 'Cam 0'),
         (str(by_id / 'usb-OV9281_77-video-index0'), 'Cam 2'),
     ]

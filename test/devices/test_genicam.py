@@ -34,7 +34,9 @@ def settings(**more):
 
 def camera(**more):
     """A camera that is not looked for with a second of broadcasts."""
-    return GenicamCamera(settings(**more), find=lambda name: HERE)
+    source = GenicamCamera(settings(**more))
+    source.find = lambda name: HERE
+    return source
 
 
 @pytest.fixture

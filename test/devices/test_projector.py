@@ -161,9 +161,10 @@ def test_unplugged_and_plugged_in_again(fake):
         ([b'PJLINK 0'], 'does not answer'),
     ],
 )
-def test_something_else_answers_at_this_address(said, what):
+def test_something_else_answers_at_this_address(said, what, monkeypatch):
+    monkeypatch.setattr(pjlink, 'TIMEOUT_S', 0.2)
     with answering(*said) as (address, _), pytest.raises(Unanswered, match=what):
-        converse(address, '', ['POWR ?'], timeout_s=0.2)
+        converse(address, '', ['POWR ?'])
 
 
 def test_a_thread_keeps_it_and_ends(fake):

@@ -376,7 +376,8 @@ def test_whatever_the_lines_bring_it_goes_on(pill, host, count):
 
 @pytest.fixture
 def live():
-    one = bluepill.Bridge(BluePill())
+    built()
+    one = bluepill.Bridge()
     yield one
     one.close()
 

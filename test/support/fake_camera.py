@@ -8,6 +8,9 @@ from collections.abc import Mapping, Sequence
 import cv2
 import numpy as np
 
+from eol_ros.devices.camera.sources import LiveCamera
+from eol_ros.settings import CameraSettings
+
 
 def number_of(image: np.ndarray) -> int:
     """Return the number written into the first pixels of a fake image."""
@@ -116,3 +119,10 @@ class FakeCamera:
 
     def release(self) -> None:
         self.released.set()
+
+
+def fake_source(camera: FakeCamera, settings: CameraSettings) -> LiveCamera:
+    """Return our side of a fake camera."""
+    source = LiveCamera(settings)
+    source.find, source.open_capture = (lambda name: name), camera.open
+    return source

@@ -7,13 +7,12 @@ import urllib.request
 import cv2
 import numpy as np
 import pytest
-from support.fake_camera import FakeCamera
+from support.fake_camera import FakeCamera, fake_source
 from support.gige import Gige, own_network
 from support.waiting import wait_until
 
 from eol_ros.cli import main
 from eol_ros.devices.camera.live_view import LiveView
-from eol_ros.devices.camera.sources import LiveCamera
 from eol_ros.errors import UsageError
 from eol_ros.settings import CameraSettings
 from eol_ros.verbs import camera as verb
@@ -57,7 +56,7 @@ def test_latency_counts_what_did_not_arrive():
 def test_latency_of_a_v4l2_camera(monkeypatch, capsys):
     """The fake's driver stamps half a millisecond before an image can be had."""
     settings = CameraSettings(device='fake', width=320, height=200, fps=200.0, exposure_us=4000)
-    source = LiveCamera(settings, FakeCamera().open, find=lambda name: name)
+    source = fake_source(FakeCamera(), settings)
     monkeypatch.setattr(verb, '_source', lambda args: source)
     assert main(['camera', 'latency', '--seconds', '0.3', '--json']) == 0
 

@@ -49,11 +49,11 @@ class Packet(ctypes.Structure):
         return bytes(self.bytes[: self.size])
 
 
-def packet(frame: bytes, end_us: float, number: int = 0, address: bytes = TO_BRIDGE) -> Packet:
+def packet(frame: bytes, end_us: float, number: int = 0) -> Packet:
     """Return `frame` as a block's radio sends it, so that its end is at `end_us`."""
     end_ns = round(end_us * 1000)
     return Packet(
-        end_ns - AIR_US * 1000, end_ns, (ctypes.c_uint8 * 5)(*address), CHANNEL, SETUP, FRAME,
+        end_ns - AIR_US * 1000, end_ns, (ctypes.c_uint8 * 5)(*TO_BRIDGE), CHANNEL, SETUP, FRAME,
         number, 0, (ctypes.c_uint8 * 32)(*frame),
     )  # fmt: skip
 
@@ -132,13 +132,10 @@ class BluePill:
 
 
 class Bridge:
-    """A bridge that follows the clock. `port` is the pty of its host line, `frames` what it says.
+    """A bridge that follows the clock; `port` is the pty of its line, `frames` what it sends."""
 
-    `pill`: a new one by default.
-    """
-
-    def __init__(self, pill: BluePill | None = None) -> None:
-        self._pill = pill or BluePill()
+    def __init__(self) -> None:
+        self._pill = BluePill()
         self._fd, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._fd, False)

@@ -52,19 +52,15 @@ def arrival_ns(came_ns: int) -> int:
 class GenicamCamera(Device):
     """A camera of 8-bit grey images whose stamps are its own clock's, carried over to the host's.
 
-    `find` is for tests. DeviceMissing where Aravis is not installed.
+    `find` turns the scene's name into an id. DeviceMissing where Aravis is not installed.
     """
 
-    def __init__(
-        self,
-        settings: CameraSettings,
-        find: Callable[[str], str] = find_camera,
-    ):
+    def __init__(self, settings: CameraSettings):
         super().__init__(settings)
         self.incomplete = self.lost_images = 0
         self.lost_packets = 0  # of this opening
         self.stamp_error_s = 0.0  # of the last image
-        self._find = find
+        self.find: Callable[[str], str] = find_camera
         self._arv = aravis.load()
         self._camera: Any = None
         self._stream: Any = None
@@ -84,7 +80,7 @@ class GenicamCamera(Device):
         """Open the camera, set everything, read back what it took, and start it."""
         self.close()
         self.notes, self.lost_packets = [], 0
-        name = self._find(self._settings.device)
+        name = self.find(self._settings.device)
         self.name = f'{GENICAM}{name}'
         self._gone = True  # what does not open may not answer
         try:

@@ -13,15 +13,15 @@ SYSTEM = Path('/sys/class/video4linux')
 GENICAM = 'genicam:'  # begins the name of an industrial camera in a scene
 
 
-def list_cameras(by_id: Path = BY_ID, system: Path = SYSTEM) -> list[Port]:
+def list_cameras() -> list[Port]:
     """Return the cameras, by stable name where the system gives one.
 
     A UVC camera has a second device for metadata only; the first, index 0, is the one with
     images.
     """
-    stable = ports.stable_names(p for p in by_id.glob('*') if 'index0' in p.name)
+    stable = ports.stable_names(p for p in BY_ID.glob('*') if 'index0' in p.name)
     found = []
-    for device in sorted(system.glob('video*')):
+    for device in sorted(SYSTEM.glob('video*')):
         path = f'/dev/{device.name}'
         if _text(device / 'index') not in ('', '0'):
             continue

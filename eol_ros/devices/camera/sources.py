@@ -174,18 +174,14 @@ def open_v4l2(path: str) -> Any:
 class LiveCamera(Device):
     """A V4L2 camera in GREY or MJPG with manual exposure.
 
-    `open_capture` returns what has the methods of cv2.VideoCapture; tests give their own, with
-    `find`, which turns the scene's name into a path.
+    `find` turns the scene's name into a path, of which `open_capture` makes what has the methods of
+    cv2.VideoCapture.
     """
 
-    def __init__(
-        self,
-        settings: CameraSettings,
-        open_capture: Callable[[str], Any] = open_v4l2,
-        find: Callable[[str], str] = find_camera,
-    ):
+    def __init__(self, settings: CameraSettings):
         super().__init__(settings)
-        self._open_capture, self._find = open_capture, find
+        self.find: Callable[[str], str] = find_camera
+        self.open_capture: Callable[[str], Any] = open_v4l2
         self._capture: Any = None
         self._format = ''
         self._last_ns = 0
@@ -194,9 +190,9 @@ class LiveCamera(Device):
         """Open the camera, set format, then exposure, and read back what it took."""
         import cv2
 
-        path = self._find(self._settings.device)
+        path = self.find(self._settings.device)
         self.name, self.notes = path, []
-        self._capture = capture = self._open_capture(path)
+        self._capture = capture = self.open_capture(path)
         if not capture.isOpened():
             raise DeviceMissing(said('camera_busy', name=path))
         self._set_format(capture, path)

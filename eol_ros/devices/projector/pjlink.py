@@ -52,17 +52,15 @@ def host_and_port(address: str) -> tuple[str, int]:
     return address, PORT
 
 
-def converse(
-    address: str, password: str, commands: Sequence[str], timeout_s: float = TIMEOUT_S
-) -> list[str]:
+def converse(address: str, password: str, commands: Sequence[str]) -> list[str]:
     """Send class 1 commands such as `POWR ?` on one connection; return the answer to each.
 
     An answer is what stands behind the equals sign: a value, `OK`, or one of ERRORS. Raises
     Unanswered, WrongPassword.
     """
     try:
-        with socket.create_connection(host_and_port(address), timeout_s) as line:
-            line.settimeout(timeout_s)
+        with socket.create_connection(host_and_port(address), TIMEOUT_S) as line:
+            line.settimeout(TIMEOUT_S)
             lines = _lines(line)
             greeting = next(lines).split()
             if greeting[:2] == ['PJLINK', 'ERRA'] or len(greeting) < 2 or greeting[0] != 'PJLINK':
