@@ -115,6 +115,7 @@ def talking(block, cycles, say, every=2 * MS):
 def block():
     with Block(NUMBER) as one:
         one.run(20 * MS)
+        one.feel(at_rest(np.random.default_rng(1), 100_000))  # until a test gives something else
         yield one
         assert one.counts.strange == 0  # it asked its parts for nothing that they do not know
 
@@ -181,7 +182,6 @@ def test_it_fits(block):
 
 @pytest.mark.parametrize('interrupts', [False, True], ids=['deaf', 'with interrupts'])
 def test_the_watchdog_ends_a_hang(block, interrupts):
-    block.feel(at_rest(np.random.default_rng(1), 40000))
     talking(block, 100 * MS, word())
     block.hang(interrupts)
     events = block.run(100 * MS)
@@ -247,7 +247,6 @@ def test_light_dies_away_as_the_bridge_says(block):
 
 
 def test_a_sensor_that_is_gone_is_told_and_taken_up_again(block):
-    block.feel(at_rest(np.random.default_rng(1), 100000))
     talking(block, 1200 * MS, word())
     block.surround(dead_bus=True)
     events = talking(block, 300 * MS, word())
@@ -259,7 +258,6 @@ def test_a_sensor_that_is_gone_is_told_and_taken_up_again(block):
 
 
 def test_battery_temperature_and_version_are_told(block):
-    block.feel(at_rest(np.random.default_rng(1), 5000))
     events = talking(block, 2500 * MS, word())
     kind, number, millivolts, celsius, major, minor, flags = struct.unpack(
         '<BBHbBBB', sent(events, STATUS)[-1].frame[:8]
@@ -276,8 +274,6 @@ def found_by(events):
 
 
 def test_it_tests_itself_when_the_bridge_asks_and_goes_on(block):
-    rng = np.random.default_rng(8)
-    block.feel(at_rest(rng, 5000))
     talking(block, 600 * MS, word())
     events = talking(block, 50 * MS, word(test=3))  # another one
     events += talking(block, 400 * MS, word(test=NUMBER))
@@ -302,7 +298,6 @@ def test_it_tests_itself_when_the_bridge_asks_and_goes_on(block):
     ],
 )
 def test_a_self_test_finds_what_is_broken(block, broken, says):
-    block.feel(at_rest(np.random.default_rng(8), 5000))
     block.break_parts(broken)
     _, wrong = found_by(talking(block, 400 * MS, word(test=NUMBER)))
     assert len(wrong) == len(says)
@@ -310,7 +305,6 @@ def test_a_self_test_finds_what_is_broken(block, broken, says):
 
 
 def test_a_self_test_without_a_sensor_ends_and_says_so(block):
-    block.feel(at_rest(np.random.default_rng(8), 9000))
     block.surround(dead_bus=True)
     found, wrong = found_by(talking(block, 400 * MS, word(test=NUMBER)))
     assert len(found) == 1 and len(wrong) == 1
@@ -320,7 +314,6 @@ def test_a_self_test_without_a_sensor_ends_and_says_so(block):
 
 
 def test_a_block_that_sleeps_tests_itself_when_it_next_looks(block):
-    block.feel(at_rest(np.random.default_rng(6), 6000))
     talking(block, 50 * MS, word())
     assert block.hear(detector(0, 0, 0, 0, 0, 0, 1000))
     talking(block, 2500 * MS, word())
