@@ -7,7 +7,7 @@ import sys
 import cv2
 import numpy as np
 import pytest
-from support.spinning import Nodes
+from support.spinning import Nodes, states_of
 
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.nodes.camera import CameraNode
@@ -25,13 +25,10 @@ class Reader(EolNode):
 
     def __init__(self):
         super().__init__(TrackerSettings())
-        self.raw, self.infos, self.states = [], [], []
+        self.raw, self.infos = [], []
         self.subscribe('camera/image_raw', self.raw.append, raw=True)
         self.subscribe('camera/camera_info', self.infos.append)
-        self.subscribe('/diagnostics', self.on_diagnostics)
-
-    def on_diagnostics(self, array):
-        self.states += [s.message for s in array.status if s.name == 'eol: camera']
+        self.states = states_of(self, 'camera')
 
 
 def film(path, fourcc, n=30, size=(640, 400)):
@@ -97,7 +94,7 @@ def test_no_image_of_a_jpeg_film_at_120_a_second_is_lost(graph, tmp_path):
 )
 def test_the_state_of_the_camera_is_told(graph, tmp_path, device, level, text):
     film(tmp_path / 'f.avi', 'MJPG', n=10)
-    _, camera = graph(settings(tmp_path / device), lambda r, c: any(text in s for s in r.states))
+    _, camera = graph(settings(tmp_path / device), lambda r, c: any(text in s for _, s in r.states))
 
     assert camera.health.level == level
 

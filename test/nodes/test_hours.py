@@ -6,7 +6,7 @@ import json
 import zoneinfo
 
 import pytest
-from support.spinning import Nodes
+from support.spinning import Nodes, states_of
 
 from eol_ros.errors import ConfigError
 from eol_ros.nodes.hours import HoursNode
@@ -24,14 +24,11 @@ class Around(EolNode):
 
     def __init__(self):
         super().__init__(MotionSettings())
-        self.walls, self.asked, self.results, self.states = [], [], [], []
+        self.walls, self.asked, self.results = [], [], []
         self.subscribe('wall', self.walls.append)
         self.subscribe('requests', lambda m: self.asked.append((m.source, m.kind, m.node)))
         self.subscribe('request_results', self.results.append)
-        self.subscribe('/diagnostics', self.on_diagnostics)
-
-    def on_diagnostics(self, array):
-        self.states += [(s.level[0], s.message) for s in array.status if s.name == 'eol: hours']
+        self.states = states_of(self, 'hours')
 
 
 class Rig(Nodes):

@@ -4,7 +4,7 @@
 import pytest
 from eol_msgs.msg import Blocks
 from rclpy.serialization import deserialize_message
-from support.spinning import Nodes
+from support.spinning import Nodes, states_of
 
 from eol_ros.nodes.leds import LedsNode
 from eol_ros.nodes.tracker import TrackerNode
@@ -25,15 +25,12 @@ class Panel(EolNode):
 
     def __init__(self):
         super().__init__(MontageSettings(), scene=Scene('panel', {}))
-        self.blocks, self.said, self.states = [], [], []
+        self.blocks, self.said = [], []
         self.subscribe('request_results', self.said.append)
         self.subscribe(
             'blocks', lambda raw: self.blocks.append(deserialize_message(raw, Blocks)), raw=True
         )
-        self.subscribe('/diagnostics', self.on_diagnostics)
-
-    def on_diagnostics(self, array):
-        self.states += [s.message for s in array.status if s.name == 'eol: tracker']
+        self.states = states_of(self, 'tracker')
 
 
 @pytest.fixture
@@ -62,7 +59,7 @@ def test_the_button_makes_the_tracker_learn_the_lamps(show, tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     panel.requests.ask(Asked('learn_background', id='mine'))
     until(lambda: any(b.state == Blocks.LOST for b in panel.blocks))
-    until(lambda: any('background learnt' in text for text in panel.states))
+    until(lambda: any('background learnt' in text for _, text in panel.states))
     assert tracker.tracker.finder.background is not None
     assert (tmp_path / 'lamps.png').exists()
     until(lambda: panel.blocks[-1].state == Blocks.TRACKING)
@@ -90,7 +87,7 @@ def test_one_blinking_block_tells_which_way_round(show):
 def test_calibration_and_threshold_from_the_panel(show):
     tracker, _leds, twin, panel, until = show
     panel.requests.ask(Asked('calibrate', 'tracker'))
-    until(lambda: any('calibrated by the blocks' in text for text in panel.states))
+    until(lambda: any('calibrated by the blocks' in text for _, text in panel.states))
     until(lambda: panel.blocks[-1].state == Blocks.TRACKING)
     assert abs(panel.blocks[-1].blocks[24].x - twin.play.table.x[24]) < 0.002
     from rclpy.parameter import Parameter

@@ -9,7 +9,7 @@ import time
 import pytest
 from eol_msgs.msg import Slip, Wall
 from rclpy.experimental.events_executor import EventsExecutor
-from support.spinning import Nodes
+from support.spinning import Nodes, states_of
 from support.waiting import GENEROUS_S
 
 from eol_ros.errors import DeviceMissing
@@ -27,13 +27,10 @@ class Around(EolNode):
 
     def __init__(self):
         super().__init__(MotionSettings())
-        self.walls, self.states = [], []
+        self.walls = []
         self.slips = self.publisher('slips')
         self.subscribe('wall', self.walls.append)
-        self.subscribe('/diagnostics', self.on_diagnostics)
-
-    def on_diagnostics(self, array):
-        self.states += [(s.level[0], s.message) for s in array.status if s.name == 'eol: montage']
+        self.states = states_of(self, 'montage')
 
     def slip(self, block, kind, cascade=0):
         message = Slip(kind=kind, block=block, cascade=cascade)

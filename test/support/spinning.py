@@ -33,6 +33,17 @@ def matched(*nodes: EolNode) -> bool:
     )
 
 
+def states_of(node: EolNode, name: str) -> list[tuple[int, str]]:
+    """Return a list to which `node` adds level and text of each report of the node `name`."""
+    found: list[tuple[int, str]] = []
+
+    def hear(array: Any) -> None:
+        found.extend((s.level[0], s.message) for s in array.status if s.name == f'eol: {name}')
+
+    node.subscribe('/diagnostics', hear)
+    return found
+
+
 class Nodes:
     """Nodes in one executor, which the test turns while it waits; a context that ends them.
 
