@@ -6,6 +6,7 @@ started. A field made with `setting(...)` carries its unit, its range and its me
 """
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -43,6 +44,9 @@ def setting(
     )
 
 
+live = functools.partial(setting, live=True)  # a setting that may change while the node runs
+
+
 @dataclass(frozen=True)
 class TwinSettings:
     fps: float = setting(60.0, 'image rate of the virtual camera', 'Hz', 1, 240)
@@ -59,12 +63,11 @@ class TwinSettings:
         'amount of arms, reflections and dirt in the image',
         choices=('clean', 'ordinary', 'hard', 'brutal'),
     )
-    hands: str = setting(
+    hands: str = live(
         'visitors',
         'source of the motion of the rim: simulated visitors, who let go for 20 s when a '
         'person moves it, or nobody',
         choices=('visitors', 'nobody'),
-        live=True,
     )
     stiffness: float = setting(
         70.0, 'spring stiffness (docs/science.md says how the default was chosen)', 'N/m', 5, 2000
@@ -265,9 +268,7 @@ class TrackerSettings:
         'the camera sees the table in a mirror; not needed with a calibration file, which '
         'states it',
     )
-    preview_hz: float = setting(
-        10.0, 'rate of the JPEG images published for viewers', 'Hz', 0.1, 30, live=True
-    )
+    preview_hz: float = live(10.0, 'rate of the JPEG images published for viewers', 'Hz', 0.1, 30)
     trust_start: bool = setting(
         True, 'assume that the rim is turned by less than 45 degrees when the tracker starts'
     )
@@ -285,13 +286,12 @@ class TrackerSettings:
         True,
         'identify blocks by the brightness pattern of their covers, in addition to their positions',
     )
-    threshold: float = setting(
+    threshold: float = live(
         0.0,
         'least brightness, 0 to 255, of a spot that may be a block; 0: decided by contrast alone',
         '',
         0,
         255,
-        live=True,
     )
     background: str = setting(
         '',
@@ -303,7 +303,7 @@ class TrackerSettings:
 
 @dataclass(frozen=True)
 class MotionSettings:
-    stop_mps: float = setting(0.001, 'speed below which a block is at rest', 'm/s', 0, 1, live=True)
+    stop_mps: float = live(0.001, 'speed below which a block is at rest', 'm/s', 0, 1)
     stop_s: float = setting(
         0.1, 'time over which the speed for stop_mps is measured', 's', 0.05, 0.25
     )
@@ -314,17 +314,10 @@ class MotionSettings:
         0.05,
         0.25,
     )
-    false_alarms_per_hour: float = setting(
-        1.0,
-        'rate of false slip starts caused by noise, of all blocks together',
-        '1/h',
-        1e-3,
-        1e5,
-        live=True,
+    false_alarms_per_hour: float = live(
+        1.0, 'rate of false slip starts caused by noise, of all blocks together', '1/h', 1e-3, 1e5
     )
-    cascade_gap_s: float = setting(
-        0.05, 'longest pause between two slips of one cascade', 's', 0, 1, live=True
-    )
+    cascade_gap_s: float = live(0.05, 'longest pause between two slips of one cascade', 's', 0, 1)
     tap_probability: float = setting(
         0.99,
         'share of earlier taps confirmed by images from which a tap is reported as a slip '
@@ -350,51 +343,42 @@ class LedsSettings:
         0,
         1,
     )
-    trigger: str = setting(
+    trigger: str = live(
         'both',
         'event that lights a block: a tap of its own accelerometer, a slip seen by the '
         'camera, or the first of both',
         choices=('blocks', 'slips', 'both'),
-        live=True,
     )
-    tap_threshold_mg: float = setting(
-        16.0,
-        'mean acceleration over 12 ms from which a block reports a tap',
-        'mg',
-        4,
-        500,
-        live=True,
+    tap_threshold_mg: float = live(
+        16.0, 'mean acceleration over 12 ms from which a block reports a tap', 'mg', 4, 500
     )
     frame_hz: float = setting(
         100.0, 'rate at which light levels are sent while any block is lit', 'Hz', 10, 500
     )
     baud: int = setting(1_000_000, 'baud rate of the serial port', '', 9600, 4_000_000)
-    decay_s: float = setting(
+    decay_s: float = live(
         0.1,
         'time constant of a flash; at least 0.182 s with flash_limit: field or false',
         's',
         0.02,
         10,
-        live=True,
     )
-    peak: float = setting(1.0, 'peak light level of a flash', '', 0, 1, live=True)
-    look: str = setting(
+    peak: float = live(1.0, 'peak light level of a flash', '', 0, 1)
+    look: str = live(
         'paper',
         'look of the light: paper takes decay_s, spread_blocks and spread_delay_s as they are set; '
         'the others have their own (docs/light.md)',
         choices=('paper', 'lightning', 'wildfire', 'embers'),
-        live=True,
     )
-    spread_blocks: int = setting(
+    spread_blocks: int = live(
         0,
         'number of blocks over which light runs on from a slip, to blocks that were dark for 1 s',
         '',
         0,
         8,
-        live=True,
     )
-    spread_delay_s: float = setting(
-        0.05, 'delay of running light from one block to the next', 's', 0.01, 1, live=True
+    spread_delay_s: float = live(
+        0.05, 'delay of running light from one block to the next', 's', 0.01, 1
     )
     flash_limit: str = setting(
         'field_of_view',
@@ -419,11 +403,10 @@ class LedsSettings:
     )
     blink_period_s: float = setting(2.0, 'period of the blinking of blink_block', 's', 0.5, 60)
     blink_off_s: float = setting(0.1, 'dark time in each period of blink_block', 's', 0.05, 0.2)
-    relearn_background_on_sleep: bool = setting(
+    relearn_background_on_sleep: bool = live(
         True,
         'switch the infrared lights off for 1.5 s when the work falls asleep, so that the '
         'tracker learns the background again',
-        live=True,
     )
 
 
@@ -464,227 +447,166 @@ FORMS = {
 
 @dataclass(frozen=True)
 class GrainsSettings:
-    sound: str = setting(
+    sound: str = live(
         '',
         'audio file, folder of audio files, or corpus JSON; empty: the procedural recording of ice',
         kind='path',
-        live=True,
     )
-    more_sounds: tuple[str, ...] = setting(
-        (), 'further audio files or folders for the same corpus', kind='path', live=True
+    more_sounds: tuple[str, ...] = live(
+        (), 'further audio files or folders for the same corpus', kind='path'
     )
-    weights: tuple[str, ...] = setting(
+    weights: tuple[str, ...] = live(
         (),
         'lines, one a sound: the share, 0 to 1, of the grains of that sound that blocks can '
         'play; NAME is the file name without its ending, the name of its folder, or ice',
-        live=True,
         kind='NAME WEIGHT',
     )
-    regions: tuple[str, ...] = setting(
+    regions: tuple[str, ...] = live(
         (),
         'lines, one a sound: the part of the space for its grains: left, right, near, far, or '
         'X MIN,Y MIN,X MAX,Y MAX in 0..1',
-        live=True,
         kind='NAME REGION',
     )
-    segment: str = setting(
+    segment: str = live(
         'chop',
         'method that cuts the sound into grains',
         choices=('chop', 'onset', 'gate', 'none', 'labels'),
-        live=True,
     )
-    grain_s: float = setting(
-        0.25,
-        'length of a grain; with segment: onset, the greatest length',
-        's',
-        0.02,
-        60,
-        live=True,
+    grain_s: float = live(
+        0.25, 'length of a grain; with segment: onset, the greatest length', 's', 0.02, 60
     )
-    overlap: float = setting(
-        0.0, 'share of a grain that the next grain repeats', '', 0, 0.9, live=True
-    )
-    more_descriptors: bool = setting(
+    overlap: float = live(0.0, 'share of a grain that the next grain repeats', '', 0, 0.9)
+    more_descriptors: bool = live(
         False,
         'compute MFCC, spectral flux, attack time, loudness range and harmonic ratio for '
         'every corpus; without it, only those chosen as an axis are computed',
-        live=True,
     )
-    x_axis: str = setting(
+    x_axis: str = live(
         'centroid_mean_hz',
         'descriptor mapped from left to right; pca and umap combine all descriptors',
         choices=MAP_AXES,
-        live=True,
     )
-    y_axis: str = setting(
+    y_axis: str = live(
         'periodicity_mean',
         'descriptor mapped from near to far; pca and umap combine all descriptors',
         choices=MAP_AXES,
-        live=True,
     )
-    layout: str = setting(
+    layout: str = live(
         'even',
         'method that places the grains in the space: by value, by rank, or evenly spread',
         choices=('raw', 'rank', 'even'),
-        live=True,
     )
-    blend: float = setting(
-        1.0, 'interpolation between descriptor values (0) and layout (1)', '', 0, 1, live=True
+    blend: float = live(1.0, 'interpolation between descriptor values (0) and layout (1)', '', 0, 1)
+    space_m: float = live(
+        1.2, 'side of the square of the table that the space covers', 'm', 0.1, 10
     )
-    space_m: float = setting(
-        1.2, 'side of the square of the table that the space covers', 'm', 0.1, 10, live=True
-    )
-    mode: str = setting(
+    mode: str = live(
         'fence',
         'trigger mode: each grain that a block touches sounds once (fence); a moving block '
         'sounds one of the grains within its trigger radius at an interval (bow), at a common '
         'beat (beat), or at the end of its last grain (chain); or it sounds the grain that '
         'follows its last grain in the recording (continue)',
         choices=('fence', 'bow', 'beat', 'chain', 'continue'),
-        live=True,
     )
-    choose: str = setting(
-        'all',
-        'selection of grains within the trigger radius',
-        choices=('all', 'nearest', 'k'),
-        live=True,
+    choose: str = live(
+        'all', 'selection of grains within the trigger radius', choices=('all', 'nearest', 'k')
     )
-    k: int = setting(3, 'number of nearest grains with choose: k', '', 1, 100, live=True)
-    match: tuple[str, ...] = setting(
+    k: int = live(3, 'number of nearest grains with choose: k', '', 1, 100)
+    match: tuple[str, ...] = live(
         (),
         "lines: choose the grains whose descriptors are closest to the block's x, y or speed, "
         'or to the grain that it sounded last, instead of those nearest in space; the '
         'distance is a weighted distance of ranks, 0 to 1',
-        live=True,
         kind='DESCRIPTOR WEIGHT SOURCE',
     )
-    radius: float = setting(0.045, 'trigger radius of a block', 'm', 0.001, 1, live=True)
-    rearm_ratio: float = setting(
+    radius: float = live(0.045, 'trigger radius of a block', 'm', 0.001, 1)
+    rearm_ratio: float = live(
         1.2,
         'hysteresis of the trigger radius: a grain can sound again after the block was '
         'farther away than radius times this ratio',
         '',
         1,
         10,
-        live=True,
     )
-    rearm_at_rest: bool = setting(
-        True, 'let grains sound again once the block is at rest', live=True
+    rearm_at_rest: bool = live(True, 'let grains sound again once the block is at rest')
+    refractory_s: float = live(0.2, 'least time between two triggers of the same grain', 's', 0, 60)
+    block_cap: int = live(20, 'greatest trigger rate of one block', '1/s', 0, 1000)
+    total_cap: int = live(200, 'greatest trigger rate of all blocks together', '1/s', 0, 10000)
+    bow_period_s: float = live(0.08, 'interval between grains with mode: bow', 's', 0.01, 10)
+    bow_jitter: float = live(0.5, 'random variation of bow_period_s, as a share', '', 0, 1)
+    beat_period_s: float = live(0.5, 'interval between beats with mode: beat', 's', 0.02, 60)
+    start_mps: float = live(0.008, 'speed from which a block counts as moving', 'm/s', 0, 1)
+    stop_mps: float = live(0.006, 'speed below which a moving block may be at rest', 'm/s', 0, 1)
+    rest_s: float = live(
+        0.03, 'time slower than stop_mps after which a block is at rest', 's', 0, 1
     )
-    refractory_s: float = setting(
-        0.2, 'least time between two triggers of the same grain', 's', 0, 60, live=True
+    gain: float = live(1.0, 'gain of a grain at full speed of the block', '', 0, 8)
+    gain_floor: float = live(0.1, 'gain of a grain at zero speed, as a share of gain', '', 0, 1)
+    gain_curve: float = live(0.8, 'exponent of gain against speed', '', 0, 4)
+    full_mps: float = live(
+        0.25, 'speed of the block from which a grain has its full gain', 'm/s', 0.001, 10
     )
-    block_cap: int = setting(20, 'greatest trigger rate of one block', '1/s', 0, 1000, live=True)
-    total_cap: int = setting(
-        200, 'greatest trigger rate of all blocks together', '1/s', 0, 10000, live=True
-    )
-    bow_period_s: float = setting(
-        0.08, 'interval between grains with mode: bow', 's', 0.01, 10, live=True
-    )
-    bow_jitter: float = setting(
-        0.5, 'random variation of bow_period_s, as a share', '', 0, 1, live=True
-    )
-    beat_period_s: float = setting(
-        0.5, 'interval between beats with mode: beat', 's', 0.02, 60, live=True
-    )
-    start_mps: float = setting(
-        0.008, 'speed from which a block counts as moving', 'm/s', 0, 1, live=True
-    )
-    stop_mps: float = setting(
-        0.006, 'speed below which a moving block may be at rest', 'm/s', 0, 1, live=True
-    )
-    rest_s: float = setting(
-        0.03, 'time slower than stop_mps after which a block is at rest', 's', 0, 1, live=True
-    )
-    gain: float = setting(1.0, 'gain of a grain at full speed of the block', '', 0, 8, live=True)
-    gain_floor: float = setting(
-        0.1, 'gain of a grain at zero speed, as a share of gain', '', 0, 1, live=True
-    )
-    gain_curve: float = setting(0.8, 'exponent of gain against speed', '', 0, 4, live=True)
-    full_mps: float = setting(
-        0.25, 'speed of the block from which a grain has its full gain', 'm/s', 0.001, 10, live=True
-    )
-    pan_width: float = setting(
+    pan_width: float = live(
         0.8,
         'panning of a grain at the edge of the space; 1: hard left or right, negative: sides '
         'swapped',
         '',
         -1,
         1,
-        live=True,
     )
-    playback_rate: float = setting(
-        1.0, 'playback rate of grains; 2: one octave up', '', 0.0625, 16, live=True
+    playback_rate: float = live(1.0, 'playback rate of grains; 2: one octave up', '', 0.0625, 16)
+    rate_jitter_st: float = live(
+        0.5, 'random variation of playback_rate in either direction, in semitones', 'st', 0, 24
     )
-    rate_jitter_st: float = setting(
-        0.5,
-        'random variation of playback_rate in either direction, in semitones',
-        'st',
-        0,
-        24,
-        live=True,
+    reverse: float = live(
+        0.0, 'share of the grains, chosen at random, that are played backwards', '', 0, 1
     )
-    reverse: float = setting(
-        0.0, 'share of the grains, chosen at random, that are played backwards', '', 0, 1, live=True
-    )
-    envelope: str = setting(
+    envelope: str = live(
         'edges',
         'envelope of a grain: fades of attack_s and release_s (edges), a window over the '
         'whole length (hann), a decay after attack_s (percussive), or a rise until release_s '
         'before the end (swell)',
         choices=('edges', 'hann', 'percussive', 'swell'),
-        live=True,
     )
-    attack_s: float = setting(0.005, 'attack time of a grain', 's', 0.002, 10, live=True)
-    release_s: float = setting(0.2, 'release time of a grain', 's', 0.002, 10, live=True)
-    edge_jitter: float = setting(
-        0.3, 'random variation of attack_s and release_s, as a share', '', 0, 1, live=True
+    attack_s: float = live(0.005, 'attack time of a grain', 's', 0.002, 10)
+    release_s: float = live(0.2, 'release time of a grain', 's', 0.002, 10)
+    edge_jitter: float = live(
+        0.3, 'random variation of attack_s and release_s, as a share', '', 0, 1
     )
-    ambience_rate: float = setting(
+    ambience_rate: float = live(
         2.0,
         'ambience layer: rate of creaks of a block at rest whose springs pull as hard as its '
         'friction holds; proportional to the square of the stress; 0: off',
         '1/s',
         0,
         100,
-        live=True,
     )
-    ambience_gain: float = setting(
-        0.05,
-        'gain of a creak of the ambience layer at full stress',
-        '',
-        0,
-        8,
-        live=True,
+    ambience_gain: float = live(
+        0.05, 'gain of a creak of the ambience layer at full stress', '', 0, 8
     )
-    ambience_playback_rate: float = setting(
+    ambience_playback_rate: float = live(
         0.25,
         'playback rate of creaks of the ambience layer, varied at random by an octave in '
         'either direction',
         '',
         0.0625,
         16,
-        live=True,
     )
-    ambience_break_m: float = setting(
+    ambience_break_m: float = live(
         0.03,
         'elongation of one spring that moves a block at rest, mu_static m g / k (docs/science.md)',
         'm',
         0.001,
         1,
-        live=True,
     )
-    crossfade_s: float = setting(
+    crossfade_s: float = live(
         0.0,
         'fade-in time of a new corpus; 0: each grain of the old corpus ends by itself',
         's',
         0,
         60,
-        live=True,
     )
-    seed: int = setting(
-        1, 'random seed of the recording of ice and of all random variation', '', 0, live=True
-    )
+    seed: int = live(1, 'random seed of the recording of ice and of all random variation', '', 0)
 
 
 @dataclass(frozen=True)
@@ -702,21 +624,16 @@ class SoundSettings:
         'row',
     )
     block_size: int = setting(256, 'number of samples in each audio callback', '', 32, 4096)
-    latency_s: float = setting(
-        0.025, 'delay between the stamp of an image and its sound', 's', 0, 1, live=True
-    )
-    tap_latency_s: float = setting(
+    latency_s: float = live(0.025, 'delay between the stamp of an image and its sound', 's', 0, 1)
+    tap_latency_s: float = live(
         0.0195,
         'delay between the tap of a slip that an accelerometer reported and its sound',
         's',
         0,
         1,
-        live=True,
     )
-    gain_db: float = setting(-6.0, 'master gain', 'dB', -90, 24, live=True)
-    interpolation: str = setting(
-        'cubic', 'resampling interpolation', choices=('cubic', 'linear'), live=True
-    )
+    gain_db: float = live(-6.0, 'master gain', 'dB', -90, 24)
+    interpolation: str = live('cubic', 'resampling interpolation', choices=('cubic', 'linear'))
     polyphony: int = setting(
         512,
         'maximum number of simultaneous voices; beyond it the quietest voice is stolen',
@@ -724,14 +641,13 @@ class SoundSettings:
         1,
         4096,
     )
-    rate_scaling: float = setting(
+    rate_scaling: float = live(
         0.5,
         'share of source scaling that slows down grains: at 1 a cascade of area A plays at '
         'A^-1/2 of the playback rate; 0: off',
         '',
         0,
         1,
-        live=True,
     )
     corner_hz: float = setting(
         5000.0,
@@ -749,49 +665,40 @@ class SoundSettings:
         0,
         1000,
     )
-    dynamics_db: float = setting(
+    dynamics_db: float = live(
         3.0,
         'level difference between a grain of a single slip and one of a cascade of all '
         'blocks; 0: off',
         'dB',
         0,
         60,
-        live=True,
     )
-    onset_duck_db: float = setting(
+    onset_duck_db: float = live(
         3.0,
         'attenuation of the first grains of a cascade, which ends over onset_duck_s; 0: off',
         'dB',
         0,
         40,
-        live=True,
     )
-    onset_duck_s: float = setting(
-        0.05,
-        'time over which the attenuation onset_duck_db ends',
-        's',
-        0.001,
-        1,
-        live=True,
+    onset_duck_s: float = live(
+        0.05, 'time over which the attenuation onset_duck_db ends', 's', 0.001, 1
     )
-    sub_db: float = setting(
+    sub_db: float = live(
         -4.0,
         'level of the sub voice of a cascade of all blocks; proportional to the moment A^3/2; '
         '-90: off',
         'dB',
         -90,
         24,
-        live=True,
     )
-    sub_high_hz: float = setting(
+    sub_high_hz: float = live(
         60.0,
         'frequency of the sub voice of a single slip; A^-1/2 of it for a cascade of area A',
         'Hz',
         10,
         200,
-        live=True,
     )
-    sub_low_hz: float = setting(18.0, 'lowest frequency of the sub voice', 'Hz', 10, 100, live=True)
+    sub_low_hz: float = live(18.0, 'lowest frequency of the sub voice', 'Hz', 10, 100)
     sub_output: bool = setting(
         False, 'play the sub voice alone on the last of `channels`, for a subwoofer or a shaker'
     )
@@ -801,83 +708,72 @@ class SoundSettings:
     room_high_s: float = setting(
         1.5, 'reverberation time (60 dB) of the room at 4 kHz', 's', 0.1, 20
     )
-    room_db: float = setting(
+    room_db: float = live(
         -15.0,
         'reverberation level, relative to the direct sound, of a cascade of all blocks',
         'dB',
         -90,
         12,
-        live=True,
     )
-    room_range_db: float = setting(
+    room_range_db: float = live(
         12.0,
         'difference of the reverberation level between a cascade of all blocks and a single slip',
         'dB',
         0,
         60,
-        live=True,
     )
-    cascade_gap_s: float = setting(
+    cascade_gap_s: float = live(
         0.15,
         'longest pause after which a block joins the cascade in which it or a neighbour sounded',
         's',
         0.01,
         2,
-        live=True,
     )
-    filter: str = setting(
+    filter: str = live(
         'off',
         'filter of each grain, 12 dB an octave on either side of the pass band',
         choices=('off', 'low-pass', 'band-pass'),
-        live=True,
     )
-    filter_hz: float = setting(
+    filter_hz: float = live(
         2000.0,
         'cutoff frequency of the low-pass filter, or centre frequency of the band-pass filter',
         'Hz',
         20,
         20000,
-        live=True,
     )
-    filter_q: float = setting(
+    filter_q: float = live(
         0.7071,
         'resonance of the filter: gain at the cutoff (low-pass), or centre frequency over '
         'bandwidth (band-pass)',
         '',
         0.5,
         20,
-        live=True,
     )
-    filter_by: str = setting(
+    filter_by: str = live(
         'nothing',
         'quantity that moves filter_hz: none, the area of the cascade, or the rank of the '
         'grain by a descriptor of the corpus',
         choices=('nothing', 'area', *DESCRIPTORS, *MORE_DESCRIPTORS),
-        live=True,
     )
-    filter_octaves: float = setting(
+    filter_octaves: float = live(
         0.0,
         'shift of filter_hz between the least and the greatest value of filter_by; negative: '
         'downwards',
         'oct',
         -8,
         8,
-        live=True,
     )
     ceiling_db: float = setting(
         -1.0, 'ceiling of the limiter, which no sample exceeds', 'dBFS', -40, 0
     )
-    loudness_lufs: float = setting(
+    loudness_lufs: float = live(
         -18.0,
         'loudness, averaged over 30 s, above which the governor reduces the gain',
         'LUFS',
         -60,
         0,
-        live=True,
     )
-    governor_db: float = setting(
-        6.0, 'greatest gain reduction of the governor', 'dB', 0, 40, live=True
-    )
+    governor_db: float = live(6.0, 'greatest gain reduction of the governor', 'dB', 0, 40)
     fade_in_s: float = setting(2.0, 'fade-in time at the start and after a mute', 's', 0, 60)
     fade_out_s: float = setting(0.5, 'fade-out time at the end and before a mute', 's', 0, 10)
     wav: str = setting(
@@ -901,11 +797,10 @@ class SoundSettings:
         'MIDI input by name or part of the name; auto: the first; virtual: a port to which '
         'others connect; jack:NAME and so on: by JACK; empty: none',
     )
-    midi_map: tuple[str, ...] = setting(
+    midi_map: tuple[str, ...] = live(
         (),
         'lines that map MIDI to actions: cc|note|program [CHANNEL:]NUMBER and NODE.SETTING '
         '[LEAST MOST], NODE.SETTING VALUE, recall PRESET or morph PRESET PRESET',
-        live=True,
         kind='MIDI ACTION',
     )
 
@@ -1049,7 +944,7 @@ class ReplaySettings:
         'topics to play; empty: those that the nodes of the scene subscribe to and none of '
         'them publishes',
     )
-    rate: float = setting(1.0, 'playback speed', '', 0.01, 100, live=True)
+    rate: float = live(1.0, 'playback speed', '', 0.01, 100)
     fast: bool = setting(False, 'play as fast as the subscribers can follow, whatever rate says')
     loop: bool = setting(False, 'start again at the end of the bag')
     start_s: float = setting(0.0, 'start offset from the first message', 's', 0)
