@@ -12,7 +12,7 @@ import re
 import sys
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NoReturn, TextIO
 
 from eol_ros import folders, interrupts
@@ -150,6 +150,19 @@ class Parser(argparse.ArgumentParser):
         self.exit(UsageError.exit_code, f'{self.prog}: {message} (`{self.prog} --help` helps)\n')
 
 
+def within(low: float, high: float, kind: type = float) -> Callable[[str], Any]:
+    """Return the `type` of an option whose value lies between `low` and `high`."""
+
+    def read(text: str) -> Any:
+        value = kind(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f'{text} is not {low:g} to {high:g}')
+        return value
+
+    read.__name__ = kind.__name__  # for the words about a text that is no number
+    return read
+
+
 def run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
     """Parse `words` for the verb in `module` and run it; an expected error is one line."""
     try:
@@ -169,7 +182,10 @@ def _run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     module.add_arguments(parser)
-    args = parser.parse_args(words)
+    try:
+        args = parser.parse_args(words)
+    except SystemExit as ended:  # the help was shown, or a line says what is wrong
+        return int(ended.code or 0)
     damage: list[str] = []
 
     def show(

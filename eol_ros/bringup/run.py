@@ -17,6 +17,7 @@ from eol_ros.bringup.memory import Memory
 from eol_ros.bringup.service_manager import ServiceManager
 from eol_ros.bringup.supervisor import Around, Supervisor
 from eol_ros.bringup.terminal import Terminal
+from eol_ros.cli import within
 from eol_ros.errors import UsageError
 from eol_ros.ros import installed, network
 from eol_ros.streams.graph import IMAGE_SOURCES
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--for',
         dest='seconds',
-        type=float,
+        type=within(1e-3, 1e9),
         metavar='SECONDS',
         help='stop this long after all is OK',
     )
@@ -64,8 +65,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the scene; return the exit code."""
-    if args.seconds is not None and not args.seconds > 0:
-        raise UsageError(f'--for {args.seconds:g}: not a time above 0 s')
     given = ros_args.read(scenes.load(args.scene), args.ros_args or ())
     scene, sim_time = given.scene, False
     notes: list[str] = []
@@ -102,12 +101,10 @@ def run(args: argparse.Namespace) -> int:
         if events.trouble:
             say(f'WARN {events.trouble}')
         events.entry(f'{scene.name}: start of {", ".join(scene.nodes)}')
-        for note in (*scene.warnings, *notes, *network.warnings(scene.network)):
+        notes += [f'not recorded: {unrecorded}'] if unrecorded else []
+        for note in (*scene.warnings, *network.warnings(scene.network), *notes):
             say(note)
             events.entry(f'{scene.name}: {note}')
-        if unrecorded:
-            say(f'not recorded: {unrecorded}')
-            events.entry(f'{scene.name}: not recorded: {unrecorded}')
         supervisor = Supervisor(
             scene.name,
             plan.processes(

@@ -9,6 +9,8 @@ import json
 import sys
 import time
 
+from eol_ros.cli import within
+from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.errors import DeviceMissing, UsageError
 
 HELP = 'List the blocks with battery and firmware; find them, let them test themselves, write them.'
@@ -33,7 +35,10 @@ def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('--port', default='auto', help='serial port, as leds.port of a scene')
     parser.add_argument(
-        '--blink', type=int, metavar='BLOCK', help='let one flash, to see where it is'
+        '--blink',
+        type=within(0, N_BLOCKS - 1, int),
+        metavar='BLOCK',
+        help='let one flash, to see where it is',
     )
     parser.add_argument(
         '--knocks', action='store_true',
@@ -62,7 +67,9 @@ def add_arguments(parser):
         '--dry-run', action='store_true', help='of --flash: print what would be run'
     )
     parser.add_argument(
-        '--seconds', type=float, help='of blinks (default: 5) or knocks (default: 60)'
+        '--seconds',
+        type=within(0.01, 3600),
+        help='of blinks (default: 5) or knocks (default: 60)',
     )
     parser.add_argument('--json', action='store_true', help='for programs')
 
@@ -72,13 +79,13 @@ def run(args) -> int:
     from eol_ros.core.serial_protocol import BY_ITSELF, LIMITED, Detector, Lighting
     from eol_ros.devices.board.board import Board
 
-    _check(args)
+    ways = [args.blink is not None, args.knocks, args.self_test is not None, args.flash is not None]
+    if sum(ways) > 1:
+        raise UsageError('give one of --blink, --knocks, --self-test and --flash, not both')
     if args.flash is not None:
         return _flash(args)
     tested = _tested(args.self_test)
-    seconds = args.seconds if args.seconds is not None else 60.0 if args.knocks else 5.0
-    if not 0 < seconds <= 3600:
-        raise UsageError(f'--seconds {seconds:g}: give 0 to 3600')
+    seconds = args.seconds or (60.0 if args.knocks else 5.0)
     taps: list = []
     board = Board(args.port, taps.append)
     board.configure(Lighting(BY_ITSELF | LIMITED, 255, 350), Detector())
@@ -98,16 +105,6 @@ def run(args) -> int:
     return _list(blocks, args.json)
 
 
-def _check(args) -> None:
-    from eol_ros.core.geometry import N_BLOCKS
-
-    if args.blink is not None and not 0 <= args.blink < N_BLOCKS:
-        raise UsageError(f'--blink {args.blink}: blocks are 0 to {N_BLOCKS - 1}')
-    ways = [args.blink is not None, args.knocks, args.self_test is not None, args.flash is not None]
-    if sum(ways) > 1:
-        raise UsageError('give one of --blink, --knocks, --self-test and --flash, not both')
-
-
 def _wait(board) -> None:
     """Wait for the bridge; DeviceMissing where it is not there."""
     while not board.ready:
@@ -119,8 +116,6 @@ def _wait(board) -> None:
 
 def _blocks(board) -> dict:
     """Wait for what the bridge tells of the blocks; return it by block."""
-    from eol_ros.core.geometry import N_BLOCKS
-
     end = time.monotonic() + TOLD_S
     while len(board.blocks) <= N_BLOCKS and time.monotonic() < end:
         time.sleep(0.01)
@@ -160,17 +155,15 @@ def _flash(args) -> int:
     import shlex
     from pathlib import Path
 
-    from eol_ros.core.geometry import N_BLOCKS
     from eol_ros.core.serial_protocol import FIRMWARE
     from eol_ros.devices.board.programmer import PROGRAM, commands, flash
 
     version = '' if args.program else f' {".".join(map(str, FIRMWARE))}'
     if args.flash == 'bridge':
         return _flash_bridge(args, version)
-    if not args.flash.isdecimal() or int(args.flash) >= N_BLOCKS:
-        raise UsageError(f'--flash {args.flash}: blocks are 0 to {N_BLOCKS - 1}, or bridge')
+    number = _number('--flash', args.flash)
     program = Path(args.program) if args.program else PROGRAM
-    words = (int(args.flash), program, args.programmer, args.programmer_port, args.new)
+    words = (number, program, args.programmer, args.programmer_port, args.new)
     if args.dry_run:
         for command in commands(*words):
             print(shlex.join(command))
@@ -202,15 +195,15 @@ def _flash_bridge(args, version: str) -> int:
 
 
 def _tested(words: str | None) -> list[int]:
-    from eol_ros.core.geometry import N_BLOCKS
-
-    if words is None:
-        return []
     if words == 'all':
         return list(range(N_BLOCKS))
-    if not words.isdecimal() or int(words) >= N_BLOCKS:
-        raise UsageError(f'--self-test {words}: blocks are 0 to {N_BLOCKS - 1}')
-    return [int(words)]
+    return [] if words is None else [_number('--self-test', words)]
+
+
+def _number(option: str, text: str) -> int:
+    if not text.isdecimal() or int(text) >= N_BLOCKS:
+        raise UsageError(f'{option} {text}: blocks are 0 to {N_BLOCKS - 1}')
+    return int(text)
 
 
 def _self_test(board, blocks, tested: list[int], as_json: bool) -> int:
@@ -271,8 +264,6 @@ def _blink(board, block: int, seconds: float) -> None:
 
 
 def _knocks(taps: list, seconds: float, as_json: bool) -> int:
-    from eol_ros.core.geometry import N_BLOCKS
-
     print('knock on each block', file=sys.stderr)
     missing = set(range(N_BLOCKS))
     end = time.monotonic() + seconds

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from eol_ros.cli import within
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError
 
 HELP = (
@@ -48,9 +49,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--exposure-us', type=int, help='manual exposure')
     parser.add_argument('--gain', type=float, help="in the camera's own unit")
     parser.add_argument('--trigger', help='input of a GenICam camera')
-    parser.add_argument('--seconds', type=float, help='then stop (latency: 10; else: Ctrl-C)')
     parser.add_argument(
-        '--view', metavar='PORT', type=int,
+        '--seconds', type=within(0.01, 86400), help='then stop (latency: 10; else: Ctrl-C)'
+    )
+    parser.add_argument(
+        '--view', metavar='PORT', type=within(0, 65535, int),
         help='show the picture at http://127.0.0.1:PORT (over ssh: ssh -L PORT:127.0.0.1:PORT)',
     )  # fmt: skip
     parser.add_argument('--json', action='store_true', help='one object a line, for programs')
@@ -58,11 +61,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Open, measure, print until told to stop."""
-    seconds = args.seconds if args.seconds is not None else 10.0
-    if not 0 < seconds <= 86400:
-        raise UsageError(f'--seconds {seconds:g}: give 0 to 86400')
-    if args.view is not None and not 0 <= args.view <= 65535:
-        raise UsageError(f'--view {args.view}: a port lies between 0 and 65535')
     source = _source(args)
     if args.show == 'latency' and not source.live:
         raise UsageError(f'latency: {source.name} is a video; name a camera')
@@ -83,7 +81,8 @@ def run(args: argparse.Namespace) -> int:
         endless = args.seconds is None and args.show != 'latency'
         quiet = args.show == 'latency' and args.json
         end = '\r' if sys.stdout.isatty() and not args.json else '\n'
-        for found, image in _measured(camera, arrivals, meter, math.inf if endless else seconds):
+        seconds = math.inf if endless else args.seconds or 10.0
+        for found, image in _measured(camera, arrivals, meter, seconds):
             line = meter.line(found)
             if not quiet:
                 print(json.dumps(found) if args.json else f'{line:100}', end=end, flush=True)

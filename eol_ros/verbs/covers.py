@@ -6,9 +6,9 @@ import sys
 from typing import Any
 
 from eol_ros import folders
+from eol_ros.cli import within
 from eol_ros.core.geometry import BODY_HEIGHT_M, N_BLOCKS
 from eol_ros.core.terrain import CoverShape
-from eol_ros.errors import UsageError
 from eol_ros.verbs.progress import track
 
 HELP = 'Cut one continuous landscape into covers for the blocks, as STL in mm; and the body below.'
@@ -24,11 +24,15 @@ SIZES = CoverShape(lip_mm=6.0)
 def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('-o', '--output', metavar='DIR', required=True, help='folder for the files')
-    parser.add_argument('--seed', type=int, default=1, help="of the landscape; 1 is the panel's")
-    parser.add_argument('--rows', type=int, default=5)
-    parser.add_argument('--cols', type=int, default=5)
+    parser.add_argument(
+        '--seed', type=within(0, 1e18, int), default=1, help="of the landscape; 1 is the panel's"
+    )
+    parser.add_argument('--rows', type=within(1, 50, int), default=5)
+    parser.add_argument('--cols', type=within(1, 50, int), default=5)
     parser.add_argument('--heightmap', metavar='FILE', help='grey image, white is high')
-    parser.add_argument('--cells', type=int, default=84, help='squares along a side (84: 1 mm)')
+    parser.add_argument(
+        '--cells', type=within(1, 512, int), default=84, help='squares along a side (84: 1 mm)'
+    )
     parser.add_argument('--side', type=float, default=SIZES.side_mm, help='of a cover, mm')
     parser.add_argument('--wall', type=float, default=SIZES.wall_mm, help='thickness, mm')
     parser.add_argument('--skirt', type=float, default=SIZES.skirt_mm, help='below the land, mm')
@@ -55,11 +59,6 @@ def run(args):
     below = BodyShape(shape.side_mm, wall_mm=shape.body_mm, lip_mm=shape.lip_mm)
     if shape.lip_mm:
         below.check()
-    for name, most in (('rows', 50), ('cols', 50), ('cells', 512)):
-        if not 1 <= getattr(args, name) <= most:
-            raise UsageError(f'--{name} {getattr(args, name)}: 1 to {most}')
-    if args.seed < 0:
-        raise UsageError(f'--seed {args.seed}: 0 or more')
     out = folders.made(args.output, '--output')
     if args.heightmap:
         heights = terrain.fit(

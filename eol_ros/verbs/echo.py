@@ -6,6 +6,7 @@ import sys
 import time
 from collections import deque
 
+from eol_ros.cli import within
 from eol_ros.errors import DeviceMissing, UsageError
 from eol_ros.verbs import reach
 
@@ -28,7 +29,7 @@ def add_arguments(parser):
     parser.add_argument('--full', action='store_true', help='all of long arrays and texts')
     parser.add_argument(
         '--timeout',
-        type=float,
+        type=within(1e-3, 1e9),
         metavar='S',
         help='give up (exit code 69) when S seconds bring no message',
     )
@@ -39,8 +40,6 @@ def run(args):
     """Print until stopped."""
     if args.once and args.hz:
         raise UsageError('--once and --hz: a rate needs more than one message')
-    if args.timeout is not None and not args.timeout > 0:
-        raise UsageError(f'--timeout {args.timeout:g}: not a time above 0 s')
     from eol_ros.ros.echo import Absence, Rate, listen, to_json, to_yaml
     from eol_ros.ros.session import session
     from eol_ros.streams.graph import full_name

@@ -6,6 +6,7 @@ import socket
 import sys
 from pathlib import Path
 
+from eol_ros.cli import within
 from eol_ros.ros import wireguard
 
 HELP = (
@@ -30,7 +31,9 @@ def add_arguments(parser):
     verbs = parser.add_subparsers(dest='action', required=True, metavar='ACTION')
     make = verbs.add_parser('make', help='make the keys of this machine, which others will reach')
     make.add_argument('--subnet', default=wireguard.SUBNET, help='addresses inside of the tunnel')
-    make.add_argument('--port', type=int, default=wireguard.PORT, help='UDP port to listen on')
+    make.add_argument(
+        '--port', type=within(1, 65535, int), default=wireguard.PORT, help='UDP port to listen on'
+    )
     add = verbs.add_parser('add', help='let somebody in; prints what their machine joins with')
     add.add_argument('name')
     add.add_argument(
@@ -52,12 +55,10 @@ def add_arguments(parser):
 
 def run(args):
     """Change or show the keys."""
-    from eol_ros.errors import ConfigError, UsageError
+    from eol_ros.errors import ConfigError
     from eol_ros.ros import network
 
     if args.action == 'make':
-        if not 1 <= args.port <= 65535:
-            raise UsageError(f'--port {args.port}: 1 to 65535')
         keys = wireguard.make(args.subnet, args.port)
         _say(f'{keys.path}: made; it is secret. Bring the tunnel up with `{keys.how_up}`,')
         _say(

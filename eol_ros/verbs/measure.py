@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from eol_ros.cli import within
+from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.errors import DeviceMissing, EolError, UsageError
 from eol_ros.verbs import reach
 
@@ -47,23 +49,23 @@ def add_arguments(parser):
         help='springs: grams that hang on the thread, one after the other, up and down again',
     )  # fmt: skip
     parser.add_argument(
-        '--block', type=int, default=14, metavar='ID',
+        '--block', type=within(0, N_BLOCKS - 1, int), default=14, metavar='ID',
         help='springs: the block that is pulled, at the rim (default: 14, the middle of the right)',
     )  # fmt: skip
     parser.add_argument(
-        '--natural', type=float, metavar='MM',
+        '--natural', type=within(10, 88), metavar='MM',
         help='length of a spring that nothing pulls, by a ruler (default: as in the scene)',
     )  # fmt: skip
     parser.add_argument(
-        '--mass', type=float, metavar='G',
+        '--mass', type=within(50, 2000), metavar='G',
         help='friction: grams of a block with its cover, by a scale (default: as in the scene)',
     )  # fmt: skip
     parser.add_argument(
-        '--stiffness', type=float, metavar='N/M',
+        '--stiffness', type=within(5, 2000), metavar='N/M',
         help='friction: of a spring, taken for exact (default: as in the scene, with its error)',
     )  # fmt: skip
     parser.add_argument(
-        '--seconds', type=float, default=90.0, metavar='S',
+        '--seconds', type=within(5, 3600), default=90.0, metavar='S',
         help='friction, camera: how long to look at most (default: 90)',
     )  # fmt: skip
     parser.add_argument('--picture', metavar='P.png', help='figure of the fit; .svg and .pdf, too')
@@ -101,8 +103,6 @@ def _springs(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
 
     weights = _weights(args.weights)
     natural_m = _natural(args, twin)
-    if not 0 <= args.block < 25:
-        raise UsageError(f'--block {args.block}: blocks are 0 to 24')
     out = springs.outwards(args.block)
     side = {(1, 0): 'right', (-1, 0): 'left', (0, 1): 'back', (0, -1): 'front'}[tuple(out)]
     rests = springs.Rests(args.block)
@@ -156,7 +156,6 @@ def _friction(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
     from eol_ros.core.physics.builders import GRAVITY
 
     stiffness, mass, natural_m = _stiffness(args, twin), _mass(args, twin), _natural(args, twin)
-    _check_seconds(args)
     if not args.bag:
         _say(
             'Push the rim to and fro by hand, 10 cm each way at some 3 cm/s, evenly, until the'
@@ -216,7 +215,6 @@ def _camera(args, camera) -> tuple[dict[str, float], dict[str, Any], Any]:
 
     from eol_ros.core.measure import light
 
-    _check_seconds(args)
     if args.bag:
         sent_s, stamp_s, heard_s, seen = _recorded_blinks(args.bag)
     else:
@@ -279,11 +277,6 @@ def _live_blinks(args) -> tuple[Any, Any, Any, Any]:
     return np.array(commands) - first_s, stamp_s - first_s, heard_s - first_s, seen
 
 
-def _check_seconds(args) -> None:
-    if not 5 <= args.seconds <= 3600:
-        raise UsageError(f'--seconds {args.seconds:g}: give 5 to 3600')
-
-
 def _so_far(track, stiffness: float, mass: float, natural_m: float) -> tuple[int, str]:
     """Return how many slips the inner block with fewest has, and words for that."""
     from collections import Counter
@@ -307,8 +300,6 @@ def _stiffness(args, twin) -> Any:
     from eol_ros.core.measure.estimate import Estimate
 
     if args.stiffness is not None:
-        if not 5 <= args.stiffness <= 2000:
-            raise UsageError(f'--stiffness {args.stiffness:g}: N/m, 5 to 2000')
         return Estimate(args.stiffness, 0.0)
     if not twin.stiffness_error:
         raise UsageError(
@@ -322,8 +313,6 @@ def _mass(args, twin) -> Any:
     from eol_ros.core.measure.estimate import Estimate
 
     grams = 1e3 * twin.block_kg if args.mass is None else args.mass
-    if not 50 <= grams <= 2000:
-        raise UsageError(f'--mass {grams:g}: grams, 50 to 2000')
     return Estimate(round(1e-3 * grams, 6), SCALE_KG)
 
 
@@ -365,8 +354,6 @@ def _natural(args, twin) -> float:
     """Return m."""
     if args.natural is None:
         return float(twin.spring_natural_m)
-    if not 10 <= args.natural <= 88:
-        raise UsageError(f'--natural {args.natural:g}: a length in mm, 10 to 88')
     return round(1e-3 * args.natural, 6)
 
 

@@ -5,7 +5,8 @@ import sys
 import time
 from pathlib import Path
 
-from eol_ros.errors import DeviceMissing, EolError, UsageError
+from eol_ros.cli import within
+from eol_ros.errors import DeviceMissing, EolError
 from eol_ros.streams.graph import INSTRUMENT, NODES
 from eol_ros.verbs import reach
 
@@ -24,7 +25,13 @@ def add_arguments(parser):
     parser.add_argument('action', choices=('save', 'recall', 'list', 'show'))
     parser.add_argument('name', nargs='?', help='letters, digits, - and _')
     add = parser.add_argument
-    add('--over', type=float, default=0.0, metavar='S', help='with recall, glide for so long')
+    add(
+        '--over',
+        type=within(0, 3600),
+        default=0.0,
+        metavar='S',
+        help='with recall, glide for so long',
+    )
     add('--folder', metavar='DIR', help='where presets lie; else with the state of eol_ros')
     reach.add_arguments(parser)
 
@@ -41,8 +48,6 @@ def run(args):
             print(f'no presets in {folder}; `eol preset save NAME` keeps one', file=sys.stderr)
         return 0
     path = presets.path_of(args.name or '', folder)
-    if not 0 <= args.over <= 3600:
-        raise UsageError(f'--over {args.over:g}: must lie in 0..3600')
     if args.action == 'save':
         return _save(path, args)
     values = presets.load(path)

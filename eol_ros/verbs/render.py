@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from eol_ros import folders
+from eol_ros.cli import within
 from eol_ros.errors import ConfigError, UsageError
 
 HELP = 'Play the grain triggers of a bag or a CSV into a sound file, faster than real time.'
@@ -27,7 +28,7 @@ def add_arguments(parser):
     parser.add_argument('--corpus', metavar='C.json', help='its grains (default: those of the bag)')
     parser.add_argument('-o', '--output', metavar='X.wav', required=True, help='wav, flac, ogg ...')
     parser.add_argument('--scene', metavar='FILE', help='take the settings of sound from here')
-    parser.add_argument('--seconds', type=float, help='length (default: to the end)')
+    parser.add_argument('--seconds', type=within(1e-3, 1e6), help='length (default: to the end)')
     parser.add_argument(
         '--binaural', action='store_true', help='two channels for headphones, of a ring of speakers'
     )
@@ -46,8 +47,6 @@ def run(args) -> int:
     from eol_ros.verbs.progress import track
 
     settings = scene.load(args.scene).settings('sound') if args.scene else SoundSettings()
-    if args.seconds is not None and not 0 < args.seconds < 1e6:
-        raise UsageError(f'--seconds {args.seconds}: give a length above zero')
     ears = None
     if args.binaural:
         settings, ears = _ears(settings)

@@ -4,6 +4,7 @@
 import json
 import sys
 
+from eol_ros.cli import within
 from eol_ros.errors import UsageError
 
 HELP = 'List the loudspeakers of a scene with delay and trim; play noise from each in turn.'
@@ -22,7 +23,7 @@ def add_arguments(parser):
     parser.add_argument(
         '--test', nargs='?', const='', metavar='NAMES', help='play these (default: all), in order'
     )
-    parser.add_argument('--seconds', type=float, default=1.0, help='of noise from each')
+    parser.add_argument('--seconds', type=within(0.01, 600), default=1.0, help='of noise from each')
     parser.add_argument('-o', '--output', metavar='X.wav', help='write the noise here, play none')
     parser.add_argument('--json', action='store_true', help='for programs')
 
@@ -30,13 +31,12 @@ def add_arguments(parser):
 def run(args) -> int:
     """Tell, and play."""
     from eol_ros import scene
+    from eol_ros.core.sound.meter import decibels
     from eol_ros.core.sound.ring import alignment, output_names, parse
 
     settings = scene.load(args.scene).settings('sound')
     if args.output and args.test is None:
         raise UsageError('--output takes what --test plays: add --test')
-    if not 0 < args.seconds <= 600:
-        raise UsageError(f'--seconds {args.seconds:g}: give 0 to 600')
     speakers = parse(settings.speakers)
     delay, gain = alignment(speakers, settings.sample_rate)
     names = output_names(settings)
@@ -45,7 +45,7 @@ def run(args) -> int:
         row |= {
             'azimuth': speaker.azimuth, 'distance_m': speaker.distance_m,
             'delay_ms': round(1e3 * float(late) / settings.sample_rate, 2),
-            'trim_db': round(_decibels(float(trim)), 2),
+            'trim_db': round(decibels(float(trim)), 2),
         }  # fmt: skip
     if args.json:
         print(json.dumps(rows))
@@ -58,12 +58,6 @@ def run(args) -> int:
                 raise UsageError(f'--test {name}: there are {", ".join(names)}')
         _play(settings, {name: names.index(name) for name in wanted}, args)
     return 0
-
-
-def _decibels(amplitude: float) -> float:
-    import math
-
-    return 20 * math.log10(amplitude)
 
 
 def _line(row: dict) -> str:

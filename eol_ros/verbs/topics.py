@@ -4,8 +4,10 @@
 import json
 import sys
 import time
+from collections import Counter
 
-from eol_ros.errors import DeviceMissing, SupervisorSilent, UsageError
+from eol_ros.cli import within
+from eol_ros.errors import DeviceMissing, SupervisorSilent
 from eol_ros.streams.graph import OF_ROS
 from eol_ros.verbs import reach
 
@@ -16,14 +18,12 @@ EXAMPLES = [
     'eol topics',
     'eol topics --hz                                # subscribes to each for 3 s',
     'eol topics --json',
-    'eol topics --markdown                          # of the source, not of the graph',
 ]
 
 
 def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('--json', action='store_true', help='as one JSON list')
-    parser.add_argument('--markdown', action='store_true', help='the table of all topics there are')
     parser.add_argument(
         '--hz',
         action='store_true',
@@ -32,7 +32,7 @@ def add_arguments(parser):
     )
     parser.add_argument(
         '--seconds',
-        type=float,
+        type=within(0.1, 3600),
         default=10.0,
         metavar='S',
         help='longest time to discover the graph (default 10)',
@@ -42,11 +42,6 @@ def add_arguments(parser):
 
 def run(args):
     """Print the list."""
-    if args.markdown:
-        print(_markdown())
-        return 0
-    if not args.seconds > 0:
-        raise UsageError(f'--seconds {args.seconds:g}: not a time above 0 s')
     from eol_ros.ros.echo import on_the_graph
     from eol_ros.ros.session import session
 
@@ -122,35 +117,13 @@ def _measure(visit, rows) -> None:
     """Add `rate_hz` to each row: messages a second over RATE_S, once the subscriptions are met."""
     from eol_ros.ros.echo import listen
 
-    counts = dict.fromkeys((row['topic'] for row in rows), 0)
-
-    def counter(topic):
-        def count(_message) -> None:
-            counts[topic] += 1
-
-        return count
-
+    counts: Counter[str] = Counter()
     for row in rows:
         if row['publishers']:
-            listen(visit.node, row['topic'], counter(row['topic']), raw=True)
+            listen(visit.node, row['topic'], lambda _, of=row['topic']: counts.update([of]), True)
     visit.run(lambda: False, 1.0)  # publishers discover the subscriptions; latched messages come
-    counts.update(dict.fromkeys(counts, 0))
+    counts.clear()
     begun_s = time.monotonic()
     visit.run(lambda: False, RATE_S)
     for row in rows:
         row['rate_hz'] = round(counts[row['topic']] / (time.monotonic() - begun_s), 2)
-
-
-def _markdown() -> str:
-    from eol_ros.streams.graph import TOPICS
-
-    lines = [
-        '| topic | type | published by | subscribed by | carries |',
-        '| --- | --- | --- | --- | --- |',
-    ]
-    lines += [
-        f'| `{t.name}` | `{t.type_name}` | {", ".join(t.publishers)} |'
-        f' {", ".join(t.subscribers)} | {t.doc} |'
-        for t in TOPICS.values()
-    ]
-    return '\n'.join(lines)
