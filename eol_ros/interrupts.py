@@ -9,10 +9,12 @@ ignored. So it is raised again until it is on its way.
 """
 
 import _thread
+import contextlib
 import os
 import signal
 import sys
 import time
+from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
 
@@ -48,6 +50,19 @@ def finish() -> None:
     global _done
     _done = True
     _change(interrupt, signal.SIG_IGN)  # Python gives up its handlers before it ends
+
+
+@contextlib.contextmanager
+def until_stopped(seconds: float | None = None) -> Iterator[Callable[[], bool]]:
+    """Yield what tells whether to go on: until Ctrl-C, SIGTERM or the end of `seconds`."""
+    stopping: list[int] = []
+    before = {n: signal.signal(n, lambda number, _: stopping.append(number)) for n in _SIGNALS}
+    end_s = time.monotonic() + seconds if seconds else float('inf')
+    try:
+        yield lambda: not stopping and time.monotonic() < end_s
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def interrupt(number: int, frame: FrameType | None) -> None:

@@ -9,8 +9,10 @@ import sys
 import time
 from pathlib import Path
 
+from eol_ros.cli import within
 from eol_ros.errors import UsageError
 from eol_ros.settings import FORMS, MAP_AXES
+from eol_ros.verbs.progress import Progress
 
 HELP = 'Cut sounds into grains, describe them and lay them out for the blocks to play.'
 EXAMPLES = [
@@ -39,14 +41,26 @@ def add_arguments(parser):
     )
     add = parser.add_argument
     add('--segment', choices=('chop', 'onset', 'gate', 'none', 'labels'), default='chop')
-    add('--grain', type=float, default=0.25, metavar='S', help='length; with onset the greatest')
-    add('--overlap', type=float, nargs='?', const=0.5, default=0.0, metavar='SHARE',
+    add(
+        '--grain',
+        type=within(0.02, 60),
+        default=0.25,
+        metavar='S',
+        help='length; with onset the greatest',
+    )
+    add('--overlap', type=within(0, 0.9), nargs='?', const=0.5, default=0.0, metavar='SHARE',
         help='of a grain that the next one repeats (0.5 if no number is given)')  # fmt: skip
     add('--labels', metavar='FILE', default='', help='Audacity label track to cut at')
-    add('--onset', type=float, default=4.0, metavar='DB', help='rise that begins a grain')
-    add('--gate-on', type=float, default=-40.0, metavar='DB', help='a grain begins above')
-    add('--gate-off', type=float, default=-50.0, metavar='DB', help='and ends below')
-    add('--silence', type=float, default=-70.0, metavar='DB', help='quieter grains get no place')
+    add('--onset', type=within(0.1, 60), default=4.0, metavar='DB', help='rise that begins a grain')
+    add('--gate-on', type=within(-120, 0), default=-40.0, metavar='DB', help='a grain begins above')
+    add('--gate-off', type=within(-120, 0), default=-50.0, metavar='DB', help='and ends below')
+    add(
+        '--silence',
+        type=within(-200, 0),
+        default=-70.0,
+        metavar='DB',
+        help='quieter grains get no place',
+    )
     add('--x', choices=MAP_AXES, default=MAP_AXES[0], metavar='NAME', help=_NAMES)
     add('--y', choices=MAP_AXES, default=MAP_AXES[1], metavar='NAME')
     further = 'MFCC, spectral flux, attack time, loudness range and harmonic ratio'
@@ -54,7 +68,13 @@ def add_arguments(parser):
     where = 'where the grains of a sound lie: left, right, near, far, or X,Y,X,Y in 0..1'
     add('--region', action='append', default=[], metavar='"NAME REGION"', help=where)
     add('--layout', choices=('raw', 'rank', 'even'), default='even')
-    add('--blend', type=float, default=1.0, metavar='0..1', help='0: as measured, 1: the layout')
+    add(
+        '--blend',
+        type=within(0, 1),
+        default=1.0,
+        metavar='0..1',
+        help='0: as measured, 1: the layout',
+    )
     add('--seed', type=int, default=1, help='of the ice recording, where no sound is given')
     add('-o', '--output', metavar='FILE', help='corpus JSON; with show, the image')
     add('--csv', metavar='FILE', help='one line per grain')
@@ -92,7 +112,7 @@ def _make(args):
     if args.labels_out and len(sounds) > 1:
         raise UsageError('--labels-out is for one sound; take them one by one')
     began = time.perf_counter()
-    corpus = corpus_build.build_cached(sounds, options, _Progress('describing the grains'))
+    corpus = corpus_build.build_cached(sounds, options, Progress('describing the grains'))
     took_s = time.perf_counter() - began
     for note in corpus.notes:
         print(f'eol corpus: {note}', file=sys.stderr)
@@ -116,17 +136,8 @@ def _make(args):
 def _options(args):
     from eol_ros.devices.corpus.corpus_file import Options
 
-    for name, value, low, high in (
-        ('--grain', args.grain, 0.02, 60),
-        ('--overlap', args.overlap, 0, 0.9),
-        ('--blend', args.blend, 0, 1),
-        ('--onset', args.onset, 0.1, 60),
-        ('--gate-on', args.gate_on, -120, 0),
-        ('--gate-off', args.gate_off, -120, args.gate_on),
-        ('--silence', args.silence, -200, 0),
-    ):
-        if not low <= value <= high:
-            raise UsageError(f'{name} {value:g}: must lie in {low:g}..{high:g}')
+    if args.gate_off > args.gate_on:
+        raise UsageError(f'--gate-off {args.gate_off:g}: must not lie above {args.gate_on:g}')
     for line in args.region:
         if not re.fullmatch(FORMS['NAME REGION'], line):
             raise UsageError(f'--region {line!r} is not NAME REGION')
@@ -174,7 +185,7 @@ def _show(args):
     else:
         sounds = [Path(words[0])] if words else [corpus_build.make_ice(args.seed)]
         sounds = [s for sound in sounds for s in corpus_file.sounds_of(sound)]
-        corpus = corpus_build.build_cached(sounds, _options(args), _Progress('describing'))
+        corpus = corpus_build.build_cached(sounds, _options(args), Progress('describing'))
     from eol_ros.analysis.corpus_space import draw
 
     out = Path(args.output or f'{Path(corpus.sources[0].path).stem}.png')
@@ -228,28 +239,3 @@ def _exchanged(args):
     from eol_ros.devices.corpus import flucoma_file, sdif_file
 
     return sdif_file if args.words[2].endswith('.sdif') else flucoma_file
-
-
-class _Progress:
-    """Share done, 0..1: a bar on a terminal, a line every tenth elsewhere; silent if quick."""
-
-    def __init__(self, words):
-        self.words, self.began, self.tenth, self.bar = words, time.monotonic(), 0, None
-
-    def __call__(self, share):
-        if time.monotonic() - self.began < 1.0:
-            return
-        if sys.stderr.isatty():
-            if self.bar is None:
-                from rich.console import Console
-                from rich.progress import Progress
-
-                self.bar = Progress(console=Console(stderr=True), transient=True)
-                self.task = self.bar.add_task(self.words, total=1.0)
-                self.bar.start()
-            self.bar.update(self.task, completed=share)
-            if share >= 1.0:
-                self.bar.stop()
-        elif int(10 * share) > self.tenth:
-            self.tenth = int(10 * share)
-            print(f'{self.words}: {10 * self.tenth} %', file=sys.stderr, flush=True)

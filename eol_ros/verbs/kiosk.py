@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol kiosk: both walls, full screen."""
 
+import contextlib
 import http.client
-import signal
 import ssl
 import sys
 import time
 import urllib.error
 import urllib.request
+
+from eol_ros import interrupts
 
 HELP = 'Open the two walls full screen, one on each screen, and bring a lost window back.'
 EXAMPLES = [
@@ -66,37 +68,33 @@ def run(args):
             ]
     shared = len({place.name for place in places}) == 1 and not args.screens
     sides = ('right', 'left') if args.swap else ('left', 'right')
-    stop = []
-    signal.signal(signal.SIGTERM, lambda *_: stop.append(1))
-    end_s = time.monotonic() + args.seconds if args.seconds else float('inf')
-    windows = []
-    try:
-        base = _wait_for([args.url] if args.url else HERE, stop, end_s)
+    with interrupts.until_stopped(args.seconds) as goes_on, contextlib.ExitStack() as opened:
+        base = _wait_for([args.url] if args.url else HERE, goes_on)
         if not base:
             return 0
         full_screen = not args.windowed and not shared
-        for side, place in zip(sides, places[:2], strict=True):
-            url = f'{base}/wall/{side}'
-            windows.append(kiosk.Window(browser, url, place, full_screen))
-        while not stop and time.monotonic() < end_s:
+        windows = [
+            opened.enter_context(
+                contextlib.closing(kiosk.Window(browser, f'{base}/wall/{side}', place, full_screen))
+            )
+            for side, place in zip(sides, places[:2], strict=True)
+        ]
+        while goes_on():
             for window in windows:
                 news = window.keep(time.monotonic())
                 if news:
                     print(news, file=sys.stderr, flush=True)
             time.sleep(0.1)
-    finally:
-        for window in windows:
-            window.close()
     return 0
 
 
-def _wait_for(urls, stop, end_s):
+def _wait_for(urls, goes_on):
     """Wait until the panel answers; return its URL, or an empty text when asked to stop before."""
     from eol_ros.devices.browser import kiosk
     from eol_ros.errors import DeviceMissing, UsageError
 
     told = False
-    while not stop and time.monotonic() < end_s:
+    while goes_on():
         for url in (url.rstrip('/') for url in urls):
             tls = ssl.create_default_context()
             if kiosk.is_here(url):

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol listen: record a microphone or contact pickup, sound by sound, into a folder of grains."""
 
-import signal
 import sys
 import time
 from pathlib import Path
 
+from eol_ros import interrupts
+from eol_ros.cli import within
 from eol_ros.errors import UsageError, writing
 
 HELP = 'Record a microphone or contact pickup, sound by sound, into a folder that grains are of.'
@@ -24,11 +25,24 @@ def add_arguments(parser):
     add('--into', metavar='DIR', help='folder for the sounds; made if it is not there')
     add('--device', default='auto', metavar='NAME', help='input by name or part of it')
     add('--from', dest='source', metavar='FILE', help='cut this recording instead, and end')
-    add('--on', type=float, default=-40.0, metavar='DB', help='a sound begins above')
-    add('--off', type=float, default=-50.0, metavar='DB', help='and ends below')
-    add('--most', type=float, default=30.0, metavar='S', help='a longer one is cut')
-    add('--keep', type=int, default=50, metavar='N', help='the oldest beyond so many are removed')
-    add('--for', dest='seconds', type=float, default=0.0, metavar='S', help='end after; 0: Ctrl-C')
+    add('--on', type=within(-120, 0), default=-40.0, metavar='DB', help='a sound begins above')
+    add('--off', type=within(-120, 0), default=-50.0, metavar='DB', help='and ends below')
+    add('--most', type=within(0.1, 600), default=30.0, metavar='S', help='a longer one is cut')
+    add(
+        '--keep',
+        type=within(1, 10000, int),
+        default=50,
+        metavar='N',
+        help='the oldest beyond so many are removed',
+    )
+    add(
+        '--for',
+        dest='seconds',
+        type=within(0, 1e9),
+        default=0.0,
+        metavar='S',
+        help='end after; 0: Ctrl-C',
+    )
     add('--list', action='store_true', help='the inputs that there are')
 
 
@@ -44,13 +58,8 @@ def run(args):
         return 0
     if not args.into:
         raise UsageError('--into: name the folder for the sounds')
-    for name, value, low, high in (
-        ('--on', args.on, -120, 0), ('--off', args.off, -120, args.on),
-        ('--most', args.most, 0.1, 600), ('--keep', args.keep, 1, 10000),
-        ('--for', args.seconds, 0, 1e9),
-    ):  # fmt: skip
-        if not low <= value <= high:
-            raise UsageError(f'{name} {value:g}: must lie in {low:g}..{high:g}')
+    if args.off > args.on:
+        raise UsageError(f'--off {args.off:g}: must not lie above --on, {args.on:g}')
     folder = Path(args.into)
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -69,21 +78,13 @@ def run(args):
 def _record(blocks, rate, folder, args):
     from eol_ros.core.sound.takes import Takes
 
-    takes, stopping = Takes(rate, args.on, args.off, most_s=args.most), []
-    before = {
-        number: signal.signal(number, lambda *_: stopping.append(True))
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    end_s = time.monotonic() + args.seconds if args.seconds else float('inf')
-    try:
+    takes = Takes(rate, args.on, args.off, most_s=args.most)
+    with interrupts.until_stopped(args.seconds) as goes_on:
         for block in blocks:
             for take in takes.feed(block):
                 _keep(take, rate, folder, args.keep)
-            if stopping or time.monotonic() >= end_s:
+            if not goes_on():
                 break
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
     for take in takes.end():
         _keep(take, rate, folder, args.keep)
     return 0

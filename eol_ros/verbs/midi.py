@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol midi: the inputs that there are, what comes from one, and lines for `midi_map` learnt."""
 
-import signal
+import contextlib
 import sys
 import time
 from pathlib import Path
 
+from eol_ros import interrupts
 from eol_ros.errors import DeviceMissing, UsageError
 
 HELP = (
@@ -75,21 +76,13 @@ def _events(args):
     from eol_ros.core.sound.midi import event_of
     from eol_ros.devices.audio.midi import MidiIn
 
-    stopping: list[bool] = []
-    before = {
-        number: signal.signal(number, lambda *_: stopping.append(True))
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    end_s = time.monotonic() + args.seconds if args.seconds else float('inf')
-    port = MidiIn(args.input)
-    try:
-        while not stopping and time.monotonic() < end_s:
+    with (
+        contextlib.closing(MidiIn(args.input)) as port,
+        interrupts.until_stopped(args.seconds) as goes_on,
+    ):
+        while goes_on():
             for message in port.take():
                 event = event_of(message)
                 if event is not None:
                     yield event
             time.sleep(PERIOD_S)
-    finally:
-        port.close()
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -2,25 +2,54 @@
 """Progress of long work: a bar on a terminal, a line every tenth elsewhere; always on stderr."""
 
 import sys
+import time
 from collections.abc import Iterable, Iterator, Sized
-from typing import TypeVar
+from typing import Any, TypeVar
 
 T = TypeVar('T')
+
+
+class Progress:
+    """Shows a share done, 0 to 1, whenever it is called with one; silent for `quiet_s`."""
+
+    def __init__(self, words: str, quiet_s: float = 1.0):
+        self._words, self._tenth = words, 0
+        self._begin_s = time.monotonic() + quiet_s
+        self._bar: Any = None
+
+    def __call__(self, share: float) -> None:
+        if time.monotonic() < self._begin_s:
+            return
+        if sys.stderr.isatty():
+            if self._bar is None:
+                from rich.console import Console
+                from rich.progress import Progress as Bar
+
+                self._bar = Bar(console=Console(stderr=True), transient=True)
+                self._task = self._bar.add_task(self._words, total=1.0)
+                self._bar.start()
+            self._bar.update(self._task, completed=share)
+            if share >= 1.0:
+                self.close()
+        elif int(10 * share) > self._tenth:
+            self._tenth = int(10 * share)
+            print(f'{self._words}: {10 * self._tenth} %', file=sys.stderr, flush=True)
+
+    def close(self) -> None:
+        """Take the bar away."""
+        if self._bar is not None:
+            self._bar.stop()
 
 
 def track(items: Iterable[T], words: str, total: float | None = None) -> Iterator[T]:
     """Yield `items` and show how far it has come; `total` where `items` has no length."""
     if total is None and isinstance(items, Sized):
         total = len(items)
-    if sys.stderr.isatty():
-        from rich.console import Console
-        from rich.progress import track as bar
-
-        yield from bar(items, words, total=total, console=Console(stderr=True), transient=True)
-        return
-    tenth = 0
-    for count, item in enumerate(items, 1):
-        yield item
-        if total and int(10 * count / total) > tenth:
-            tenth = int(10 * count / total)
-            print(f'{words}: {10 * tenth} %', file=sys.stderr, flush=True)
+    progress = Progress(words, quiet_s=0.0)
+    try:
+        for count, item in enumerate(items, 1):
+            yield item
+            if total:
+                progress(count / total)
+    finally:
+        progress.close()
