@@ -8,13 +8,12 @@ scene says; one that a service manager starts at every boot remembers always.
 """
 
 import contextlib
-import json
-import re
+import queue
 import threading
 from typing import Any
 
-from eol_ros import folders
-from eol_ros.disk import DISK, Disk, read
+from eol_ros.devices.files.day_file import DayFile
+from eol_ros.disk import DAMAGED, DISK, Disk
 from eol_ros.errors import ConfigError
 from eol_ros.scene import Scene, check_value, plain, public
 from eol_ros.settings import by_today, live_fields
@@ -28,60 +27,56 @@ HEEDED = 'heeded_s'  # the time of opening or closing that the work was asked fo
 class Memory:
     """Keeps one small file for a scene, written by a thread of its own: a slow disk stops nobody.
 
-    Changes since the last writing count from what is there when the disk is ready again. `always`:
-    also a run that ends as asked is remembered.
+    Of what was noted while the disk was busy, only the newest is written. `always`: also a run that
+    ends as asked is remembered.
     """
 
     def __init__(self, scene: Scene, domain: int, always: bool = False, disk: Disk = DISK):
-        name = re.sub(r'[^\w.-]', '_', f'{scene.name}-{domain}-{scene.namespace}')
-        self.path = folders.state_path() / f'kept-{name}.json'
-        self.trouble = ''
-        self._always, self._disk = always, disk
+        self._file = DayFile(f'{scene.name}-{domain}-{scene.namespace}', 'kept', disk)
+        self.path = self._file.path
+        self._always = always
         self._scene, self._settings = scene, plain(public(scene))['nodes']
         self._noted: Kept | None = None
-        self._waiting: Kept | None = None
-        self._change = threading.Condition()
-        self._ended = False
+        self._queue: queue.SimpleQueue[Kept | None] = queue.SimpleQueue()  # None: the end
         self._thread = threading.Thread(target=self._write_all, name='memory', daemon=True)
+
+    @property
+    def trouble(self) -> str:
+        """Why nothing is kept; empty where it is."""
+        return self._file.trouble
 
     def recall(self) -> Kept:
         """Return what the nodes kept in a run before this one; nothing where the scene has changed.
 
         What is no setting any more, or out of its range, is left out.
         """
-        found = read(self.path, self._found) or {}
+        rows = self._file.load()
+        try:
+            found = {
+                node: self._sane(node, row['kept'])
+                for node, row in (rows or {}).items()
+                if node in self._settings and row['scene'] == self._settings[node]
+            }
+        except DAMAGED:
+            return {}
         return {node: kept for node, kept in found.items() if kept}
-
-    def _found(self, content: bytes) -> Kept:
-        return {
-            node: self._sane(node, row['kept'])
-            for node, row in json.loads(content).items()
-            if node in self._settings and row['scene'] == self._settings[node]
-        }
 
     def note(self, kept: Kept) -> None:
         """Take note of what the nodes keep now."""
         kept = {node: dict(state) for node, state in kept.items() if state}
-        if kept == self._noted:
-            return
-        self._noted = kept
-        with self._change:
-            self._waiting = kept
+        if kept != self._noted:
+            self._noted = kept
             if not self._thread.is_alive():
                 self._thread.start()
-            self._change.notify()
+            self._queue.put(kept)
 
     def end(self, asked: bool) -> None:
         """Write what waits; forget it all where the run has ended because it was asked to."""
-        with self._change:
-            if asked and not self._always:
-                self._waiting = {}
-            self._ended = True
-            self._change.notify()
+        if asked and not self._always:
+            self.note({})
+        self._queue.put(None)
         if self._thread.is_alive():
             self._thread.join()
-        elif self._waiting == {}:
-            self._write({})
 
     def _sane(self, node: str, kept: dict[str, Any]) -> dict[str, Any]:
         found: dict[str, Any] = {flag: True for flag in FLAGS if kept.get(flag) is True}
@@ -100,31 +95,14 @@ class Memory:
         return found | ({'settings': settings} if settings else {})
 
     def _write_all(self) -> None:
-        while True:
-            with self._change:
-                while self._waiting is None and not self._ended:
-                    self._change.wait()
-                kept, self._waiting = self._waiting, None
-                if kept is None:
-                    return
-            self._write(kept)
-
-    def _write(self, kept: Kept) -> None:
-        rows = {
-            node: {'scene': self._settings[node], 'kept': state}
-            for node, state in kept.items()
-            if node in self._settings
-        }
-        try:
-            if rows:
-                self.path.parent.mkdir(parents=True, exist_ok=True)
-                self._disk.write(self.path, json.dumps(rows))
-            else:
-                self.path.unlink(missing_ok=True)
-        except OSError as error:
-            self.trouble = f'{self.path}: {error.strerror}; a power cut will forget what was asked'
-        else:
-            self.trouble = ''
+        for kept in iter(self._queue.get, None):
+            if kept is self._noted:
+                rows = {
+                    node: {'scene': self._settings[node], 'kept': state}
+                    for node, state in kept.items()
+                    if node in self._settings
+                }
+                self._file.save(rows, float('inf'))
 
 
 def words(kept: Kept) -> str:

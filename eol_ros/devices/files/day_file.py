@@ -6,7 +6,7 @@ import re
 from typing import Any
 
 from eol_ros import folders
-from eol_ros.disk import DISK, read
+from eol_ros.disk import DISK, Disk, read
 
 SAVE_EVERY_S = 5.0
 
@@ -18,10 +18,10 @@ class DayFile:
     the show goes on.
     """
 
-    def __init__(self, name: str, what: str = 'cascades'):
+    def __init__(self, name: str, what: str = 'cascades', disk: Disk = DISK):
         plain = re.sub(r'[^\w.-]', '_', name)
         self.path = folders.state_path() / f'{what}-{plain}.json'
-        self.trouble = ''
+        self.trouble, self._disk = '', disk
         self._saved: Any = None
         self._next_s = 0.0
 
@@ -35,7 +35,7 @@ class DayFile:
             return
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            DISK.write(self.path, json.dumps(value))
+            self._disk.write(self.path, json.dumps(value))
         except OSError as error:
             self.trouble = f'{self.path}: {error.strerror}; a restart will forget it'
             return
