@@ -24,7 +24,6 @@ import math
 import os
 import re
 import sys
-import types
 import typing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -417,10 +416,6 @@ def check_value(field_: dataclasses.Field[Any], value: Any) -> Any:
         item_field = dataclasses.field(metadata=meta)
         item_field.type = item_type
         return tuple(check_value(item_field, item) for item in value)
-    if isinstance(kind, types.UnionType):
-        if value is None and type(None) in typing.get_args(kind):
-            return None
-        kind = next(t for t in typing.get_args(kind) if t is not type(None))
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     asked = _range(meta)

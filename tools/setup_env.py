@@ -107,28 +107,9 @@ class Step:
         return f'{self.name}, {self.seconds:.0f} s: {self._newest()}'[:WIDTH]
 
     def _newest(self) -> str:
-        """Return the last line of the log that tells a person something."""
+        """Return the last line of the log."""
         lines = self.log.read_text(errors='replace').replace('\r', '\n').splitlines()
-        for line in reversed(lines):
-            words = re.sub(r'\x1b\[[0-9;]*m', '', line).split()
-            match words:
-                case ['Collecting', name, *_]:
-                    return f'looking for {name}'
-                case ['Downloading' | 'Using' | 'Processing', *_, name] | [
-                    'Downloading' | 'Using' | 'Processing',
-                    *_,
-                    name,
-                    _,
-                    _,
-                ] if '.whl' in name:
-                    return f'fetching {Path(name).name.split("-")[0]}'
-                case ['Installing', 'collected', 'packages:', *names]:
-                    return f'installing {len(names)} packages'
-                case ['compiling,', percent, '%']:
-                    return f'compiling, {percent} %'
-                case [step, *what] if re.fullmatch(r'\[\d+/\d+\]', step):
-                    return f'step {step[1:-1]}: {Path(what[-1]).name}'
-        return 'starting'
+        return next((line.strip() for line in reversed(lines) if line.strip()), 'starting')
 
 
 def wait(*steps: Step) -> None:

@@ -172,10 +172,6 @@ class Child:
             threads = processor.threads(self.popen.pid)
             self.silence.take(Look(now_s, threads, processor.disk_wait_s()))
 
-    def places(self) -> list[str]:
-        """Return where each of its threads is, for the log."""
-        return processor.places(self.popen.pid) if self.popen is not None else []
-
     def output(self) -> list[str]:
         """Return the whole lines it has printed; empty ones are what a full pipe left of some."""
         lines = self._lines('output', self.output_fd)

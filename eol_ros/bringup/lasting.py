@@ -6,7 +6,7 @@ Times and states are arguments.
 
 from collections import deque
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 SETTLED_S = 30.0  # well for so long: what flaps is not well in between
@@ -177,10 +177,7 @@ class Sums:
 
     def kept(self) -> dict[str, Any]:
         """Return the sums as plain data for a file."""
-        return {
-            'since_s': self.since_s, 'open_s': round(self.open_s, 1), 'restarts': self.restarts,
-            'slips': self.slips, 'lost': self.lost,
-        }  # fmt: skip
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name[0] != '_'}
 
     def resume(self, kept: Any) -> None:
         """Take up what a run before this one has kept; damaged data count for nothing."""
@@ -188,9 +185,8 @@ class Sums:
         if isinstance(kept, dict) and all(
             type(kept.get(name)) in (int, float) and kept[name] >= 0 for name in names
         ):
-            self.since_s, self.open_s = float(kept['since_s']), float(kept['open_s'])
-            self.restarts, self.slips = int(kept['restarts']), int(kept['slips'])
-            self.lost = int(kept['lost'])
+            for name, now in names.items():
+                setattr(self, name, type(now)(kept[name]))
 
 
 def _count(rows: Mapping[str, Mapping[str, Any]], node: str, name: str) -> int | None:

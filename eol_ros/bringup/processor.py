@@ -36,25 +36,6 @@ def threads(pid: int) -> dict[int, Thread]:
     return found
 
 
-def places(pid: int) -> list[str]:
-    """Return a line for each thread of process `pid`: its name, and what it asked of the kernel.
-
-    That is the number of the system call and its arguments, of proc(5), "running" or, where we may
-    not know, nothing. Of two threads that wait for each other it shows the locks: 202 is futex, its
-    arguments where the lock lies and for what it waits (futex(2)).
-    """
-    found = []
-    with contextlib.suppress(OSError):
-        for name in sorted(os.listdir(f'/proc/{pid}/task'), key=int):
-            with contextlib.suppress(OSError):  # it has just ended
-                comm = _read(f'/proc/{pid}/task/{name}/comm').decode(errors='replace').strip()
-                call = b''
-                with contextlib.suppress(PermissionError):
-                    call = _read(f'/proc/{pid}/task/{name}/syscall')
-                found.append(f'thread {name} {comm}: {" ".join(call.decode().split()[:5])}')
-    return found
-
-
 def _thread(task: str) -> Thread:
     stat = _read(task + 'stat').rpartition(b')')[2].split()
     state, ticks = stat[0].decode(), int(stat[11]) + int(stat[12])

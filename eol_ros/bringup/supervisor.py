@@ -222,6 +222,7 @@ class Supervisor:
         compiler, told = self._compiler, -10
         compiler.start(self._clock())
         while compiler.alive() and not self._asked_to_stop:
+            compiler.beats(self._clock())
             self._hear(compiler)
             if compiler.percent >= told + 10:
                 told = compiler.percent
@@ -238,9 +239,9 @@ class Supervisor:
             self._note(f'compiling has failed (exit code {code}): the nodes do it themselves')
 
     def _hear(self, child: Child) -> None:
-        child.beats(self._clock())
+        """Log what it has printed, and show what people should see."""
         for line in child.output():
-            shown = child.for_people(line) and not line.startswith('compiling')
+            shown = child.for_people(line) and not line.startswith('compiling, ')
             self._events.line(f'{child.process.name}: {line}', shown)
             if shown:
                 self._say(f'{child.process.name} | {line}')
@@ -336,8 +337,6 @@ class Supervisor:
                 'it is started again'
             )
             self._events.line(f'{child.process.name}: {child.silence.measured()}')
-            for line in [] if stopped else child.places():
-                self._events.line(f'{child.process.name}: {line}')
             child.signal(signal.SIGKILL if stopped else signal.SIGABRT)
         elif now - child.hung_s > DUMP_S:
             child.signal(signal.SIGKILL)
@@ -379,11 +378,7 @@ class Supervisor:
             self._told[row['node']] = (row['level'], row['text'])
             if row['level'] != told:
                 self._note(f'{row["node"]:9} {status.WORDS[row["level"]]}: {row["text"]}')
-        for line in child.output():
-            shown = child.for_people(line)
-            self._events.line(f'{child.process.name}: {line}', shown)
-            if shown:
-                self._say(f'{child.process.name} | {line}')
+        self._hear(child)
 
     def _ended(self, child: Child, now: float) -> int | None:
         self._listen(child, now)

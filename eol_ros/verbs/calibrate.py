@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol calibrate: from images of the table to the file that turns pixels into metres."""
 
+import datetime
 import json
 import sys
 from dataclasses import replace
@@ -116,7 +117,9 @@ def run(args) -> int:
         raise ConfigError(
             'there is no mirror in these points: leave out --mirror, or exchange left and right'
         )
-    done = replace(solution.calibration, date=_today(), covers=_covers(args))
+    done = replace(
+        solution.calibration, date=datetime.date.today().isoformat(), covers=_covers(args)
+    )
     solution = replace(solution, calibration=done)
     _tell(args, solution)
     if solution.note:
@@ -304,10 +307,8 @@ def _pair(text, name) -> tuple[int, int]:
     return int(parts[0]), int(parts[1])
 
 
-def _today() -> str:
-    import datetime
-
-    return datetime.date.today().isoformat()
+def _or_none(value) -> float | None:
+    return None if np.isnan(value) else float(value)
 
 
 def _tell(args, solution) -> None:
@@ -324,12 +325,8 @@ def _tell(args, solution) -> None:
                     'note': solution.note,
                     'points': len(solution.px),
                     'mirror': done.mirrored,
-                    'corner_sigma_mm': [
-                        None if np.isnan(s) else float(s) for s in solution.corner_mm
-                    ],
-                    'platform_sigma_mm': (
-                        None if np.isnan(solution.platform_mm) else solution.platform_mm
-                    ),
+                    'corner_sigma_mm': [_or_none(s) for s in solution.corner_mm],
+                    'platform_sigma_mm': _or_none(solution.platform_mm),
                     'each': {name: {'px': px, 'mm': mm} for name, (px, mm) in each.items()},
                 }
             )

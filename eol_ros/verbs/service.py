@@ -249,11 +249,7 @@ def _install(args) -> int:
     log_in = ('lightdm' if shutil.which('lightdm') else 'getty') if args.log_in else ''
     files = units(scene, person.pw_name, home, folder, log_in)
     if args.output:
-        for place, text in files.items():
-            path = Path(args.output, place)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            DISK.write(path, text)
-            print(path)
+        _write(files, args.output)
         return 0
     _need_root('install')
     if shutil.which('gdm3') and log_in == 'getty':
@@ -264,17 +260,21 @@ def _install(args) -> int:
     for path in writes(scene, home, folder):
         for new in made(path):
             os.chown(new, person.pw_uid, person.pw_gid)
-    for place, text in files.items():
-        path = Path('/', place)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        DISK.write(path, text)
-        print(path)
+    _write(files, '/')
     _systemctl('daemon-reload')
     if WALLS_PATH in files:
         _systemctl('--global', 'enable', WALLS)
     _systemctl('enable', '--now', WORK)
     print(f'{scene.name} runs, and starts at boot: `eol service status`', file=sys.stderr)
     return 0
+
+
+def _write(files: dict[str, str], root: str) -> None:
+    for place, text in files.items():
+        path = Path(root, place)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        DISK.write(path, text)
+        print(path)
 
 
 def _status(args) -> int:

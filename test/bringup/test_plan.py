@@ -20,18 +20,8 @@ def names(scene):
 
 
 def test_only_the_nodes_of_the_scene_are_started():
+    """The recorder begins first; grouped nodes share a process."""
     assert names(scenes.load('lights')) == ['recorder', 'camera', 'tracker', 'motion+leds']
-
-
-def test_the_recorder_begins_first():
-    assert names(scenes.load('rehearsal'))[:3] == ['recorder', 'twin', 'tracker']
-
-
-def test_grouped_nodes_share_a_process(tmp_path):
-    path = tmp_path / 's.yaml'
-    path.write_text('nodes: {twin: {}, tracker: {}, motion: {}}\ntogether: [[motion, tracker]]')
-
-    assert names(scenes.load(path)) == ['recorder', 'twin', 'motion+tracker']
 
 
 def test_what_hurries_and_what_waits():

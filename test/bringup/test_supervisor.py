@@ -5,8 +5,6 @@ import contextlib
 import itertools
 import json
 import os
-import platform
-import re
 import resource
 import signal
 import subprocess
@@ -236,27 +234,6 @@ def test_where_real_time_is_forbidden_it_is_said_once(start, monkeypatch):
     assert supervisor.describe()['real_time'] is False
 
 
-def test_a_killed_process_comes_back_alone(start):
-    supervisor, lines = start(process('twin', STEADY), process('tracker', STEADY))
-    pids = {}
-
-    def work():
-        wait_until(lambda: supervisor.all_ok_s is not None)
-        pids['before'] = [c.popen.pid for c in supervisor.children]
-        os.kill(pids['before'][1], signal.SIGKILL)
-        wait_until(
-            lambda: (
-                supervisor.children[1].policy.restarts == 1 and supervisor.children[1].policy.beat_s
-            )
-        )
-        pids['after'] = [c.popen.pid for c in supervisor.children]
-
-    attended(supervisor, work)
-    assert pids['after'][0] == pids['before'][0]
-    assert pids['after'][1] != pids['before'][1]
-    assert 'tracker has died (killed by SIGKILL); again in 1 s' in lines
-
-
 DEAF = STEADY.replace('beat(sys.argv[1])', 'beat(sys.argv[1], 0, 0.0)')
 TROUBLED = STEADY.replace('beat(sys.argv[1])', 'beat(sys.argv[1], 1)')
 
@@ -342,31 +319,13 @@ def test_nobody_is_to_blame_where_a_camera_is_not_well_or_a_replay_stands(start,
 KEEPING = (
     BEAT
     + """
-had = json.loads(os.environ['EOL_KEPT']).get(sys.argv[1], {})
+had = json.loads(os.environ['EOL_KEPT']).get(sys.argv[1], {}), os.environ.get('EOL_AGAIN', '')
 while True:
     os.write(fd, (json.dumps({'node': sys.argv[1], 'level': 0, 'text': json.dumps(had),
                               'values': {}, 'kept': {'asleep': True}}) + chr(10)).encode())
     time.sleep(0.1)
 """
 )
-
-
-BEATING_AGAIN = STEADY.replace("'fine'", "os.environ.get('EOL_AGAIN', 'first')")
-
-
-def test_who_is_started_again_is_told_that_the_others_run(start):
-    supervisor, _ = start(process('twin', BEATING_AGAIN), process('tracker', BEATING_AGAIN))
-
-    def texts():
-        return [row['text'] for child in supervisor.children for row in child.status.values()]
-
-    def work():
-        wait_until(lambda: texts() == ['first', 'first'] and supervisor.all_ok_s is not None)
-        wait_until(lambda: all(child.settled for child in supervisor.children))
-        os.kill(supervisor.children[1].popen.pid, signal.SIGKILL)
-        wait_until(lambda: texts() == ['first', '1'])
-
-    attended(supervisor, work)
 
 
 def test_all_are_started_again_where_the_network_asks_for_it(start):
@@ -399,18 +358,23 @@ def test_all_are_started_again_where_the_network_asks_for_it(start):
     assert lines[-1].endswith(' 1 restarts')
 
 
-def test_what_a_process_kept_it_has_again_after_a_restart(start):
-    supervisor, _lines = start(process('twin', STEADY), process('tracker', KEEPING))
+def test_a_killed_process_comes_back_alone_with_what_it_kept(start):
+    """It is told that the others run."""
+    supervisor, lines = start(process('twin', STEADY), process('tracker', KEEPING))
+    twin, tracker = supervisor.children
 
     def text():
-        return supervisor.children[1].status.get('tracker', {}).get('text')
+        return tracker.status.get('tracker', {}).get('text')
 
     def work():
-        wait_until(lambda: text() == '{}')
-        os.kill(supervisor.children[1].popen.pid, signal.SIGKILL)
-        wait_until(lambda: text() == '{"asleep": true}')
+        wait_until(lambda: text() == '[{}, ""]' and twin.settled)
+        before = twin.popen.pid
+        os.kill(tracker.popen.pid, signal.SIGKILL)
+        wait_until(lambda: text() == '[{"asleep": true}, "1"]')
+        assert (twin.popen.pid, tracker.policy.restarts) == (before, 1)
 
     attended(supervisor, work)
+    assert 'tracker has died (killed by SIGKILL); again in 1 s' in lines
 
 
 def test_a_hung_process_is_started_again(start, monkeypatch):
@@ -802,11 +766,5 @@ beat('twin'); stuck_in_the_ice()
 
     attended(supervisor, work)
     assert 'twin is silent: it is started again' in lines
-    log = (tmp_path / 'eol.log').read_text()
-    assert 'stuck_in_the_ice' in log
-    # What the main thread asked of the kernel: it sleeps (230 is clock_nanosleep on x86-64).
-    asked = re.findall(r'twin: thread \d+ python\S*: (\S*)', log)
-    assert asked
-    if platform.machine() == 'x86_64' and asked[0]:  # some machines do not tell
-        assert asked[0] == '230'
-    assert not any('stuck_in_the_ice' in line or 'thread' in line for line in lines)
+    assert 'stuck_in_the_ice' in (tmp_path / 'eol.log').read_text()
+    assert not any('stuck_in_the_ice' in line for line in lines)
