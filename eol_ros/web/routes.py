@@ -15,7 +15,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from eol_ros.errors import EolError, UsageError
 from eol_ros.said import LANGUAGES, parts_of, said
-from eol_ros.streams.requests import KINDS, Asked
+from eol_ros.streams.requests import KINDS, SET, Asked
 from eol_ros.web import guard, metrics, screens, wire
 from eol_ros.web.connections import VIEWING, Connection, heaviest
 from eol_ros.web.controls import CONTROLS
@@ -231,7 +231,10 @@ class Routes:
         if answers.refusal:
             return _error(409, answers.refusal)
         text = answers.text
-        return web.json_response({'ok': True, 'text': text, 'said': text.parts})
+        told = {'ok': True, 'text': text, 'said': text.parts}
+        if asked.kind == SET:  # so that a page need not wait for the next state of the node
+            told |= {'node': asked.node, 'values': asked.values}
+        return web.json_response(told)
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
         connection = _connection(request)

@@ -256,6 +256,7 @@ def test_what_people_ask_reaches_the_graph(rig):
             assert (status, answer['error']) == (409, 'sound: no such grain')
             said = [['is_now', {'setting': 'radius', 'value': '0.125'}]]
             told = {'ok': True, 'text': 'radius is 0.125', 'said': said}
+            told |= {'node': 'grains', 'values': {'radius': 0.125}}
             assert await post(client, 'radius', {'value': 0.125}) == (200, told)
             status, answer = await post(client, 'threshold', {'value': 90})
             assert status == 409 and 'tracker does not run' in answer['error']

@@ -137,6 +137,17 @@ def phone(browser):
         browser.execute_cdp_cmd(touches, {'enabled': False})
 
 
+@contextlib.contextmanager
+def reduced_motion(browser):
+    """Make the browser of somebody who wants little movement."""
+    features = [{'name': 'prefers-reduced-motion', 'value': 'reduce'}]
+    browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': features})
+    try:
+        yield
+    finally:
+        browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})
+
+
 def visit(browser, address, path, width=1280, height=800, mobile=False):
     """Open a page, and wait until its connection lives."""
     browser.execute_cdp_cmd(

@@ -28,6 +28,7 @@ from support.chromium import (
     phone,
     picture,
     press,
+    reduced_motion,
     release,
     run,
     status,
@@ -119,9 +120,7 @@ def test_what_came_of_a_request_stands_beside_the_buttons_in_both_languages(
     graph, browser, control, outcome, chinese
 ):
     """From the button through panel, tracker and light, and back; nobody has pushed a block yet."""
-    address, _ = graph
-    visit(browser, address, '/')
-    until_page(browser, 'document.querySelector("[data-node=tracker]")')
+    show(graph, browser, '/', 'document.querySelector("[data-node=tracker]")')
     button = f'document.querySelector("[data-control={control}]")'
     text = 'document.getElementById("answer").textContent'
     speak(browser, 'zh-Hant')
@@ -134,8 +133,15 @@ def test_what_came_of_a_request_stands_beside_the_buttons_in_both_languages(
     assert complaints(browser) == []
 
 
+def show(graph, browser, path, ready, width=1280, height=800):
+    """Open a page and wait until `ready`; return the address of the panel."""
+    visit(browser, graph[0], path, width, height)
+    until_page(browser, ready)
+    return graph[0]
+
+
 def speak(browser, language):
-    browser.find_element('css selector', f'[data-language={language}]').click()
+    run(browser, f'document.querySelector("[data-language={language}]").click()')
     until_page(browser, f'document.documentElement.lang === "{language}"')
 
 
@@ -178,19 +184,16 @@ def test_presets_modes_filter_and_sounds_are_played_from_the_panel(graph, browse
     until_page(browser, f'{of("filter")}.value === "off"')
     assert run(browser, SMALL) == []
     for language in ('en', 'zh-Hant'):
-        run(browser, f'document.querySelector("[data-language={language}]").click()')
-        until_page(browser, f'document.documentElement.lang === "{language}"')
+        speak(browser, language)
         picture(browser, f'instrument-{width}-{language}')
         wide = f'return {of("instrument")}.scrollWidth - {of("instrument")}.clientWidth'
         assert run(browser, wide) <= 0
-    run(browser, 'document.querySelector("[data-language=en]").click()')
+    speak(browser, 'en')
     assert complaints(browser) == []
 
 
 def test_a_refusal_stands_in_the_language_of_the_page(graph, browser):
-    address, _ = graph
-    visit(browser, address, '/')
-    until_page(browser, 'document.querySelector("[data-node=sound]")')
+    show(graph, browser, '/', 'document.querySelector("[data-node=sound]")')
     for name, refusal in (
         ('zh-Hant', 'sound：聲粒 999：語料庫只有聲粒 0 至 479'),
         ('en', 'sound: grain 999: the corpus has grains 0 to 479'),
@@ -218,7 +221,7 @@ def test_the_page_says_when_nobody_plays_and_the_panel_switches_it(graph, browse
     until_page(browser, f'!{alone}.hidden && Math.hypot(eol.state().rim[0] - {start[0]},'
                         f' eol.state().rim[1] - {start[1]}) > 0.005', 60)  # fmt: skip
     for name, words in (('zh-Hant', '此刻沒有人'), ('en', 'Nobody is here')):
-        browser.find_element('css selector', f'#languages [lang={name}]').click()
+        speak(browser, name)
         until_page(browser, f'{alone}.textContent.startsWith("{words}")')
         picture(browser, f'table-alone-{name}')
     mouse(browser, 'mousePressed', 640, 400)
@@ -232,17 +235,18 @@ def test_the_page_says_when_nobody_plays_and_the_panel_switches_it(graph, browse
     until_page(browser, f'{button}.offsetParent && {button}.ariaPressed === "false"')
     nodes = 'document.getElementById("nodes").textContent'
     until_page(browser, f'{nodes}.includes("hands: visitors")')
+    deaf = 'eol.hear = eol.link.emit; eol.link.emit = (name, told) => '
+    run(browser, deaf + 'name === "health" || eol.hear.call(eol.link, name, told)')
     run(browser, f'{button}.click()')
-    until_page(browser, f'{button}.ariaPressed === "true"')
+    until_page(browser, f'{button}.ariaPressed === "true"')  # by the answer to the request alone
+    run(browser, 'eol.link.emit = eol.hear')
     until_page(browser, f'{nodes}.includes("hands: nobody")')  # the state of the node follows
     assert complaints(browser) == []
 
 
 def test_a_drag_moves_lights_sounds_and_changes_the_pair(graph, browser):
     """End to end: hand -> rim -> slip -> flash, sound, walls, all in one browser."""
-    address, _ = graph
-    visit(browser, address, '/table')
-    until_page(browser, 'eol.counts.packets > 30')
+    show(graph, browser, '/table', 'eol.counts.packets > 30')
     browser.find_element('id', 'listen').click()
     until_page(browser, 'eol.listener.packets > 3')
     before = run(
@@ -280,9 +284,7 @@ def test_a_drag_moves_lights_sounds_and_changes_the_pair(graph, browser):
 
 
 def test_keys_and_two_fingers_turn_the_rim(graph, browser):
-    address, _ = graph
-    visit(browser, address, '/table')
-    until_page(browser, 'eol.counts.packets > 30')
+    show(graph, browser, '/table', 'eol.counts.packets > 30')
     start = run(browser, 'return eol.state().rim[2]')
     # Away from where the platform may not let it turn on: earlier tests have turned it, too.
     key, way = ('q', 1) if start < 0 else ('e', -1)
@@ -312,8 +314,7 @@ def test_axe_finds_no_barrier(graph, browser, path):
     run(browser, AXE.read_text(encoding='utf-8'))
     for name in ('zh-Hant', 'en') if 'wall' not in path else ('en',):
         if 'wall' not in path:
-            browser.find_element('css selector', f'#languages [lang={name}]').click()
-            until_page(browser, f'document.documentElement.lang === "{name}"')
+            speak(browser, name)
         barriers, passed = browser.execute_async_script(
             'const done = arguments[arguments.length - 1];'
             "axe.run({rules: {'target-size': {enabled: true}}})"
@@ -345,8 +346,7 @@ def test_a_phone_is_told_of_fingers_alone_and_has_room_for_them(graph, browser, 
             until_page(browser, 'eol.drawing.hint && eol.counts.packets > 5')
             until_page(browser, '/finger/.test(document.getElementById("invite").textContent)')
         for name in ('zh-Hant', 'en'):
-            run(browser, f'document.querySelector("#languages [lang={name}]").click()')
-            until_page(browser, f'document.documentElement.lang === "{name}"')
+            speak(browser, name)
             assert run(browser, TARGETS) == []
             assert not run(browser, f'return {KEYS}')
             picture(browser, f'phone-{path.strip("/") or "panel"}-{size[0]}-{name}')
@@ -388,9 +388,7 @@ def test_what_lies_over_a_picture_can_be_read_whatever_it_shows(graph, browser):
 
 
 def test_the_table_shows_what_can_be_done_until_somebody_does_it(graph, browser):
-    address, _ = graph
-    visit(browser, address, '/table')
-    until_page(browser, 'eol.drawing.hint && !document.getElementById("invite").hidden')
+    show(graph, browser, '/table', 'eol.drawing.hint && !document.getElementById("invite").hidden')
     until_page(browser, KEYS)  # this one has a keyboard
     mouse(browser, 'mousePressed', 640, 400)
     mouse(browser, 'mouseMoved', 645, 400)
@@ -403,9 +401,7 @@ def test_the_table_shows_what_can_be_done_until_somebody_does_it(graph, browser)
 
 
 def test_cascades_in_words_and_by_the_motor_of_a_phone(graph, browser):
-    address, _ = graph
-    visit(browser, address, '/table')
-    until_page(browser, 'eol.link.heard.cascades && eol.counts.packets > 5')
+    address = show(graph, browser, '/table', 'eol.link.heard.cascades && eol.counts.packets > 5')
     run(browser, 'navigator.vibrate = (ms) => { eol.shaken = ms; return true; }')
     tell = 'eol.link.emit("cascades", {recent: [[arguments[0], 24, arguments[1], 9, 0.5]]})'
     line = 'document.getElementById("caption")'
@@ -460,9 +456,7 @@ def test_a_page_without_sound_says_why(graph, browser):
 
 
 def test_who_hears_the_page_is_told_what_is_under_the_cursor(graph, browser):
-    address, _ = graph
-    visit(browser, address, '/table')
-    until_page(browser, 'eol.counts.packets > 5')
+    address = show(graph, browser, '/table', 'eol.counts.packets > 5')
     under = 'document.getElementById("under").textContent'
     at = """
         const {x, y} = eol.state(), {left, top, width} = eol.drawing.canvas.getBoundingClientRect();
@@ -526,9 +520,7 @@ def test_visitors_pull_against_each_other(graph):
 
 
 def test_the_page_shows_that_the_rim_stays_behind_and_says_why(graph, browser):
-    address, _ = graph
-    visit(browser, address, '/table')
-    until_page(browser, 'eol.counts.packets > 30')
+    show(graph, browser, '/table', 'eol.counts.packets > 30')
     limit = 'document.getElementById("limit")'
     x, y = run(browser, 'const [x, y] = eol.state().rim; const box ='
                ' document.getElementById("table").getBoundingClientRect();'
@@ -542,7 +534,7 @@ def test_the_page_shows_that_the_rim_stays_behind_and_says_why(graph, browser):
     )
     picture(browser, 'table-limit')
     for name, words in (('zh-Hant', '平台|方塊|彈簧'), ('en', 'platform|block|springs')):
-        run(browser, f'document.querySelector("#languages [lang={name}]").click()')
+        speak(browser, name)
         until_page(browser, f'/{words}/.test({limit}.textContent)')
     mouse(browser, 'mouseReleased', 1270, y, 0)
     until_page(browser, f'{limit}.hidden && !eol.drawing.pulls.length')
@@ -551,9 +543,9 @@ def test_the_page_shows_that_the_rim_stays_behind_and_says_why(graph, browser):
 
 def test_walls_never_flash_nor_go_black_and_change_together(graph, browser):
     """Shuffle by pushing, and count in the captured images, as WCAG 2.3.1 does."""
-    address, _ = graph
-    visit(browser, address, '/table')
-    until_page(browser, 'eol.counts.packets > 30 && eol.walls.every((wall) => wall.shows)')
+    show(
+        graph, browser, '/table', 'eol.counts.packets > 30 && eol.walls.every((wall) => wall.shows)'
+    )
     sides = browser.execute_async_script(SAMPLE_WALLS)
     for side in sides:
         times, light = np.array(side['times']), np.array(side['light'])
@@ -751,9 +743,7 @@ def test_the_test_card_tells_greys_apart_and_flashes_by_the_second(graph, browse
 
 def test_a_wall_without_a_server_keeps_its_pair_and_fades_to_black(graph, browser):
     """The minute is 3 s here (`?lost=3`); the connection is cut in the page itself."""
-    address, _ = graph
-    visit(browser, address, '/wall/right?lost=3', 640, 360)
-    until_page(browser, 'eol.view.shows')
+    show(graph, browser, '/wall/right?lost=3', 'eol.view.shows', 640, 360)
     wait_until(lambda: picture(browser).std() > 5)
     cut = 'eol.opening = eol.link.open; eol.link.open = () => {}; eol.link.socket.close();'
     run(browser, cut)
@@ -769,9 +759,7 @@ def test_a_wall_without_a_server_keeps_its_pair_and_fades_to_black(graph, browse
 
 
 def test_the_panel_by_keyboard_alone(graph, browser):
-    address, _ = graph
-    visit(browser, address, '/')
-    until_page(browser, 'document.querySelector("#space canvas").dataset.grains > 0')
+    show(graph, browser, '/', 'document.querySelector("#space canvas").dataset.grains > 0')
     count = run(browser, FOCUSABLE)
     seen = []
     for _ in range(count + 3):
@@ -795,9 +783,7 @@ def test_the_panel_by_keyboard_alone(graph, browser):
 
 
 def test_the_table_by_keyboard_alone(graph, browser):
-    address, _ = graph
-    visit(browser, address, '/table')
-    until_page(browser, 'eol.counts.packets > 30')
+    show(graph, browser, '/table', 'eol.counts.packets > 30')
     count, seen = run(browser, FOCUSABLE), []
     for _ in range(count):
         press(browser, 'Tab', hold=True)
@@ -835,9 +821,7 @@ return {
 
 def test_outlines_are_of_the_picture_that_is_shown(graph, browser):
     """The image is older than the newest blocks; what is drawn over it must be as old."""
-    address, _ = graph
-    visit(browser, address, '/')
-    until_page(browser, 'document.querySelector("#camera canvas").dataset.images > 3')
+    show(graph, browser, '/', 'document.querySelector("#camera canvas").dataset.images > 3')
     ages = []
     for _ in range(20):
         shown, picture_s, known = run(
@@ -855,9 +839,9 @@ def test_outlines_are_of_the_picture_that_is_shown(graph, browser):
 
 def test_the_threshold_is_tried_and_kept(graph, browser):
     """Through the tracker and back: no cover is as bright as 250, each is brighter than none."""
-    address, _ = graph
-    visit(browser, address, '/')
-    until_page(browser, 'document.querySelector("#camera canvas").dataset.images > 0')
+    address = show(
+        graph, browser, '/', 'document.querySelector("#camera canvas").dataset.images > 0'
+    )
     press(browser, 't')
     slider, words = (f'document.getElementById("{name}")' for name in ('threshold', 'camera-state'))
     box = run(browser, 'return document.querySelector("#histogram").getBoundingClientRect().height')
@@ -890,8 +874,7 @@ def test_both_languages(graph, browser, path):
     visit(browser, address, path)
     texts = {}
     for name in ('zh-Hant', 'en'):
-        browser.find_element('css selector', f'#languages [lang={name}]').click()
-        until_page(browser, f'document.documentElement.lang === "{name}"')
+        speak(browser, name)
         texts[name] = run(
             browser,
             'return [...document.querySelectorAll("[data-say]")]'
@@ -921,15 +904,14 @@ def test_opening_hours_stand_in_words_at_the_top(graph, browser):
         ('en', ('asleep until Tue 10:00', 'closed until Tue 10:00, woken by hand')),
         ('zh-Hant', ('休眠至 週二 10:00', '閉館至 週二 10:00，已手動喚醒')),
     ):
-        browser.find_element('css selector', f'[data-language={name}]').click()
-        until_page(browser, f'document.documentElement.lang === "{name}"')
+        speak(browser, name)
         for asleep, text in zip((True, False), words, strict=True):
             run(browser, tell + 'arguments[0], text: "", rate: 0})', values | {'asleep': asleep})
             shown = run(browser, 'return document.getElementById("hours").textContent')
             assert ' '.join(shown.split()).replace(' 10', ' 10') == text
     run(browser, tell + 'arguments[0], text: "", rate: 0})', values | {'until_s': 0})
     until_page(browser, 'document.getElementById("hours").textContent.startsWith("休眠至")')
-    run(browser, 'document.querySelector("[data-language=en]").click()')
+    speak(browser, 'en')
     until_page(browser, 'document.getElementById("hours").textContent'
                ' === "asleep until further notice"')  # fmt: skip
     assert complaints(browser) == []
@@ -1015,10 +997,14 @@ return [out, box('#nodes .why').height / line, box('#coords tr').height];
 
 @pytest.mark.parametrize('size', [(1280, 1500), (1920, 1080), (3840, 2160)])
 def test_the_monitor_is_one_view_without_inner_scrolling(graph, browser, size):
-    address, _ = graph
-    visit(browser, address, '/', *size)
-    until_page(browser, 'document.querySelectorAll("#nodes li").length > 7 && eol.views.sound.meter'
-                        ' && eol.camera.part')  # fmt: skip
+    show(
+        graph,
+        browser,
+        '/',
+        'document.querySelectorAll("#nodes li").length > 7 && eol.views.sound.meter'
+        ' && eol.camera.part',
+        *size,
+    )
     if size[0] > 1280:
         assert run(browser, 'return document.documentElement.scrollHeight') == size[1]
         rem = run(browser, 'return parseFloat(getComputedStyle(document.body).fontSize)')
@@ -1028,8 +1014,7 @@ def test_the_monitor_is_one_view_without_inner_scrolling(graph, browser, size):
                                  '.slice(0, 2).map((card) => card.id)')  # fmt: skip
     assert (first, states) == ('controls', 'nodes')
     for name in ('zh-Hant', 'en'):
-        run(browser, f'document.querySelector("#languages [lang={name}]").click()')
-        until_page(browser, f'document.documentElement.lang === "{name}"')
+        speak(browser, name)
         viewers = 'document.getElementById("visitors").textContent'
         words = '^viewers: 1$' if name == 'en' else '^1 人觀看$'
         until_page(browser, f'/{words}/.test({viewers})')
@@ -1090,9 +1075,7 @@ def luminance(colour):
 
 
 def test_numbers_in_canvases_can_be_read(graph, browser):
-    address, _ = graph
-    visit(browser, address, '/', 1920, 1080)
-    until_page(browser, 'eol.views')
+    show(graph, browser, '/', 'eol.views', 1920, 1080)
     view = 'eol.views.lights.levels = Uint8Array.from({length: 25}, (_, i) => i * 10.6);'
     drawn = run(browser, f'{view} return (function () {{ {DRAWN} }})(eol.views.lights)')
     assert len(drawn['squares']) == 25
@@ -1122,9 +1105,9 @@ def test_states_stand_in_words_and_do_not_outlive_who_said_them(graph, browser):
     button = 'document.querySelector("[data-control={}]").{}'
     run(browser, button.format('sleep', 'click()'))
     until_page(browser, f'{words[0]} === "ASLEEP"')
-    run(browser, 'document.querySelector("#languages [lang=zh-Hant]").click()')
+    speak(browser, 'zh-Hant')
     until_page(browser, f'{words[0]} === "休眠中"')
-    run(browser, 'document.querySelector("#languages [lang=en]").click()')
+    speak(browser, 'en')
     run(browser, button.format('wake', 'click()'))
     until_page(browser, f'{words[0]} === "AWAKE"')
     run(browser, button.format('mute', 'click()'))
@@ -1147,9 +1130,7 @@ def test_states_stand_in_words_and_do_not_outlive_who_said_them(graph, browser):
 
 
 def test_a_grain_is_heard_by_a_click_and_moved_by_a_drag_or_by_keys(graph, browser):
-    address, _ = graph
-    visit(browser, address, '/')
-    until_page(browser, 'eol.space.corpus && eol.space.box')
+    show(graph, browser, '/', 'eol.space.corpus && eol.space.box')
     place = """
         const box = eol.space.canvas.getBoundingClientRect();
         const [x, y] = eol.space.at(eol.space.corpus.x[7], eol.space.corpus.y[7]);
@@ -1183,9 +1164,7 @@ def test_a_grain_is_heard_by_a_click_and_moved_by_a_drag_or_by_keys(graph, brows
 
 
 def test_the_space_says_what_lies_where_and_gives_moved_grains_back(graph, browser):
-    address, _ = graph
-    visit(browser, address, '/')
-    until_page(browser, 'eol.space.corpus && eol.space.box')
+    show(graph, browser, '/', 'eol.space.corpus && eol.space.box')
     # What is asked for; not sent, for it would be kept beside the sound for good.
     asked = 'eol.asked = []; eol.link.control = async (...ask) => ({ok: eol.asked.push(ask)});'
     run(browser, asked)
@@ -1276,9 +1255,7 @@ return dark === lit;
 
 def test_reduced_motion_stills_flashes_and_waves(graph, browser):
     address, _ = graph
-    feature = {'name': 'prefers-reduced-motion', 'value': 'reduce'}
-    browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': [feature]})
-    try:
+    with reduced_motion(browser):
         visit(browser, address, '/table')
         still = """
             const {waves, brush} = eol.drawing;
@@ -1296,18 +1273,13 @@ def test_reduced_motion_stills_flashes_and_waves(graph, browser):
         arcs, waves = run(browser, still)
         assert arcs == 0 and waves > 0
         assert run(browser, SAME_IN_ANY_LIGHT), 'slips are told by outlines, nothing flashes'
-        browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})
-        arcs, waves = run(browser, still)
-        assert arcs == waves > 0
-    finally:
-        browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})
+    arcs, waves = run(browser, still)
+    assert arcs == waves > 0
 
 
 def test_walls_change_slowly_where_quick_changes_are_unwelcome(graph, browser):
     address, _ = graph
-    feature = {'name': 'prefers-reduced-motion', 'value': 'reduce'}
-    browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': [feature]})
-    try:
+    with reduced_motion(browser):
         visit(browser, address, '/wall/left', 640, 360)
         until_page(browser, 'eol.view.shows && !eol.view.pending && eol.view.ahead.length > 2')
         # Blocks that still slide after another test would change the walls, too.
@@ -1328,8 +1300,6 @@ def test_walls_change_slowly_where_quick_changes_are_unwelcome(graph, browser):
         assert flips[1][1] - flips[0][1] >= 3990
         fades = run(browser, 'return eol.view.layers[eol.view.front].style.transition')
         assert '1.5s' in fades
-    finally:
-        browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})
 
 
 def test_a_wall_outlives_the_panel_and_the_panel_forgets_nothing(graph, browser):

@@ -82,16 +82,6 @@ def test_plain_http_and_old_tls_get_nothing(serve, pem):
             client.wrap_socket(sock, server_hostname='localhost').close()
 
 
-def test_who_connects_and_says_nothing_keeps_nobody_out(serve, pem):
-    server = serve(certificate=str(pem))
-    idle = [socket.create_connection(('127.0.0.1', server.port), 5) for _ in range(50)]
-    try:
-        assert serial(server, pem) == certificate.read(str(pem)).serial_number
-    finally:
-        for sock in idle:
-            sock.close()
-
-
 def test_a_renewed_certificate_is_taken_up_and_a_bad_one_is_not(serve, pem, tmp_path):
     server = serve(certificate=str(pem))
     before = serial(server, pem)

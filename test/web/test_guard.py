@@ -11,11 +11,6 @@ from eol_ros.web import guard
 PIN = '471147'
 
 
-@pytest.mark.parametrize('host', ['127.0.0.1', '127.8.8.8', '::1', 'localhost'])
-def test_loopback_needs_no_pin(host):
-    assert guard.check_settings(host, '') is None  # it raises where one is needed, as below
-
-
 @pytest.mark.parametrize('host', ['0.0.0.0', '::', '192.168.1.4', 'museum.local'])
 def test_open_to_the_network_needs_one(host):
     with pytest.raises(ConfigError, match=r'panel\.pin'):
@@ -95,15 +90,6 @@ def test_who_guesses_waits_longer_after_each_wrong_one():
     assert gate.check(PIN, 'a', now_s) == 'ok'
     assert gate.check('000000', 'a', now_s) == 'wrong'
     assert gate.wait_s('a', now_s) == 0  # after the right one counting begins again
-
-
-def test_wrong_pins_of_others_lock_nobody_out():
-    gate = guard.PinGate(PIN)
-    for i in range(guard.MOST_GUESSERS - 1):
-        while gate.check('000000', f'192.168.1.{i}', float(i)) == 'wrong':
-            pass
-    assert gate.check(PIN, '192.168.1.255', 255.0) == 'ok'  # never seen before
-    assert gate.check(PIN, '192.168.1.254', 255.0) == 'locked'
 
 
 def test_many_addresses_guess_no_more_than_their_bound_in_all():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from support import needs
-from support.chromium import run, until_page, visit
+from support.chromium import reduced_motion, run, until_page, visit
 
 from eol_ros.devices.files.media_folder import LIST, MediaFolder, Pictures
 
@@ -188,12 +188,8 @@ def test_a_video_without_an_image_at_the_moment_leaves_what_was_there(wall, fit)
 
 
 def test_where_movement_is_unwelcome_videos_stand(wall):
-    features = [{'name': 'prefers-reduced-motion', 'value': 'reduce'}]
-    wall.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': features})
-    try:
+    with reduced_motion(wall):
         run(wall, 'turn(1, "crack.webm", {})')
         until_page(wall, 'eol.view.shows === "crack.webm"')
         assert run(wall, 'return eol.view.films.get("crack.webm").image.paused')
         assert run(wall, 'return grey()') < 48
-    finally:
-        wall.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})

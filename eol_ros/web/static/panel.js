@@ -82,15 +82,19 @@ link.on('leds', (packet) => lights.take(packet));
 link.on('trigger', ({ grain }) => space.hit(grain));
 link.on('cascades', (day) => cascades.take(day));
 let hours = null; // what the node of that name said last
+// Values of a node: all of its state, or those that a request has just set.
+function learn(node, values) {
+  if (node === 'tracker') camera.showThreshold(values.threshold);
+  if (['grains', 'sound'].includes(node)) instrument.take(node, values);
+  if (node === 'grains') {
+    showReach(values.radius);
+    space.showBlend(values.blend);
+  }
+}
 link.on('health', (status) => {
   nodes.take(status, Math.max(0, link.now() - status.at));
-  if (status.node === 'tracker') camera.showThreshold(status.values.threshold);
-  if (['grains', 'sound'].includes(status.node)) instrument.take(status.node, status.values);
-  if (status.node === 'grains') {
-    showReach(status.values.radius);
-    space.showBlend(status.values.blend);
-    space.setFolders(status.values.folders ?? []);
-  }
+  learn(status.node, status.values);
+  if (status.node === 'grains') space.setFolders(status.values.folders ?? []);
   if (status.node === 'twin' && status.values.hands) {
     $('ghosts').hidden = false;
   }
@@ -206,6 +210,11 @@ async function act(name, body = {}) {
   show(() => say('asked'), 'legend');
   answered = Infinity; // not yet
   const answer = await link.control(name, body);
+  if (answer.values) {
+    Object.assign(nodes.values(answer.node), answer.values);
+    learn(answer.node, answer.values);
+    sayState(false);
+  }
   if (mine === asked) {
     answered = performance.now();
     const { error, text, said } = answer;
