@@ -28,10 +28,8 @@ class Said(str):
 
 
 @functools.cache
-def texts() -> dict[str, str]:
-    """Return the English text of each code."""
-    words: dict[str, str] = json.loads((LANGUAGES / 'en.json').read_text('utf-8'))
-    return {k.removeprefix('said_'): v for k, v in words.items() if k.startswith('said_')}
+def _words(language: str) -> dict[str, str]:
+    return dict(json.loads((LANGUAGES / f'{language}.json').read_text('utf-8')))
 
 
 def said(code: str, /, **places: Any) -> Said:
@@ -43,7 +41,7 @@ def said(code: str, /, **places: Any) -> Said:
     """
     places = {name: str(value) for name, value in places.items()}
     parts = {n: v.parts if isinstance(v, Said) else v for n, v in places.items()}
-    return _with(texts()[code].format(**places), [[code, parts]])
+    return _with(_words('en')[f'said_{code}'].format(**places), [[code, parts]])
 
 
 def clauses(texts: Iterable[str], mark: str = '; ') -> Said:
@@ -59,6 +57,26 @@ def clauses(texts: Iterable[str], mark: str = '; ') -> Said:
 def parts_of(text: str) -> list[Any]:
     """Return the clauses of a text, those that have a code with it."""
     return text.parts if isinstance(text, Said) else [str(text)]
+
+
+def translated(text: str, language: str) -> str:
+    """Return a text in `language`; a clause without a code stays as it is.
+
+    >>> translated(said('pairs', count=24), 'zh-Hant')
+    '24 組圖像'
+    """
+    return _spoken(parts_of(text), _words(language))
+
+
+def _spoken(parts: list[Any], words: Mapping[str, str]) -> str:
+    found = []
+    for part in parts:
+        if isinstance(part, str):
+            found.append(part)
+        else:
+            places = {n: v if isinstance(v, str) else _spoken(v, words) for n, v in part[1].items()}
+            found.append(words[f'said_{part[0]}'].format(**places))
+    return words['clause_mark'].join(found)
 
 
 def code_and_args(text: str) -> tuple[str, dict[str, str]]:

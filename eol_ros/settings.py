@@ -985,6 +985,7 @@ class NotifySettings:
         10,
         86400,
     )
+    language: str = setting('en', 'language of the messages', choices=('en', 'zh-Hant'))
     daily: str = setting('20:00', 'time of day of the daily summary; empty: none')
 
 

@@ -118,6 +118,7 @@ BELOW = {
         'parent_death',
         'compiled',
         'ros',
+        'said',
         'cli',
         'interrupts',
         'thread_faults',

@@ -14,8 +14,9 @@ from eol_ros.bringup import priority, processor
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import QUIET_S, STARVED, Look, Policy, Silence
 from eol_ros.bringup.shared_memory import Ports
-from eol_ros.bringup.status import starting
+from eol_ros.bringup.status import starting, state
 from eol_ros.ros.inherited import AGAIN, HEALTH_FD, KEPT
+from eol_ros.said import said
 
 _LOG_LINES = ('[INFO]', '[WARN]', '[ERROR]', '[FATAL]', '[DEBUG]')
 CHUNKS = 16  # of 64 KB at a time: one child that never stops writing must not keep us from the rest
@@ -85,7 +86,7 @@ class Child:
         self.start_at_s, self.code, self.hung_s = None, None, None
         self.settled = self.starved = False
         pid = self.popen.pid
-        self.status = {n: starting(n, 'starting', pid) for n in self.process.nodes}
+        self.status = {n: starting(n, said('starting'), pid) for n in self.process.nodes}
 
     def comes_back(self, now_s: float) -> bool:
         """Tell whether it is about to be started again."""
@@ -153,7 +154,7 @@ class Child:
         self.starved = verdict == STARVED
         if self.starved:
             for row in self.status.values():
-                row.update(level=max(row['level'], 1), text=self.silence.words())
+                row.update(state(max(row['level'], 1), self.silence.words()))
         return verdict
 
     def ask_to_end(self, number: int, now_s: float) -> None:

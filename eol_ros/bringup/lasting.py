@@ -9,11 +9,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from eol_ros.said import Said, from_message, said
+
 SETTLED_S = 30.0  # well for so long: what flaps is not well in between
 STARTING = 3  # level of a status, and all above it do not run
 START_S = 180.0  # who starts may be not OK for so long more: it may compile
 STORM, STORM_S = 5, 600.0  # so many starts within this time, though each lasts but seconds
 GB = 1e9
+_LEVELS = ('is_ok', 'is_warn', 'is_error', 'is_starting', 'is_down')  # codes, by level
+_COUNTS = 'restarts', 'slips', 'lost'
 
 
 @dataclass(frozen=True)
@@ -74,16 +78,23 @@ class Lasting:
     def words(self, now_s: float) -> tuple[str, ...]:
         """Return what has been told and is not over, a line each."""
         return tuple(
-            f'{what}: {self._troubles[what].text}, for {duration(now_s - self._since[what])}'
+            said(
+                'lasting',
+                what=what,
+                text=self._troubles[what].text,
+                time=duration(now_s - self._since[what]),
+            )
             for what in sorted(self._told)
         )
 
 
-def duration(seconds: float) -> str:
+def duration(seconds: float) -> Said:
     """Return a time in words: `40 s`, `12 min`, `3.5 h`."""
     if seconds < 120:
-        return f'{seconds:.0f} s'
-    return f'{seconds / 60:.0f} min' if seconds < 7200 else f'{seconds / 3600:.1f} h'
+        return said('time_s', count=f'{seconds:.0f}')
+    if seconds < 7200:
+        return said('time_min', count=f'{seconds / 60:.0f}')
+    return said('time_h', count=f'{seconds / 3600:.1f}')
 
 
 class Storms:
@@ -103,20 +114,17 @@ class Storms:
             while times and now_s - times[0] > STORM_S:
                 times.popleft()
             if len(times) == STORM:
-                minutes = STORM_S / 60
-                text = f'was started again {STORM} times within {minutes:.0f} min'
-                found.append(Trouble(f'{name} restarts', text, 0.0))
+                text = said('restarted', count=STORM, minutes=round(STORM_S / 60))
+                found.append(Trouble(said('restarts_of', name=name), text, 0.0))
         return found
 
 
-def of_nodes(
-    rows: Iterable[Mapping[str, Any]], words: tuple[str, ...], after_s: float
-) -> list[Trouble]:
-    """Return the nodes of a status that are not OK; `words` name the levels."""
+def of_nodes(rows: Iterable[Mapping[str, Any]], after_s: float) -> list[Trouble]:
+    """Return the nodes of a status that are not OK."""
     return [
         Trouble(
             row['node'],
-            f'{words[row["level"]]}, {row["text"]}',
+            said(_LEVELS[row['level']], text=from_message(row['text'], row['code'], row['args'])),
             after_s + (START_S if row['level'] == STARTING else 0.0),
         )
         for row in rows
@@ -128,8 +136,8 @@ def of_disk(free_bytes: float | None, least_gb: float, after_s: float) -> list[T
     """Return whether the disk is nearly full: less free than twice what recording stops at."""
     if free_bytes is None or free_bytes >= 2 * least_gb * GB:
         return []
-    text = f'{free_bytes / GB:.1f} GB free; recording stops at {least_gb:g} GB'
-    return [Trouble('disk', text, after_s)]
+    text = said('disk_free', free=f'{free_bytes / GB:.1f}', least=f'{least_gb:g}')
+    return [Trouble(said('disk'), text, after_s)]
 
 
 @dataclass
@@ -163,12 +171,10 @@ class Sums:
         self._before[name] = count
         return count - before if count >= before else count
 
-    def words(self) -> str:
-        """Return the day in a line: `open 10.0 h, 1 restart, 14 213 slips, 0 lost`."""
-        restarts = f'{self.restarts} restart' + ('' if self.restarts == 1 else 's')
-        slips = f'{self.slips:,} slip'.replace(',', ' ') + ('' if self.slips == 1 else 's')
-        lost = f'{self.lost:,} lost'.replace(',', ' ')
-        return f'open {self.open_s / 3600:.1f} h, {restarts}, {slips}, {lost}'
+    def words(self) -> Said:
+        """Return the day in a line: `open 10.0 h, restarts 1, slips 14 213, lost 0`."""
+        counts = {name: f'{getattr(self, name):,}'.replace(',', ' ') for name in _COUNTS}
+        return said('day', hours=f'{self.open_s / 3600:.1f}', **counts)
 
     def begin(self, since_s: float) -> None:
         """Begin another day; what counters had counted stays counted."""

@@ -26,11 +26,11 @@ from typing import Any
 
 from eol_ros import folders
 from eol_ros.bringup.lasting import Lasting, Storms, Sums, of_disk, of_nodes
-from eol_ros.bringup.status import WORDS
 from eol_ros.devices.address import host_and_port
 from eol_ros.devices.files.day_file import DayFile
 from eol_ros.devices.files.time_zone import clock_is_set
 from eol_ros.errors import ConfigError, EolError
+from eol_ros.said import said, translated
 from eol_ros.scene import Scene
 from eol_ros.settings import NotifySettings, RecorderSettings
 
@@ -49,11 +49,14 @@ class NotDelivered(EolError):
 class Message(dict[str, Any]):
     """What a webhook gets as JSON; `text` is all of it in words, as chats and mail show it."""
 
-    def __init__(self, kind: str, scene: str, title: str, lines: tuple[str, ...] = ()):
+    def __init__(
+        self, kind: str, scene: str, title: str, texts: tuple[str, ...] = (), language: str = 'en'
+    ):
         host = platform.node()
-        title = f'{scene} on {host}: {title}'
+        title = said('of_scene', scene=scene, host=host, title=title)
+        title, *lines = (translated(text, language) for text in (title, *texts))
         super().__init__(
-            kind=kind, scene=scene, host=host, title=title, lines=list(lines),
+            kind=kind, scene=scene, host=host, title=title, lines=lines,
             text='\n'.join([title, *(f'- {line}' for line in lines)]),
             time=time.strftime('%Y-%m-%dT%H:%M:%S%z'),
         )  # fmt: skip
@@ -267,16 +270,15 @@ class Notifier:
             return None
         self._looked_s, rows, after_s = now_s, status['nodes'], self._settings.after_s
         self._sums.take(now_s, rows, status['restarts'])
-        troubles = [*of_nodes(rows, WORDS, after_s), *self._storms.look(now_s, restarts)]
+        troubles = [*of_nodes(rows, after_s), *self._storms.look(now_s, restarts)]
         if self._recorder:
             troubles += of_disk(self._free_bytes, self._recorder.min_free_gb, after_s)
         message = self._day(now_s)
         if news := self._lasting.look(now_s, troubles):
-            over = tuple(f'{what}: well again' for what in news.over)
+            over = tuple(said('well_again', what=what) for what in news.over)
             count = len(news.lasting)
-            title = f'{count} trouble{"s" if count > 1 else ""}' if count else 'all is well again'
-            kind = 'trouble' if count else 'well'
-            message = Message(kind, self._scene.name, title, news.lasting + over)
+            title = said('troubles', count=count) if count else said('all_well')
+            message = self._message('trouble' if count else 'well', title, news.lasting + over)
         if message:
             for courier in self._couriers:
                 courier.put(message)
@@ -301,7 +303,11 @@ class Notifier:
         title, since_s = self._sums.words(), self._sums.since_s
         self._sums.begin(wall_s)
         date = time.strftime('%Y-%m-%d', time.localtime(since_s))
-        return Message('day', self._scene.name, f'{date}, {title}', self._lasting.words(now_s))
+        title = said('of_day', date=date, sums=title)
+        return self._message('day', title, self._lasting.words(now_s))
+
+    def _message(self, kind: str, title: str, lines: tuple[str, ...]) -> Message:
+        return Message(kind, self._scene.name, title, lines, self._settings.language)
 
     def _keep_house(self) -> None:
         """Look at the disk now and then, and keep the sums: one that hangs hangs this thread."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 from eol_ros.bringup.processor import Thread
 from eol_ros.devices.backoff import Backoff
+from eol_ros.said import Said, said
 
 HEALTHY_S = 60.0  # a process that has lived this long starts again at once
 STOPPED_S = 2.5  # no heartbeat for this long from one that is stopped (SIGSTOP): nothing can come
@@ -124,12 +125,14 @@ class Silence:
         states = {t.state for t in self._look.threads.values()} if self._look else set()
         return bool(states) and states <= {'T', 't'}
 
-    def words(self) -> str:
+    def words(self) -> Said:
         """Return what it waits for: "starved: waited 4.3 of the last 5.0 s for a processor"."""
-        what, waited = max(
-            ('a processor', self.processor_s), ('a disk', self.disk_s), key=lambda pair: pair[1]
+        code, waited_s = max(
+            ('starved_processor', self.processor_s),
+            ('starved_disk', self.disk_s),
+            key=lambda pair: pair[1],
         )
-        return f'starved: waited {waited:.1f} of the last {self.looked_s:.1f} s for {what}'
+        return said(code, waited=f'{waited_s:.1f}', span=f'{self.looked_s:.1f}')
 
     def measured(self) -> str:
         """Return all that was measured, for the log."""

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from eol_ros.errors import ConfigError, DeviceMissing, SupervisorSilent, UsageError
+from eol_ros.said import Said, code_and_args
 from eol_ros.scene import check_namespace
 from eol_ros.streams.graph import NAMESPACE
 
@@ -131,10 +132,15 @@ def answer(server: socket.socket, status: dict[str, Any]) -> None:
             client.sendall(text)
 
 
-def starting(node: str, text: str, pid: int = 0) -> dict[str, Any]:
+def state(level: int, text: Said) -> dict[str, Any]:
+    """Return what bringup itself says of a node, as its own status would."""
+    code, args = code_and_args(text)
+    return {'level': level, 'text': text, 'code': code, 'args': args}
+
+
+def starting(node: str, text: Said, pid: int = 0) -> dict[str, Any]:
     """Return the status of a node that has reported none yet."""
-    row = {'node': node, 'level': 3, 'text': text, 'code': '', 'args': {}}
-    return row | {'rate': 0.0, 'pid': pid, 'values': {}}
+    return {'node': node, 'rate': 0.0, 'pid': pid, 'values': {}, **state(3, text)}
 
 
 def table(status: dict[str, Any]) -> str:

@@ -27,6 +27,7 @@ from eol_ros.bringup.policy import (
     Unfed,
 )  # fmt: skip
 from eol_ros.bringup.service_manager import ServiceManager
+from eol_ros.said import clauses, said
 from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE, NODES, providers
 
 if TYPE_CHECKING:
@@ -227,7 +228,7 @@ class Supervisor:
             if compiler.percent >= told + 10:
                 told = compiler.percent
                 self._note(f'compiling, {told} %')
-            text = f'compiling, {compiler.percent} %'
+            text = said('compiling', percent=compiler.percent)
             self._manager.status(text)
             for child in self.children:
                 child.status = {n: status.starting(n, text) for n in child.process.nodes}
@@ -393,7 +394,7 @@ class Supervisor:
             if set(child.process.nodes) & set(IMAGE_SOURCES):
                 return 0  # its input has come to an end, and so has the run
             for row in child.status.values():
-                row.update(level=0, text='finished', code='', args={}, rate=0.0)
+                row.update(status.state(0, said('finished')), rate=0.0)
             return None
         if code in FINAL and never_ran and (child.left_out or child.policy.restarts == 0):
             if not child.left_out:
@@ -402,13 +403,14 @@ class Supervisor:
             if not self._without(child):
                 return code
         wait = child.policy.died(now)
-        how = f'killed by {signal.Signals(-code).name}' if code < 0 else f'exit code {code}'
-        again = f'again in {wait:.0f} s' if wait else 'starting again'
+        name_of = signal.Signals(-code).name if code < 0 else ''
+        how = said('killed_by', signal=name_of) if name_of else said('exit_code', code=code)
+        again = said('again', seconds=f'{wait:.0f}') if wait else said('starting_again')
         red = ', for the third time within a minute' if child.policy.red() else ''
         if not child.left_out:
             self._note(f'{name} has died ({how}){red}; {again}')
         for row in child.status.values():
-            row.update(level=status.DOWN, text=f'{how}; {again}', code='', args={}, rate=0.0)
+            row.update(status.state(status.DOWN, clauses([how, again])), rate=0.0)
         for node in child.process.nodes:
             self._told[node] = (status.DOWN, '')
         child.start_at_s = now + wait

@@ -7,6 +7,7 @@ import sys
 from eol_ros import scene as scenes
 from eol_ros.bringup import notify
 from eol_ros.errors import ConfigError, EolError
+from eol_ros.said import said
 
 HELP = (
     'Send a test message by every way that the scene names under notify (webhook, mail), and say '
@@ -27,7 +28,8 @@ def run(args):
     if scene.notify is None:
         raise ConfigError(f'{scene.path}: names nobody to tell; add notify: {{webhook: URL}}')
     notify.check(scene.notify)
-    message = notify.Message('test', scene.name, 'a test message', ('somebody asked for it',))
+    texts = said('test_message'), (said('asked_for'),)
+    message = notify.Message('test', scene.name, *texts, scene.notify.language)
     answers = {}
     for way in notify.ways(scene.notify):
         try:

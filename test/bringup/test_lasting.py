@@ -6,11 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eol_ros.bringup.lasting import SETTLED_S, Lasting, Storms, Sums, Trouble, of_disk, of_nodes
-from eol_ros.bringup.status import WORDS
 
 
 def row(node, level=0, text='fine', **values):
-    return {'node': node, 'level': level, 'text': text, 'values': values}
+    return {'node': node, 'level': level, 'text': text, 'code': '', 'args': {}, 'values': values}
 
 
 class Run:
@@ -79,7 +78,7 @@ def test_whatever_happens_the_last_message_says_how_it_is(steps, pause_s):
 
 def test_a_node_that_starts_has_more_time():
     rows = [row('a'), row('b', 1, 'no card'), row('c', 3, 'starting')]
-    assert of_nodes(rows, WORDS, 60.0) == [
+    assert of_nodes(rows, 60.0) == [
         Trouble('b', 'WARN, no card', 60.0),
         Trouble('c', 'starting, starting', 240.0),
     ]
@@ -113,11 +112,11 @@ def test_the_sum_of_a_day():
         sums.take(float(second), rows, restarts)
     for second in range(36_001, 40_000):  # asleep
         sums.take(float(second), [row('sound', asleep=True)], restarts)
-    assert sums.words() == 'open 10.0 h, 1 restart, 35 999 slips, 0 lost'
+    assert sums.words() == 'open 10.0 h, restarts 1, slips 35 999, lost 0'
     sums.begin(1.0)
-    assert sums.words() == 'open 0.0 h, 0 restarts, 0 slips, 0 lost'
+    assert sums.words() == 'open 0.0 h, restarts 0, slips 0, lost 0'
     sums.take(40_000.0, [row('motion', slips=16_001)], 1)
-    assert sums.words() == 'open 0.0 h, 0 restarts, 1 slip, 0 lost'
+    assert sums.words() == 'open 0.0 h, restarts 0, slips 1, lost 0'
 
 
 @pytest.mark.parametrize('damaged', [None, [], {'open_s': 3}, {'since_s': -1.0}, {'lost': 'x'}])

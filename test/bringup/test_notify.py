@@ -22,6 +22,7 @@ from eol_ros import scene as scenes
 from eol_ros.bringup import notify
 from eol_ros.bringup.notify import Courier, Mail, Message, NotDelivered, Notifier, Webhook
 from eol_ros.errors import ConfigError
+from eol_ros.said import code_and_args, said
 from eol_ros.scene import SceneError
 from eol_ros.settings import NotifySettings
 
@@ -196,7 +197,7 @@ def test_a_message_that_was_not_taken_is_sent_again(hook):
 
 
 def status(rows, restarts=0):
-    values = {'values': {}, 'text': 'fine'}
+    values = {'values': {}, 'text': 'fine', 'code': '', 'args': {}}
     return {'nodes': [{**values, **row} for row in rows], 'restarts': restarts}
 
 
@@ -230,8 +231,26 @@ def test_a_run_tells_by_both_ways_though_one_hangs(scene, hook, deaf):
     bodies = [body for _, _, body in hook.got]
     assert [body['kind'] for body in bodies] == ['trouble', 'well']
     assert bodies[0]['lines'] == ['leds: WARN, no board, for 60 s']
-    assert bodies[1]['lines'] == ['leds: well again']
+    assert bodies[1]['lines'] == ['leds: recovered']
     notifier.end()
+
+
+def test_messages_are_in_the_language_that_the_scene_asks_for(scene, hook):
+    settings = scene(f'webhook: {hook.url}', 'language: zh-Hant', 'after_s: 5', 'pause_s: 10')
+    notifier = Notifier(settings, wall=lambda: NOON)
+    why = said('lost', why=said('a_camera'))
+    code, args = code_and_args(why)
+    wrong = {'node': 'tracker', 'level': 2, 'text': why, 'code': code, 'args': args}
+    found = [
+        message
+        for second in range(60)
+        if (message := notifier.look(float(second), status([wrong] * (second < 20)), {}))
+    ]
+    notifier.end()
+    assert [message['lines'] for message in found] == [
+        ['tracker：故障，追蹤中斷：相機，已持續 5 秒'], ['tracker：已恢復'],
+    ]  # fmt: skip
+    assert found[1]['title'].endswith('上的 museum：所有故障皆已恢復')
 
 
 def test_the_day_is_summed_up_over_restarts_and_a_night_without_power(scene, hook):
@@ -248,7 +267,7 @@ def test_the_day_is_summed_up_over_restarts_and_a_night_without_power(scene, hoo
     never.end()
     morning = Notifier(loaded, wall=lambda: NOON + 86_400.0)
     message = morning.look(0.0, status([]), {})
-    assert message['title'].endswith(': 2026-11-25, open 2.0 h, 1 restart, 14 400 slips, 0 lost')
+    assert message['title'].endswith(': 2026-11-25, open 2.0 h, restarts 1, slips 14 400, lost 0')
     assert message['kind'] == 'day'
     assert morning.look(10.0, status([]), {}) is None
     morning.end()

@@ -65,6 +65,14 @@ def process(name, script):
     return Process((name,), (sys.executable, '-c', script, name), {})
 
 
+def all_ok(supervisor):
+    wait_until(lambda: supervisor.all_ok_s is not None)
+
+
+def restarted(child):
+    wait_until(lambda: child.policy.restarts >= 1)
+
+
 @pytest.fixture
 def start(tmp_path):
     """A supervisor over the given processes, and the lines it says."""
@@ -102,7 +110,7 @@ def test_who_may_wait_steps_back_when_all_is_up(start):
     supervisor, _ = start(polite, process('tracker', STEADY))
 
     def look():
-        wait_until(lambda: supervisor.all_ok_s is not None)
+        all_ok(supervisor)
         pids = [child.popen.pid for child in supervisor.children]
         wait_until(lambda: os.getpriority(os.PRIO_PROCESS, pids[0]) == back)
         groups = [Path(f'/proc/{pid}/autogroup') for pid in pids]
@@ -241,7 +249,7 @@ TROUBLED = STEADY.replace('beat(sys.argv[1])', 'beat(sys.argv[1], 1)')
 def test_a_node_that_gets_nothing_of_what_is_given_is_started_again_alone(start, monkeypatch):
     monkeypatch.setattr(policy, 'UNFED_S', 0.4)
     supervisor, lines = start(process('twin', STEADY), process('tracker', DEAF))
-    attended(supervisor, lambda: wait_until(lambda: supervisor.children[1].policy.restarts >= 1))
+    attended(supervisor, lambda: restarted(supervisor.children[1]))
     assert supervisor.children[0].policy.restarts == 0
     told = 'tracker gets nothing of the 60 a second that twin gives: it is started again'
     assert told in lines
@@ -258,7 +266,7 @@ def test_what_a_stopped_node_said_it_gives_holds_no_longer(start, monkeypatch):
     twin, tracker = supervisor.children
 
     def work():
-        wait_until(lambda: supervisor.all_ok_s is not None)
+        all_ok(supervisor)
         os.kill(twin.popen.pid, signal.SIGSTOP)
         wait_until(lambda: twin.policy.silence.silent_s > 2.0)
 
@@ -291,9 +299,9 @@ while True:
     supervisor, _ = start(process('twin', script))
 
     def work():
-        wait_until(lambda: supervisor.all_ok_s is not None)
+        all_ok(supervisor)
         os.kill(supervisor.children[0].popen.pid, signal.SIGSTOP)
-        wait_until(lambda: supervisor.children[0].policy.restarts >= 1)
+        restarted(supervisor.children[0])
 
     attended(supervisor, work)
     assert not went_on.exists()
@@ -343,7 +351,7 @@ def test_all_are_started_again_where_the_network_asks_for_it(start):
         return running if len(running) == 2 else []
 
     def work():
-        wait_until(lambda: supervisor.all_ok_s is not None)
+        all_ok(supervisor)
         before = pids()
         why.append('the tunnel is up')
         after.extend(wait_until(lambda: not set(before) & set(found := pids()) and found))
@@ -374,7 +382,7 @@ def test_a_killed_process_comes_back_alone_with_what_it_kept(start):
         assert (twin.popen.pid, tracker.policy.restarts) == (before, 1)
 
     attended(supervisor, work)
-    assert 'tracker has died (killed by SIGKILL); again in 1 s' in lines
+    assert 'tracker has died (killed by SIGKILL); trying again in 1 s' in lines
 
 
 def test_a_hung_process_is_started_again(start, monkeypatch):
@@ -383,7 +391,7 @@ def test_a_hung_process_is_started_again(start, monkeypatch):
     supervisor, lines = start(process('twin', STEADY))
 
     def work():
-        wait_until(lambda: supervisor.all_ok_s is not None)
+        all_ok(supervisor)
         os.kill(supervisor.children[0].popen.pid, signal.SIGSTOP)
         wait_until(
             lambda: (
@@ -465,7 +473,7 @@ def test_a_starved_process_is_reported_and_left_alone(start, hogs, monkeypatch):
     rows = []
 
     def work():
-        wait_until(lambda: supervisor.all_ok_s is not None)
+        all_ok(supervisor)
         pid = child.popen.pid
         hogs()
         wait_until(lambda: rows.append(dict(child.status['recorder'])) or rows[-1]['level'] == 1)
@@ -489,7 +497,7 @@ def test_a_starved_process_is_given_the_time_to_end(start, hogs, monkeypatch):
     supervisor, lines = start(last('recorder', SLOW_TO_END, hogs))
 
     def work():
-        wait_until(lambda: supervisor.all_ok_s is not None)
+        all_ok(supervisor)
         hogs()
 
     attended(supervisor, work)
@@ -513,7 +521,7 @@ def test_while_bringup_stands_still_nobody_is_silent(start, monkeypatch):
     monkeypatch.setattr(supervisor, '_wait', standing)
 
     def work():
-        wait_until(lambda: supervisor.all_ok_s is not None)
+        all_ok(supervisor)
         pid = supervisor.children[0].popen.pid
         os.kill(pid, signal.SIGSTOP)  # neither of them gets on
         away.set()
@@ -618,7 +626,7 @@ def test_the_others_go_on_without_what_cannot_start(start, tmp_path):
     supervisor, lines = start(*others, process('sound', 'import sys;' + script))
 
     def plug():
-        wait_until(lambda: supervisor.all_ok_s is not None)
+        all_ok(supervisor)
         assert supervisor.describe()['nodes'][-1]['level'] == status.DOWN
         (tmp_path / 'card').touch()
         wait_until(lambda: supervisor.children[-1].well())
@@ -707,7 +715,7 @@ def test_status_over_the_socket_and_one_graph_per_domain(start):
     answers = []
 
     def work():
-        wait_until(lambda: supervisor.all_ok_s is not None)
+        all_ok(supervisor)
         answers.append(status.ask(domain))
         with pytest.raises(UsageError, match='a graph runs on domain .* .scene test'):
             status.listen(domain)
@@ -726,10 +734,7 @@ raise RuntimeError("no ice\\nat all\\n\\nhere")
 """
     supervisor, lines = start(process('twin', script))
 
-    def work():
-        wait_until(lambda: supervisor.children[0].policy.restarts >= 1)
-
-    attended(supervisor, work)
+    attended(supervisor, lambda: restarted(supervisor.children[0]))
     shown = [line for line in lines if '|' in line]
     told = ['twin | twin: cracks', 'twin | RuntimeError: no ice']
     assert shown[:2] == told and set(shown) == set(told)
@@ -761,10 +766,7 @@ beat('twin'); stuck_in_the_ice()
     )
     supervisor, lines = start(process('twin', script))
 
-    def work():
-        wait_until(lambda: supervisor.children[0].policy.restarts >= 1)
-
-    attended(supervisor, work)
+    attended(supervisor, lambda: restarted(supervisor.children[0]))
     assert 'twin is silent: it is started again' in lines
     assert 'stuck_in_the_ice' in (tmp_path / 'eol.log').read_text()
     assert not any('stuck_in_the_ice' in line for line in lines)
