@@ -5,7 +5,7 @@ import dataclasses
 import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -98,7 +98,7 @@ class EolNode(Node):
         self._stamps, self.time_jumps = StampWatch(), 0
         self._requests: RequestServer | None = None
         self.live_from_ns = 0  # the stamp from which the settings that change now count
-        self._obeying = False  # the setting that changes now was asked for on `requests`
+        self._checked: dict[str, Any] | None = None  # settings that change now, already checked
         self._recorded: dict[str, Any] = {}  # what a replay changed, as it was before
         if self.NAME in NODES and REQUESTS in NODES[self.NAME].subscribes:
             self._requests = RequestServer(self, self.HOLDS)
@@ -288,23 +288,23 @@ class EolNode(Node):
 
     def _on_set(self, asked: Asked) -> Any:
         """Change live settings as asked; raises ConfigError that names what cannot be."""
-        values = checked_live(type(self.settings), self.NAME, asked.values)
+        before, self.live_from_ns = self.settings, asked.from_ns
+        values = self.change_settings(asked.values)
         if self.sim_time and asked.source == 'replay':
             for name in values:
-                self._recorded.setdefault(name, getattr(self.settings, name))
-        self.live_from_ns = asked.from_ns
-        self.change_settings(values)
+                self._recorded.setdefault(name, getattr(before, name))
         return clauses(said('is_now', setting=k, value=v) for k, v in values.items())
 
-    def change_settings(self, values: dict[str, Any]) -> None:
-        """Change live settings without a request; raises ConfigError for what cannot be."""
-        self._obeying = True
+    def change_settings(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Change live settings and return them; raises ConfigError that names what cannot be."""
+        values = self._checked = checked_live(type(self.settings), self.NAME, values)
         try:
             done = self.set_parameters_atomically(parameters(values))
         finally:
-            self._obeying = False
+            self._checked = None
         if not done.successful:
             raise ConfigError(done.reason)
+        return values
 
     @property
     def requests(self) -> RequestServer:
@@ -374,14 +374,16 @@ class EolNode(Node):
             return SetParametersResult(
                 successful=False, reason=f'{SIM_TIME} is read when the node starts: start it again'
             )
+        given = self._checked
         try:
-            given = {p.name: p.value for p in parameters if p.name in fields}
-            changes = checked(type(self.settings), given)
+            changes = given or checked(
+                type(self.settings), {p.name: p.value for p in parameters if p.name in fields}
+            )
         except ConfigError as error:
             return SetParametersResult(successful=False, reason=str(error))
         changes = {k: v for k, v in changes.items() if v != getattr(self.settings, k)}
         if changes:
-            if self._requests is not None and not self._obeying:  # for the bag
+            if self._requests is not None and given is None:  # for the bag
                 self.live_from_ns = self.requests.from_ns()
                 self.requests.declare(SET, changes, self.live_from_ns)
             self.settings = dataclasses.replace(self.settings, **changes)
