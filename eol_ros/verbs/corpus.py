@@ -88,15 +88,8 @@ _NAMES = 'one of ' + ', '.join(MAP_AXES)
 
 def run(args):
     """Make, show or change a corpus."""
-    if args.words[:1] == ['show']:
-        return _show(args)
-    if args.words[:1] == ['move']:
-        return _move(args)
-    if args.words[:1] == ['export']:
-        return _export(args)
-    if args.words[:1] == ['import']:
-        return _import(args)
-    return _make(args)
+    verbs = {'show': _show, 'move': _move, 'export': _export, 'import': _import}
+    return verbs.get(''.join(args.words[:1]), _make)(args)
 
 
 def _make(args):

@@ -69,25 +69,16 @@ def run(args):
 
     with session(reach=network, namespace=namespace) as visit:
         listen(visit.node, topic, hear)
-        before, deadline, absence = 0, _Deadline(args.timeout), Absence(visit.node, [topic])
+        before, absence, since_s = 0, Absence(visit.node, [topic]), time.monotonic()
         while not visit.stopped and not visit.run(shown, 1.0):
             if args.hz and heard != before and heard > 1:  # one message has no rate
                 print(json.dumps(rate.numbers()) if args.json else rate.text(), flush=True)
             if absent := absence.look():
                 print(absent, file=sys.stderr, flush=True)
-            deadline.check(topic, heard)
-            before = heard
+            if heard != before:
+                before, since_s = heard, time.monotonic()
+            elif args.timeout and time.monotonic() - since_s > args.timeout:
+                raise DeviceMissing(
+                    f'{topic}: no message for {args.timeout:g} s; does the graph run?'
+                )
     return 0
-
-
-class _Deadline:
-    """Raises DeviceMissing when nothing has come for too long."""
-
-    def __init__(self, seconds):
-        self._seconds, self._count, self._since = seconds, 0, time.monotonic()
-
-    def check(self, topic: str, count: int) -> None:
-        if count != self._count:
-            self._count, self._since = count, time.monotonic()
-        elif self._seconds is not None and time.monotonic() - self._since > self._seconds:
-            raise DeviceMissing(f'{topic}: no message for {self._seconds:g} s; does the graph run?')

@@ -68,7 +68,7 @@ class Visitor:
         if not isinstance(message, dict) or len(message) != 1:
             return 'not an object with one key'
         ((kind, value),) = message.items()
-        reader = getattr(self, f'_take_{kind}', None) if kind in _KINDS else None
+        reader = getattr(self, f'_take_{kind}', None)
         return reader(value) if reader else f'{kind[:20]!r} is not known'
 
     def leave(self) -> None:
@@ -129,6 +129,3 @@ class Visitor:
                 self._routes.flipped(side, change, float(at_ms))
                 return ''
         return 'flipped: not [side, change, time]'
-
-
-_KINDS = ('wants', 'pace', 'pin', 'rim', 'ping', 'flipped')

@@ -27,8 +27,9 @@ from eol_ros.bringup.policy import (
 from eol_ros.bringup.processor import Thread
 
 # Main threads as they were read from /proc, 0.5 s apart: s, state, ms on a processor, ms waited for
-# one, turns. `starved` ran at the lowest weight beside four busy processes on its processor,
-# `squeezed` at theirs; `driver` waits for a child that never comes to its exec (vfork).
+# one, turns; where it is even, its mean. `starved` ran at the lowest weight beside four busy
+# processes on its processor, `squeezed` at theirs; `driver` waits for a child that never comes to
+# its exec (vfork).
 MEASURED = {
     'starved': [
         (0.0, 'R', 26.576, 300.946, 11), (0.503, 'R', 29.047, 1672.936, 12),
@@ -39,28 +40,12 @@ MEASURED = {
         (5.004, 'R', 42.032, 5545.480, 15), (5.504, 'R', 42.032, 5545.480, 15),
         (6.003, 'R', 43.898, 7285.486, 16),
     ],
-    'squeezed': [
-        (0.0, 'R', 270.992, 1225.127, 76), (0.508, 'R', 368.233, 1651.874, 107),
-        (1.004, 'R', 456.084, 2043.263, 138), (1.501, 'R', 545.173, 2462.937, 170),
-        (2.005, 'R', 633.921, 2878.174, 201), (2.503, 'R', 726.842, 3277.253, 236),
-        (3.005, 'R', 819.105, 3680.996, 272), (3.503, 'R', 916.355, 4091.741, 306),
-        (4.004, 'R', 1006.680, 4493.418, 339), (4.504, 'R', 1084.593, 4911.528, 366),
-        (5.008, 'R', 1171.279, 5332.351, 397), (5.502, 'R', 1261.508, 5726.610, 428),
-        (6.005, 'R', 1355.744, 6149.989, 462),
-    ],
+    'squeezed': [(0.5 * k, 'R', 271 + 90.4 * k, 1225 + 410 * k, 76 + 32 * k) for k in range(13)],
     'blocked': [(0.5 * k, 'S', 26.332, 61.957, 8) for k in range(13)],
     'stopped': [(0.0, 'R', 409.999, 1097.185, 112)] + [
         (0.5 * k, 'T', 410.007, 1097.451, 113) for k in range(1, 13)
     ],
-    'spinning': [
-        (0.001, 'R', 974.22, 31.034, 10), (0.501, 'R', 1425.807, 81.119, 12),
-        (1.004, 'R', 1925.736, 81.17, 13), (1.505, 'R', 2377.723, 133.17, 14),
-        (2.004, 'R', 2875.736, 133.17, 14), (2.508, 'R', 3330.765, 184.108, 15),
-        (3.003, 'R', 3825.725, 184.108, 15), (3.505, 'R', 4273.722, 237.123, 16),
-        (4.004, 'R', 4773.661, 237.15, 17), (4.502, 'R', 5221.628, 285.182, 19),
-        (5.001, 'R', 5721.593, 285.182, 19), (5.504, 'R', 6173.544, 337.215, 20),
-        (6.005, 'R', 6673.545, 337.215, 20),
-    ],
+    'spinning': [(0.5 * k, 'R', 974 + 475 * k, 31 + 25 * k, 10 + k) for k in range(13)],
     'driver': [(0.5 * k, 'D', 22.274, 1.706, 3) for k in range(13)],
 }  # fmt: skip
 

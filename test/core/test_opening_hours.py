@@ -124,16 +124,6 @@ def test_a_museum_with_a_long_thursday_and_holidays():
         assert hours.state(vienna(when))[::2] == (False, vienna(until))
 
 
-def test_a_night_in_which_clocks_are_set():
-    bar = OpeningHours(['Sat 20:00-26:30'], VIENNA)
-    evening = vienna('2026-10-24 20:00')
-    assert bar.state(evening).until - evening.astimezone(UTC) == datetime.timedelta(hours=7.5)
-    evening = vienna('2026-03-28 20:00')  # 2:30 does not come: until the clock shows 3:00
-    assert bar.state(evening).until - evening.astimezone(UTC) == datetime.timedelta(hours=6)
-    skipped = OpeningHours(['Sun 2:10-2:50', 'Mon 9:00-10:00'], VIENNA)
-    assert skipped.state(vienna('2026-03-29 01:00')).until == vienna('2026-03-30 09:00')
-
-
 def test_times_that_touch_are_one_and_what_never_changes_says_so():
     night = OpeningHours(['Fri 18:00-24:00', 'Sat 0:00-3:00'], VIENNA)
     assert night.state(vienna('2026-11-27 23:00'))[1:] == (

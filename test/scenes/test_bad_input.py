@@ -72,6 +72,25 @@ def stopped_by(folder, nodes, *words):
     return result.returncode, result.stderr
 
 
+@pytest.mark.parametrize(
+    ('name', 'nodes'),
+    [
+        ('media', '  twin: {}\n  tracker: {}\n  motion: {}\n  montage: {pairs: media}\n'),
+        ('ice.wav', '  twin: {}\n  tracker: {}\n  grains: {sound: ice.wav}\n'),
+        ('film.avi', '  camera: {device: film.avi}\n  tracker: {}\n'),
+        ('run.mcap', '  replay: {bag: run.mcap}\n  tracker: {}\n'),
+    ],
+    ids=['media', 'sound', 'film', 'bag'],
+)
+def test_an_empty_folder_or_a_file_of_another_kind(tmp_path, name, nodes):
+    path = tmp_path / name
+    path.write_text('of another kind') if path.suffix else path.mkdir()
+    code, words = stopped_by(tmp_path, nodes)
+
+    assert code in (69, 78)
+    assert name in words
+
+
 def test_port_of_the_panel_is_taken(tmp_path):
     with socket.socket() as taken:
         taken.bind(('127.0.0.1', 0))
@@ -81,25 +100,6 @@ def test_port_of_the_panel_is_taken(tmp_path):
 
     assert code == 69
     assert str(port) in words
-
-
-def test_media_folder_is_empty(tmp_path):
-    media = tmp_path / 'media'
-    media.mkdir()
-    code, words = stopped_by(
-        tmp_path, f'  twin: {{}}\n  tracker: {{}}\n  motion: {{}}\n  montage: {{pairs: {media}}}\n'
-    )
-
-    assert code in (69, 78)
-    assert str(media) in words
-
-
-def test_sound_is_no_sound(tmp_path):
-    (tmp_path / 'ice.wav').write_text('not a sound')
-    code, words = stopped_by(tmp_path, '  twin: {}\n  tracker: {}\n  grains: {sound: ice.wav}\n')
-
-    assert code in (69, 78)
-    assert 'ice.wav' in words
 
 
 def test_calibration_is_of_a_mirror_that_nobody_mentions(tmp_path):
@@ -123,22 +123,6 @@ def test_calibration_is_of_a_mirror_that_nobody_mentions(tmp_path):
     )  # fmt: skip
     assert check.returncode == 78
     assert f'{path}:1:1 error tracker.calibration: the homography is left-handed' in check.stderr
-
-
-def test_film_is_no_film(tmp_path):
-    (tmp_path / 'film.avi').write_text('not a video')
-    code, words = stopped_by(tmp_path, '  camera: {device: film.avi}\n  tracker: {}\n')
-
-    assert code in (69, 78)
-    assert 'film.avi' in words
-
-
-def test_bag_is_no_bag(tmp_path):
-    (tmp_path / 'run.mcap').write_text('not a bag')
-    code, words = stopped_by(tmp_path, '  replay: {bag: run.mcap}\n  tracker: {}\n')
-
-    assert code in (69, 78)
-    assert 'run.mcap' in words
 
 
 NOT_RECORDED = 'not recorded: recorder is off in this scene'

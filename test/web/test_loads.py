@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from eol_ros.web import wire
 from eol_ros.web.controls import CONTROLS
-from eol_ros.web.visitor import _KINDS
+from eol_ros.web.visitor import Visitor
 
 GOOD = [
     b'{"a": [1, -2.5, true, null, "\\u00e9\\ud83d\\ude00"]}',
@@ -164,7 +164,10 @@ def test_odd_names_are_not_found(serve, tmp_path, path):
     line.close()
 
 
-@given(st.lists(st.tuples(st.sampled_from(_KINDS), values) | texts, min_size=1, max_size=8))
+KINDS = [name.removeprefix('_take_') for name in vars(Visitor) if name.startswith('_take_')]
+
+
+@given(st.lists(st.tuples(st.sampled_from(KINDS), values) | texts, min_size=1, max_size=8))
 @settings(
     deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
