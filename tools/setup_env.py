@@ -2,8 +2,8 @@
 """Prepares `.venv` (or $EOL_VENV): wheels, messages and compiled kernels.
 
 Called by tools/setup_env.sh, with the system's Python and nothing but its standard library. Wheels
-and messages are made at the same time, and a line says every few seconds how far they are. What is
-done leaves a stamp in `.venv`, so that nothing is done twice.
+and messages are made at the same time. What is done leaves a stamp in `.venv`, so that nothing is
+done twice.
 """
 
 import hashlib
@@ -15,8 +15,8 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
-import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -30,8 +30,6 @@ NOT_CORE = ('ros-', 'colcon-', 'cmake', 'ninja', 'dask', 'distributed', 'mypy', 
             'selenium', 'trio')  # fmt: skip
 # Other extras whose wheels suffice for an extra ('' is a run).
 ENOUGH = {'': ('test', 'bench'), 'core': ('test', 'bench')}
-TELL_S = 4.0  # between two lines that say how far a step is
-WIDTH = 100
 
 
 class SetupFailed(Exception):
@@ -51,82 +49,30 @@ def digest(*paths: Path) -> str:
     return found.hexdigest()[:16]
 
 
-class Step:
-    """One command after the other in a thread; what they print goes to a log in `.venv`.
+def command(name: str, *words) -> None:
+    """Run a command of the step `name`; what it prints goes to a log in `.venv`.
 
-    A step that was done within `quiet_s` is not told of.
+    Raises SetupFailed with the end of the log.
     """
-
-    def __init__(self, name: str, work, *args, quiet_s: float = 0.0):
-        self.name, self.error, self.quiet_s = name, None, quiet_s
-        self.log = VENV / f'setup-{name}.log'
-        self.log.write_text('')
-        self._began_s = time.monotonic()
-        self._ended_s = 0.0
-        self._thread = threading.Thread(target=self._run, args=(work, args), daemon=True)
-        self._thread.start()
-
-    def _run(self, work, args) -> None:
-        try:
-            work(self, *args)
-        except (SetupFailed, OSError) as error:
-            self.error = error
-        self._ended_s = time.monotonic()
-
-    def command(self, *words) -> None:
-        """Run a command; raises SetupFailed with the end of what it printed."""
-        with self.log.open('a') as log:
-            code = subprocess.run(
-                [str(w) for w in words],
-                cwd=ROOT,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                stdin=subprocess.DEVNULL,
-                check=False,
-            ).returncode
-        if code:
-            lines = self.log.read_text(errors='replace').splitlines()
-            wrong = [line for line in lines if re.match(r'\s*(ERROR|error|fatal|.* error:)', line)]
-            tail = '\n'.join(f'  {line[:200]}' for line in (wrong or lines)[-8:])
-            raise SetupFailed(f'{self.name} failed (all of it: {self.log}):\n{tail}')
-
-    @property
-    def seconds(self) -> float:
-        """How long it has taken."""
-        return (self._ended_s or time.monotonic()) - self._began_s
-
-    @property
-    def running(self) -> bool:
-        """Whether it is still at work."""
-        return self._thread.is_alive()
-
-    def words(self) -> str:
-        """Return how long it has taken and what it prints at the moment."""
-        if not self.running:
-            return f'{self.name}: done in {self.seconds:.0f} s'
-        return f'{self.name}, {self.seconds:.0f} s: {self._newest()}'[:WIDTH]
-
-    def _newest(self) -> str:
-        """Return the last line of the log."""
-        lines = self.log.read_text(errors='replace').replace('\r', '\n').splitlines()
-        return next((line.strip() for line in reversed(lines) if line.strip()), 'starting')
+    log = VENV / f'setup-{name}.log'
+    with log.open('a') as file:
+        code = subprocess.run(
+            [str(w) for w in words], cwd=ROOT, stdout=file, stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL, check=False,
+        ).returncode  # fmt: skip
+    if code:
+        lines = log.read_text(errors='replace').splitlines()
+        wrong = [line for line in lines if re.match(r'\s*(ERROR|error|fatal|.* error:)', line)]
+        tail = '\n'.join(f'  {line[:200]}' for line in (wrong or lines)[-8:])
+        raise SetupFailed(f'{name} failed (all of it: {log}):\n{tail}')
 
 
-def wait(*steps: Step) -> None:
-    """Wait for all steps, saying every few seconds how far they are; raises what one raised."""
-    left = list(steps)
-    told_s = time.monotonic()
-    while left:
-        time.sleep(0.1)
-        for step in [s for s in left if not s.running]:
-            left.remove(step)
-            if step.error:
-                raise step.error
-            if step.seconds > step.quiet_s:  # else it had nothing to do
-                say(step.words())
-        if left and time.monotonic() - told_s > TELL_S:
-            told_s = time.monotonic()
-            say('\n'.join(step.words() for step in left))
+def step(name: str, work, *args) -> None:
+    """Do `work`, and say how long it took."""
+    (VENV / f'setup-{name}.log').write_text('')
+    began_s = time.monotonic()
+    work(*args)
+    say(f'{name}: done in {time.monotonic() - began_s:.0f} s')
 
 
 def pip(python: Path, verb: str, *words) -> tuple:
@@ -148,17 +94,21 @@ def core_list() -> Path:
     return path
 
 
-def install_wheels(step: Step, extra: str) -> None:
+def install_wheels(extra: str) -> None:
     """Install all that this package needs, and the package itself, editable."""
     wheels = core_list() if extra == 'core' else LOCKS / ('test.txt' if extra else 'run.txt')
-    step.command(*pip(PYTHON, 'install', *locked(wheels)))
+    command('wheels', *pip(PYTHON, 'install', *locked(wheels)))
     # Without PEP 517 isolation: the build needs nothing but the setuptools just installed.
-    step.command(*pip(PYTHON, 'install', '--no-build-isolation', '--no-deps', '--editable', '.'))
+    command(
+        'wheels', *pip(PYTHON, 'install', '--no-build-isolation', '--no-deps', '--editable', '.')
+    )
     if extra == 'bench':  # the peers are not locked: whatever version there is shall be measured
-        step.command(*pip(PYTHON, 'install', '--no-build-isolation', '--editable', '.[ros,bench]'))
+        command(
+            'wheels', *pip(PYTHON, 'install', '--no-build-isolation', '--editable', '.[ros,bench]')
+        )
 
 
-def install_browser(step: Step, ready: Path) -> None:
+def install_browser(ready: Path) -> None:
     """Install what the tests put into a browser, by the hashes of its lock; npm keeps a copy.
 
     Only tests of the pages need it: without npm, or offline before the first time, those are
@@ -171,7 +121,7 @@ def install_browser(step: Step, ready: Path) -> None:
     quiet = ('--no-audit', '--no-fund', '--no-update-notifier')
     try:
         words = ('npm', 'ci', '--prefer-offline', '--ignore-scripts', *quiet, '--prefix', folder)
-        step.command(*words)
+        command('browser', *words)
     except SetupFailed as error:
         say(f'{error}\ngoing on without: accessibility of the pages is not tested')
     else:
@@ -187,7 +137,7 @@ def message_wheel_folder(messages: str) -> Path:
     return Path(cache) / 'wheels' / f'{messages}-{tag}'
 
 
-def build_messages(step: Step, folder: Path) -> None:
+def build_messages(folder: Path) -> None:
     """Compile the messages into a wheel, kept by content beyond this checkout."""
     if not shutil.which('c++'):
         raise SetupFailed('no C++ compiler: sudo apt-get install g++ make')
@@ -197,10 +147,10 @@ def build_messages(step: Step, folder: Path) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent) as place:
         made, python = Path(place, 'wheels'), Path(place, 'tools', 'bin', 'python')
-        step.command(sys.executable, '-m', 'venv', python.parents[1])
-        step.command(*pip(python, 'install', *locked(LOCKS / 'messages.txt')))
+        command('messages', sys.executable, '-m', 'venv', python.parents[1])
+        command('messages', *pip(python, 'install', *locked(LOCKS / 'messages.txt')))
         words = ('--verbose', '--no-deps', '--no-build-isolation', '--wheel-dir', made, MESSAGES)
-        step.command(*pip(python, 'wheel', *words))
+        command('messages', *pip(python, 'wheel', *words))
         if not folder.exists():  # another checkout may have been quicker
             shutil.copytree(made, folder.with_suffix('.part'), dirs_exist_ok=True)
             folder.with_suffix('.part').rename(folder)
@@ -219,40 +169,34 @@ def setup(extra: str) -> None:
         say(f'making {VENV.name} with Python {platform.python_version()}')
         subprocess.run([sys.executable, '-m', 'venv', VENV], check=True)
 
-    steps = []
+    steps: list[tuple] = []
     if not ready.exists():
         say('installing the wheels (about a minute, once)')
-        steps.append(Step('wheels', install_wheels, extra))
-    if extra == 'core':  # its tests compile their own kernels
-        wait(*steps)
+        steps.append(('wheels', install_wheels, extra))
+    browser_ready = VENV / 'browser' / f'.ready-{digest(*sorted(BROWSER.glob("*.json")))}'
+    core = extra == 'core'  # its tests need no ROS, and compile their own kernels
+    if extra and not core and not browser_ready.exists() and shutil.which('npm'):
+        steps.append(('browser', install_browser, browser_ready))
+    wheels = message_wheel_folder(messages)
+    if not core and not messages_ready.exists() and not wheels.exists():
+        say('compiling the messages (about a minute, once)')
+        steps.append(('messages', build_messages, wheels))
+    with ThreadPoolExecutor() as pool:
+        for done in [pool.submit(step, *words) for words in steps]:
+            done.result()
+    if core:
         ready.touch()
         return
-    browser_ready = VENV / 'browser' / f'.ready-{digest(*sorted(BROWSER.glob("*.json")))}'
-    if extra and not browser_ready.exists() and shutil.which('npm'):
-        steps.append(Step('browser', install_browser, browser_ready))
-    wheels = message_wheel_folder(messages)
-    if not messages_ready.exists() and not wheels.exists():
-        say('compiling the messages (about a minute, once)')
-        steps.append(Step('messages', build_messages, wheels))
-    wait(*steps)
     if not messages_ready.exists():
-        step = Step('messages-install', lambda step: step.command(
-            *pip(PYTHON, 'install', '--force-reinstall', '--no-deps', *wheels.glob('*.whl'))
-        ))  # fmt: skip
-        wait(step)
+        words = ('install', '--force-reinstall', '--no-deps', *wheels.glob('*.whl'))
+        command('messages', *pip(PYTHON, *words))
         for old in VENV.glob('.messages-*'):
             old.unlink()
         messages_ready.touch()
     ready.touch()
-    # Does nothing if the cache is complete for this version.
+    # Says how far it is, and nothing if the cache is complete for this version.
     parts = ['--parts', 'tracker,twin,sound,ice,simulate'] if extra else []
-    wait(
-        Step(
-            'kernels',
-            lambda step: step.command(PYTHON, '-m', 'eol_ros', 'compile', *parts),
-            quiet_s=2.0,
-        )
-    )
+    subprocess.run([PYTHON, '-m', 'eol_ros', 'compile', *parts], cwd=ROOT, check=True)
 
 
 def main() -> int:
