@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of a run is worth a message to people: troubles that last, and the sum of a day. Pure.
+"""What of a run is worth a message to people: faults that last, and the sum of a day. Pure.
 
 Times and states are arguments.
 """
@@ -21,7 +21,7 @@ _COUNTS = 'restarts', 'slips', 'lost'
 
 
 @dataclass(frozen=True)
-class Trouble:
+class Fault:
     """Something that is not as it should be: whose, in words, and how long it may last untold."""
 
     what: str
@@ -31,7 +31,7 @@ class Trouble:
 
 @dataclass(frozen=True)
 class News:
-    """What has changed since people were told: troubles that last, in words; those that ended."""
+    """What has changed since people were told: faults that last, in words; those that ended."""
 
     lasting: tuple[str, ...]
     over: tuple[str, ...]
@@ -47,20 +47,20 @@ class Lasting:
         self.pause_s = pause_s
         self._since: dict[str, float] = {}
         self._well: dict[str, float] = {}  # since when what was not well is
-        self._troubles: dict[str, Trouble] = {}
+        self._faults: dict[str, Fault] = {}
         self._told: set[str] = set()
         self._last_s: float | None = None
 
-    def look(self, now_s: float, troubles: Iterable[Trouble]) -> News | None:
-        """Take the troubles of now; return what to tell, if anything."""
-        now = {trouble.what: trouble for trouble in troubles}
+    def look(self, now_s: float, faults: Iterable[Fault]) -> News | None:
+        """Take the faults of now; return what to tell, if anything."""
+        now = {fault.what: fault for fault in faults}
         for what in now:
             self._since.setdefault(what, now_s)
             self._well.pop(what, None)
-        self._troubles |= now
+        self._faults |= now
         for what in [what for what in self._since if what not in now]:
             if now_s - self._well.setdefault(what, now_s) >= SETTLED_S:
-                for kept in (self._since, self._well, self._troubles):
+                for kept in (self._since, self._well, self._faults):
                     del kept[what]
         lasting = {what for what in self._since if self._lasts(what, now_s)}
         early = self._last_s is not None and now_s - self._last_s < self.pause_s
@@ -72,7 +72,7 @@ class Lasting:
     def _lasts(self, what: str, now_s: float) -> bool:
         if what in self._told:  # it is over when it is settled, not before
             return True
-        long = now_s - self._since[what] >= self._troubles[what].patience_s
+        long = now_s - self._since[what] >= self._faults[what].patience_s
         return long and what not in self._well
 
     def words(self, now_s: float) -> tuple[str, ...]:
@@ -81,7 +81,7 @@ class Lasting:
             said(
                 'lasting',
                 what=what,
-                text=self._troubles[what].text,
+                text=self._faults[what].text,
                 time=duration(now_s - self._since[what]),
             )
             for what in sorted(self._told)
@@ -97,14 +97,14 @@ def duration(seconds: float) -> Said:
     return said('time_h', count=f'{seconds / 3600:.1f}')
 
 
-class Storms:
+class RestartStorms:
     """Finds processes that are started again and again."""
 
     def __init__(self) -> None:
         self._before: dict[str, int] = {}
         self._at_s: dict[str, deque[float]] = {}
 
-    def look(self, now_s: float, restarts: Mapping[str, int]) -> list[Trouble]:
+    def look(self, now_s: float, restarts: Mapping[str, int]) -> list[Fault]:
         """Take how often each process was started again; return those that storm."""
         found = []
         for name, count in restarts.items():
@@ -115,14 +115,14 @@ class Storms:
                 times.popleft()
             if len(times) == STORM:
                 text = said('restarted', count=STORM, minutes=round(STORM_S / 60))
-                found.append(Trouble(said('restarts_of', name=name), text, 0.0))
+                found.append(Fault(said('restarts_of', name=name), text, 0.0))
         return found
 
 
-def of_nodes(rows: Iterable[Mapping[str, Any]], after_s: float) -> list[Trouble]:
+def of_nodes(rows: Iterable[Mapping[str, Any]], after_s: float) -> list[Fault]:
     """Return the nodes of a status that are not OK."""
     return [
-        Trouble(
+        Fault(
             row['node'],
             said(_LEVELS[row['level']], text=from_message(row['text'], row['code'], row['args'])),
             after_s + (START_S if row['level'] == STARTING else 0.0),
@@ -132,12 +132,12 @@ def of_nodes(rows: Iterable[Mapping[str, Any]], after_s: float) -> list[Trouble]
     ]
 
 
-def of_disk(free_bytes: float | None, least_gb: float, after_s: float) -> list[Trouble]:
+def of_disk(free_bytes: float | None, least_gb: float, after_s: float) -> list[Fault]:
     """Return whether the disk is nearly full: less free than twice what recording stops at."""
     if free_bytes is None or free_bytes >= 2 * least_gb * GB:
         return []
     text = said('disk_free', free=f'{free_bytes / GB:.1f}', least=f'{least_gb:g}')
-    return [Trouble(said('disk'), text, after_s)]
+    return [Fault(said('disk'), text, after_s)]
 
 
 @dataclass
@@ -186,13 +186,9 @@ class Sums:
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name[0] != '_'}
 
     def resume(self, kept: Any) -> None:
-        """Take up what a run before this one has kept; damaged data count for nothing."""
-        names = self.kept()
-        if isinstance(kept, dict) and all(
-            type(kept.get(name)) in (int, float) and kept[name] >= 0 for name in names
-        ):
-            for name, now in names.items():
-                setattr(self, name, type(now)(kept[name]))
+        """Take up what a run before this one has kept; None: nothing."""
+        for name, now in self.kept().items():
+            setattr(self, name, (kept or {}).get(name, now))
 
 
 def _count(rows: Mapping[str, Mapping[str, Any]], node: str, name: str) -> int | None:

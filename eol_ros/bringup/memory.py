@@ -17,11 +17,9 @@ from eol_ros.disk import DAMAGED, DISK, Disk
 from eol_ros.errors import ConfigError
 from eol_ros.scene import Scene, check_value, plain, public
 from eol_ros.settings import by_today, live_fields
-from eol_ros.streams.requests import LEARNT
 
 Kept = dict[str, dict[str, Any]]  # by node
 FLAGS = ('asleep', 'muted')
-HEEDED = 'heeded_s'  # the time of opening or closing that the work was asked for
 
 
 class Memory:
@@ -79,12 +77,7 @@ class Memory:
             self._thread.join()
 
     def _sane(self, node: str, kept: dict[str, Any]) -> dict[str, Any]:
-        found: dict[str, Any] = {flag: True for flag in FLAGS if kept.get(flag) is True}
-        if type(kept.get(HEEDED)) in (int, float):
-            found[HEEDED] = kept[HEEDED]
-        for learnt in LEARNT:  # as text; the tracker proves it
-            if isinstance(kept.get(learnt), str):
-                found[learnt] = kept[learnt]
+        found = {name: value for name, value in kept.items() if value and name != 'settings'}
         kind = type(self._scene.nodes[node])
         fields = {f: kind.__dataclass_fields__[f] for f in live_fields(kind)}
         settings = {}

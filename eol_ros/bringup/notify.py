@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from eol_ros import folders
-from eol_ros.bringup.lasting import Lasting, Storms, Sums, of_disk, of_nodes
+from eol_ros.bringup.lasting import Lasting, RestartStorms, Sums, of_disk, of_nodes
 from eol_ros.devices.address import host_and_port
 from eol_ros.devices.files.day_file import DayFile
 from eol_ros.devices.files.time_zone import clock_is_set
@@ -176,7 +176,7 @@ def ways(settings: NotifySettings) -> list['Webhook | Mail']:
     return found + ([Mail(settings)] if settings.mail_to else [])
 
 
-class Courier:
+class Sender:
     """Sends messages by one way, in a thread; one that is not taken is tried again.
 
     `trouble` says why the last try failed; empty where it did not.
@@ -245,8 +245,8 @@ class Notifier:
         assert settings is not None
         check(settings)
         self._scene, self._settings, self._wall = scene, settings, wall
-        self._couriers = [Courier(way) for way in ways(settings)]
-        self._lasting, self._storms = Lasting(settings.pause_s), Storms()
+        self._senders = [Sender(way) for way in ways(settings)]
+        self._lasting, self._storms = Lasting(settings.pause_s), RestartStorms()
         self._sums, self._looked_s = Sums(), float('-inf')
         self._file = DayFile(f'{scene.name}-{scene.namespace}', 'sums')
         self._sums.resume(self._file.load())
@@ -258,7 +258,7 @@ class Notifier:
     @property
     def trouble(self) -> str:
         """Why messages do not arrive; empty where they do."""
-        return '; '.join(courier.trouble for courier in self._couriers if courier.trouble)
+        return '; '.join(sender.trouble for sender in self._senders if sender.trouble)
 
     def look(
         self, now_s: float, status: Mapping[str, Any], restarts: Mapping[str, int]
@@ -270,26 +270,26 @@ class Notifier:
             return None
         self._looked_s, rows, after_s = now_s, status['nodes'], self._settings.after_s
         self._sums.take(now_s, rows, status['restarts'])
-        troubles = [*of_nodes(rows, after_s), *self._storms.look(now_s, restarts)]
+        faults = [*of_nodes(rows, after_s), *self._storms.look(now_s, restarts)]
         if self._recorder:
-            troubles += of_disk(self._free_bytes, self._recorder.min_free_gb, after_s)
+            faults += of_disk(self._free_bytes, self._recorder.min_free_gb, after_s)
         message = self._day(now_s)
-        if news := self._lasting.look(now_s, troubles):
+        if news := self._lasting.look(now_s, faults):
             over = tuple(said('well_again', what=what) for what in news.over)
             count = len(news.lasting)
-            title = said('troubles', count=count) if count else said('all_well')
+            title = said('faults', count=count) if count else said('all_well')
             message = self._message('trouble' if count else 'well', title, news.lasting + over)
         if message:
-            for courier in self._couriers:
-                courier.put(message)
+            for sender in self._senders:
+                sender.put(message)
         return message
 
     def end(self) -> None:
         """Keep the sums of the day, and send no more."""
         self._ended.set()
         self._file.save(self._sums.kept(), float('inf'))
-        for courier in self._couriers:
-            courier.end()
+        for sender in self._senders:
+            sender.end()
 
     def _day(self, now_s: float) -> Message | None:
         """Return the sum of a day when it is due; one whose time came without power, later."""

@@ -145,7 +145,7 @@ class Silence:
 
 
 @dataclass
-class Unfed:
+class StarvedInput:
     """A node that lives and gets nothing, though the one before it gives: DDS has lost the two.
 
     It was seen once in some seventy kills on a busy machine, for minutes, before ports were marked
@@ -219,7 +219,7 @@ class Policy:
     def died(self, now_s: float) -> float:
         """Return how long to wait before the next start, in seconds; 0 for one that was healthy.
 
-        And for one that got nothing: how soon that is said again grows by itself (`Unfed`).
+        And for one that got nothing: how soon that is said again grows by itself (`StarvedInput`).
         """
         wait = 0.0
         if now_s - self.started_s > HEALTHY_S:

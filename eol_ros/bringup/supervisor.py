@@ -24,7 +24,7 @@ from eol_ros.bringup.policy import (
     START_STARVED_S,
     STARVED,
     STARVED_S,
-    Unfed,
+    StarvedInput,
 )  # fmt: skip
 from eol_ros.bringup.service_manager import ServiceManager
 from eol_ros.said import clauses, said
@@ -90,7 +90,7 @@ class Supervisor:
         self.all_ok_s: float | None = None  # seconds from the start to all ok
         self.real_time = any(process.real_time > 0 for process in processes)
         self._told_priority = False
-        self._unfed = {name: Unfed() for name in FED_BY}
+        self._unfed = {name: StarvedInput() for name in FED_BY}
         self._told_slow: list[Child] = []  # whom to wait for at the end
         self._told_memory = self._told_notifier = ''
         self._look_s = 0.0  # when to look next whether something has changed

@@ -98,7 +98,7 @@ def test_a_node_whose_settings_changed_in_the_scene_begins_as_that_says(scene):
 def test_what_is_no_setting_or_out_of_range_is_left_out(scene):
     memory = cut_short(scene(), KEPT)
     rows = json.loads(memory.path.read_text())
-    rows['grains']['kept'] = {'settings': {'radius': 99.0, 'colour': 'red', 'k': 5}, 'asleep': 'no'}
+    rows['grains']['kept'] = {'settings': {'radius': 99.0, 'colour': 'red', 'k': 5}}
     memory.path.write_text(json.dumps(rows))
     assert Memory(scene(), 0).recall()['grains'] == {'settings': {'k': 5}}
 

@@ -20,7 +20,7 @@ from support.waiting import wait_until
 from eol_ros import cli
 from eol_ros import scene as scenes
 from eol_ros.bringup import notify
-from eol_ros.bringup.notify import Courier, Mail, Message, NotDelivered, Notifier, Webhook
+from eol_ros.bringup.notify import Mail, Message, NotDelivered, Notifier, Sender, Webhook
 from eol_ros.errors import ConfigError
 from eol_ros.said import code_and_args, said
 from eol_ros.scene import SceneError
@@ -186,14 +186,14 @@ def test_mail_with_a_password_goes_through_tls_alone(strict_mailbox):
 
 def test_a_message_that_was_not_taken_is_sent_again(hook):
     hook.codes += [500, 503]
-    courier = Courier(Webhook(hook.url), again_s=(0.01, 0.02))
+    sender = Sender(Webhook(hook.url), again_s=(0.01, 0.02))
     for text in ('one', 'two'):
-        courier.put(Message('test', 'museum', text))
+        sender.put(Message('test', 'museum', text))
     wait_until(lambda: len(hook.got) == 4)
     titles = [body['title'].rpartition(': ')[2] for _, _, body in hook.got]
     assert titles == ['one', 'one', 'one', 'two']
-    wait_until(lambda: not courier.trouble)
-    courier.end()
+    wait_until(lambda: not sender.trouble)
+    sender.end()
 
 
 def status(rows, restarts=0):

@@ -21,7 +21,7 @@ from eol_ros.bringup.policy import (
     UNFED_S,
     Look,
     Policy,
-    Unfed,
+    StarvedInput,
     waited_s,
 )  # fmt: skip
 from eol_ros.bringup.processor import Thread
@@ -123,7 +123,7 @@ def times(end_s):
 
 
 def test_who_gets_nothing_of_what_is_given_is_found_after_a_while():
-    unfed = Unfed()
+    unfed = StarvedInput()
     found = [t for t in times(160) if unfed.look(t, 0.0, 60.0)]
     waits = [min(UNFED_S * 2**k, UNFED_MOST_S) + 0.1 for k in range(6)]
     assert np.diff([-0.1, *found]) == pytest.approx(waits) and waits[-1] > UNFED_MOST_S
@@ -133,7 +133,7 @@ def test_who_gets_nothing_of_what_is_given_is_found_after_a_while():
     found = [t for t in times(UNFED_S + 1) if unfed.look(221 + t, 0.0, 60.0)]
     assert found == [pytest.approx(UNFED_S)]
 
-    unfed = Unfed()
+    unfed = StarvedInput()
     assert [t for t in times(20) if unfed.look(t, 0.0, 60.0, starting=True)] == [UNFED_FIRST_S]
 
 
@@ -151,16 +151,16 @@ def test_who_got_nothing_is_started_again_at_once_and_who_then_dies_is_not():
     ('gets', 'given'), [(60.0, 60.0), (0.5, 60.0), (0.0, 0.0)], ids=['all', 'little', 'none given']
 )
 def test_who_gets_something_or_is_given_nothing_is_left_alone(gets, given):
-    unfed = Unfed()
+    unfed = StarvedInput()
     assert not any(unfed.look(t, gets, given) for t in times(60))
 
 
 def test_one_look_that_finds_something_is_enough_and_who_was_away_begins_again():
-    unfed = Unfed()
+    unfed = StarvedInput()
     assert not any(
         unfed.look(t, float(round(10 * t) % (10 * UNFED_S - 1) == 0), 60.0) for t in times(60)
     )
-    unfed = Unfed()
+    unfed = StarvedInput()
     assert not any(unfed.look(t * 10, 0.0, 60.0) for t in times(60))
 
 
