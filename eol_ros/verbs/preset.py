@@ -104,11 +104,8 @@ def _now(visit) -> dict:
     for node in INSTRUMENT:
         values = visit.parameters(node, sorted(live_fields(NODES[node].settings)))
         if values is not None:
-            found[node] = {k: v if _single(v) else tuple(v) for k, v in values.items()}
+            single = str, bool, int, float
+            found[node] = {k: v if isinstance(v, single) else tuple(v) for k, v in values.items()}
     if not found:
         raise DeviceMissing('neither grains nor sound runs here (--secure and --lan look further)')
     return found
-
-
-def _single(value) -> bool:
-    return isinstance(value, (str, bool, int, float))

@@ -163,10 +163,11 @@ def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str 
     user: who runs it, with this home folder. folder: where it is started. log_in: 'getty',
     'lightdm' or empty.
     """
-    python = sys.executable
+    from eol_ros.web.guard import is_loopback
+
     panel = scene.nodes.get('panel')
     scheme = 'https' if panel and panel.certificate else 'http'
-    alone = scene.network == 'local' and (panel is None or _is_loopback(panel.host))
+    alone = scene.network == 'local' and (panel is None or is_loopback(panel.host))
     alone = alone and scene.notify is None and 'projectors' not in scene.nodes
     kept = (*FOLDERS, 'ROS_DOMAIN_ID')
     environment = [
@@ -176,7 +177,7 @@ def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str 
         'scene': scene.path or scene.name,
         'user': user,
         'folder': folder,
-        'python': python,
+        'python': sys.executable,
         'environment': ''.join(environment),
         'network': 'this machine' if alone else 'the network',
         'addresses': f'IPAddressDeny=any\nIPAddressAllow=localhost {DISCOVERY}\n' if alone else '',
@@ -229,12 +230,6 @@ def made(path: Path) -> list[Path]:
     new = [there for there in (path, *path.parents) if not there.exists()]
     path.mkdir(parents=True, exist_ok=True)
     return new
-
-
-def _is_loopback(host: str) -> bool:
-    from eol_ros.web.guard import is_loopback
-
-    return is_loopback(host)
 
 
 def _install(args) -> int:
