@@ -159,13 +159,14 @@ class Routes:
         response.headers['Cache-Control'] = 'max-age=5'
         return response
 
-    def _pin_state(self, request: web.Request, given: str | None = None) -> str:
+    def pin_state(self, request: web.Request, given: str | None = None) -> str:
+        """Return what the gate says to a PIN: `given`, or that of the request."""
         if given is None:
             given = request.headers.get('X-Pin', '')
         return self.pin.check(given, request.remote or '', time.monotonic())
 
     async def _check_pin(self, request: web.Request) -> web.Response:
-        state = self._pin_state(request)
+        state = self.pin_state(request)
         return web.json_response({'ok': True}) if state == 'ok' else self._refusal(request, state)
 
     def _refusal(self, request: web.Request, state: str) -> web.Response:
@@ -182,7 +183,7 @@ class Routes:
         return web.json_response(found, headers={'Cache-Control': 'no-store'})
 
     async def _keep_screen(self, request: web.Request) -> web.Response:
-        if (state := self._pin_state(request)) != 'ok':
+        if (state := self.pin_state(request)) != 'ok':
             return self._refusal(request, state)
         name = request.match_info['name']
         if name not in self.screens and len(self.screens) >= screens.MOST_SCREENS:
@@ -200,7 +201,7 @@ class Routes:
         control = CONTROLS.get(request.match_info['name'])
         if control is None:
             return _error(404, f'controls are: {", ".join(CONTROLS)}')
-        if (state := self._pin_state(request)) != 'ok':
+        if (state := self.pin_state(request)) != 'ok':
             return self._refusal(request, state)
         try:
             body = wire.loads(await _body(request) or b'{}')
@@ -297,10 +298,6 @@ class Routes:
         left, right = self._flips.get('left'), self._flips.get('right')
         if left and right and left[0] == right[0]:
             self.skew_ms = abs(left[1] - right[1])
-
-    def pin_state(self, request: web.Request, given: str) -> str:
-        """Return what the gate says to a PIN that came over the WebSocket."""
-        return self._pin_state(request, given)
 
 
 def _connection(request: web.Request) -> Connection:
