@@ -107,6 +107,28 @@ def test_pixels_lie_where_the_camera_puts_them(level):
     assert len(np.unique(at[n])) == len(n)  # each once
 
 
+@pytest.mark.parametrize('shift', [(3, -2), (-4, 4)])
+def test_a_patch_moves_along_where_the_image_is_the_same_map_of_the_table(shift):
+    camera, at = clutter_calibration('brutal'), np.array([0.1, -0.07])
+    patch = np.zeros(1, pixels.PATCH).view(np.recarray)
+    yaw, half = 0.3, 22.0
+    pixels.taylor(camera.packed(), *at, yaw, patch[0].map)
+    patch.scale, patch.near_px = pixels.scale_of(patch[0].map), 4.0
+    middle = patch[0].map[[0, 6]]
+
+    def moved(by, limit_px=half):
+        u, v = middle + by + 0.4
+        return pixels.shift(patch[0], u, v, camera.image_height, camera.image_width, limit_px)
+
+    assert moved(shift, 1e-3)  # so small a block has no border that could be off
+    np.testing.assert_array_equal(patch[0].shift, shift)
+    x, y = (camera.to_table(middle[None] + shift)[0] - at) * patch.scale
+    there = [math.cos(yaw) * x + math.sin(yaw) * y, math.cos(yaw) * y - math.sin(yaw) * x]
+    np.testing.assert_allclose(patch[0].offset, there, atol=1e-3)
+    assert not moved([40 * s for s in shift])  # a lens bends the image
+    assert not moved([camera.image_width - middle[0] - 10, 0], 1e-3)  # out of the image
+
+
 @njit
 def read(*arguments):
     pixels.read(*arguments)
@@ -116,9 +138,15 @@ def test_grey_levels_are_read_where_the_patch_lies():
     rng, px = np.random.default_rng(2), pixels.empty()
     image, at = read_only(rng.integers(0, 256, (40, 60), dtype=np.uint8)), np.full(24, -1, np.int32)
     at[:21] = rng.permutation(2400)[:21]
-    read(image, at, 3, px)
+    read(image, at, np.array([0, 0]), 3, px)
     n = np.arange(24)
     np.testing.assert_array_equal(px[n // 8, n % 8 + pixels.GREY][:21], image.ravel()[at[:21]])
+    moved = np.array([-3, 2])
+    read(np.roll(image, (2, -3), (0, 1)), at, moved, 3, px)
+    inside = (at[:21] % 60 >= 3) & (at[:21] // 60 < 38)
+    np.testing.assert_array_equal(
+        px[n // 8, n % 8 + pixels.GREY][:21][inside], image.ravel()[at[:21]][inside]
+    )
     np.testing.assert_array_equal(px[n // 8, n % 8 + pixels.TRUST], at >= 0)
 
 
@@ -239,7 +267,7 @@ def test_variances_of_residuals_that_err_together_are_as_dense_algebra_has_them(
     n = np.arange(5 * groups * 8)
     at = n // 8, n % 8
     j, r, w = rng.normal(0, 1, (len(n), 8)), rng.normal(0, 1, len(n)), rng.uniform(1, 2, len(n))
-    side, part = n // (groups * 8), rng.integers(0, model.PARTS, len(n))
+    side, part = n // (groups * 8), n // 8 % groups * model.PARTS // groups
     j[side == 4, 7] = 0.0
     for k in range(8):
         px[at[0], at[1] + pixels.BY_A + 8 * k] = j[:, k]

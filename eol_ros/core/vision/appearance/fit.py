@@ -29,6 +29,7 @@ from eol_ros.core.vision.appearance.model import (
     PART_MISFIT,
     PARTS,
     SIDE_MOST,
+    TOGETHER,
     TUKEY,
 )
 from eol_ros.core.vision.appearance.pixels import (
@@ -41,6 +42,7 @@ from eol_ros.core.vision.appearance.pixels import (
     BY_OB,
     BY_SLOPE,
     BY_TURN,
+    CLUSTERS,
     EDGE,
     GREY,
     LIGHT,
@@ -60,9 +62,7 @@ NUMBERS = 7  # of a fit: a, b in px and turn in rad from where pixels were gathe
 OWN = 3  # of a side: gain and ground beside the block's, slope of the gain over half a block
 COLUMNS = NUMBERS + 1  # of the equations of one side, the last is that slope
 SUMS = COLUMNS * (COLUMNS + 1) // 2
-# Of covariance: parts of a side that err together, their sums, and those of what lies apart
-TOGETHER, APART_SUMS = 3, 8
-SIDE_SUMS = 4 * PARTS // TOGETHER
+APART_SUMS = 8  # of covariance, of pixels that lie apart from the sides
 
 
 @njit(inline='always', error_model='numpy')
@@ -351,20 +351,25 @@ def solve(equations, without, prior, towards, m):
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _influences(px, start, stop, by):
-    """Set BY_A, BY_B, BY_TURN of px to how far each pixel moves the pose; by (3, COLUMNS)."""
-    b, zero = by.astype(np.float32), np.float32(0.0)
+def _influences(px, start, stop, by, apart, sums):
+    """Add to sums how far the pixels of each cluster move the pose; by (3, COLUMNS) float32."""
     for group in range(start, stop):
+        place_x = place_y = angle = np.float32(0.0)
         for i in range(LANES):
-            pull = px[group, WEIGHT + i] * px[group, RESIDUAL + i]
-            x = y = turn = zero
+            x = y = turn = np.float32(0.0)
             for k in range(COLUMNS):
                 j = px[group, BY_A + k * LANES + i]
-                x += b[0, k] * j
-                y += b[1, k] * j
-                turn += b[2, k] * j
-            px[group, BY_A + i], px[group, BY_B + i] = pull * x, pull * y
-            px[group, BY_TURN + i] = pull * turn
+                x += by[0, k] * j
+                y += by[1, k] * j
+                turn += by[2, k] * j
+            pull = px[group, WEIGHT + i] * px[group, RESIDUAL + i]
+            place_x += pull * x
+            place_y += pull * y
+            angle += pull * turn
+        row = sums[CLUSTERS + group % APART_SUMS if apart else int(px[group, PART]) // TOGETHER]
+        row[0] += place_x
+        row[1] += place_y
+        row[2] += angle
 
 
 @njit(cache=True)
@@ -373,8 +378,8 @@ def covariance(px, starts, without, kept, m, sums):
 
     Of the residuals themselves: those of TOGETHER parts of a side err together (Liang and Zeger,
     Biometrika 73, 1986), as lamps, arms and uneven light make them. After solve, whose m and `kept`
-    are needed, and all_equations of every pixel; it leaves no derivatives. sums: scratch,
-    (SIDE_SUMS + APART_SUMS, 3).
+    are needed, and all_equations of every pixel. sums: scratch,
+    (CLUSTERS + APART_SUMS, 3).
     """
     by, at = np.empty((3, COLUMNS)), (3, 4, NUMBERS)
     sums[:] = 0.0
@@ -388,16 +393,8 @@ def covariance(px, starts, without, kept, m, sums):
             for k in range(OWN if side < 4 else 0):
                 for i in range(NUMBERS):
                     by[c, at[k]] -= kept[side, k, i] * m[i, 8 + c]
-        _influences(px, starts[side], starts[side + 1], by)
-        for group in range(starts[side], starts[side + 1]):
-            for i in range(LANES):
-                if px[group, AREA + i] == 0.0:
-                    continue
-                part = int(px[group, PART + i])
-                row = sums[part // TOGETHER if part >= 0 else SIDE_SUMS + group % APART_SUMS]
-                row[0] += px[group, BY_A + i]
-                row[1] += px[group, BY_B + i]
-                row[2] += px[group, BY_TURN + i]
+        b = by.astype(np.float32)
+        _influences(px, starts[side], starts[side + 1], b, side == 4, sums)
     place = turn = 0.0
     for row in sums:
         place += row[0] ** 2 + row[1] ** 2

@@ -106,7 +106,8 @@ class Follower:
             for _ in range(min(model.SEEKS, len(blocks) - good.sum())):
                 lost = np.flatnonzero(~good)
                 self._turn += 1
-                self._seek(image, lost[self._turn % len(lost)], good)
+                if self._seek(image, lost[self._turn % len(lost)], good):
+                    break
         if self.lattice:
             _take(blocks, found, self._near, good, passed_s)
             self._learn(passed_s)
@@ -137,11 +138,11 @@ class Follower:
         _accept(blocks, self.found, self._near, which, fresh, usual, first, self.px_per_m, good)
         return good
 
-    def _seek(self, image: np.ndarray, block: int, good: np.ndarray) -> None:
-        """Look for a block where its neighbours put it."""
+    def _seek(self, image: np.ndarray, block: int, good: np.ndarray) -> bool:
+        """Look for a block where its neighbours put it; return whether a square is there."""
         near, found, one = self._near[block], self.found[block : block + 1], np.array([block])
         if near[3] < 3:
-            return
+            return False
         reach = self._places.shape[0] // 2 * model.CELL_M
         find.respond(
             image, self.packed, BLOCK_SIDE_M / 2, near[0] - reach, near[1] - reach, self.quiet,
@@ -149,7 +150,7 @@ class Follower:
         )  # fmt: skip
         i, j = np.unravel_index(self._places.argmax(), self._places.shape)
         if self._places[i, j] < model.MIN_RESPONSE:
-            return
+            return False
         place = near[0] - reach + j * model.CELL_M, near[1] - reach + i * model.CELL_M
         for fresh in (False, True):
             found['x'], found['y'], found['yaw'] = *place, self._angles[i, j]
@@ -166,6 +167,7 @@ class Follower:
                 good[block] = False
         else:
             self.blocks['fresh'][block] = 0
+        return True
 
     def _forget(self, block: int) -> None:
         self.faces.forget(block)
@@ -366,12 +368,17 @@ def _start_wide(blocks: np.ndarray, found: np.ndarray, which: np.ndarray, ahead_
 
 
 @njit(inline='always')
-def _enters(f):
-    """Return whether so much of a block shows that it lies where it was found from far off.
+def _enters(b, f, px_per_m):
+    """Return whether a block out of sight lies where it was found.
 
-    The border of an arm passes for a side.
+    It does if all sides are clear, or if the place is sure: more so, far from where it is expected,
+    where the border of an arm may pass for a side.
     """
-    return f.nats > model.CLEAR_NATS and f.ring > model.MIN_RING_YOUNG
+    if f.nats > model.CLEAR_NATS and f.ring > model.MIN_RING_YOUNG:
+        return True
+    far_px = math.sqrt((f.x - b.x) ** 2 + (f.y - b.y) ** 2) * px_per_m
+    sure_px = model.SURE_PX[0 if far_px < model.EXPECTED_PX else 1]
+    return f.sigma_m * px_per_m < sure_px and f.nats > model.PART_NATS
 
 
 @njit(cache=True)
@@ -401,7 +408,7 @@ def _accept(blocks, found, near, which, fresh, usual_gain, first_nats, px_per_m,
             and f.ratio > model.MIN_RATIO
             and total > (0.0 if b.seen else first_nats)
             and (not young or f.weakest > model.WEAKEST_NATS or f.nats > model.THREE_NATS)
-            and (f.start_px < model.LOST_PX or young or _enters(f))
+            and (f.start_px < model.LOST_PX or young or _enters(b, f, px_per_m))
             and (f.nats > 0.0 or (f.visible > model.MOSTLY and f.nats > model.NO_SIDES))
             and (not fresh or f.nats > model.FRESH_NATS)
             and f.step_px < 0.5

@@ -13,7 +13,16 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
-from eol_ros.core.vision.appearance.model import CELLS, EVERY, LANES, MOST_PX, PARTS
+from eol_ros.core.vision.appearance.model import (
+    CELLS,
+    EVERY,
+    LANES,
+    MOST_BENT_PX,
+    MOST_PX,
+    OUTSIDE_PX,
+    PARTS,
+    TOGETHER,
+)  # fmt: skip
 from eol_ros.core.vision.calibration.mapping import to_pixel
 from eol_ros.core.vision.detect.outline import NONE, outside
 from eol_ros.core.vision.detect.scan import span
@@ -29,13 +38,17 @@ from eol_ros.core.vision.detect.scan import span
     WEIGHT,
 ) = range(0, 22 * LANES, LANES)  # fmt: skip
 ROWS, KEPT_ROWS = 22, 8
-GROUPS = MOST_PX // LANES + 5  # lists are filled
+CLUSTERS = 4 * PARTS // TOGETHER  # of the pixels at a side, that err together
+GROUPS = MOST_PX // LANES + CLUSTERS + 1  # lists are filled
 _STEP_M = 0.03  # for derivatives of the camera's map: two thirds of half a block
 
 PATCH = np.dtype(
     [
         ('x', 'f8'), ('y', 'f8'), ('yaw', 'f8'), ('scale', 'f8'),  # where it was made; px per m
         ('near_px', 'f8'),  # how far from the sides every pixel is in it
+        ('map', 'f8', (12,)),  # see taylor
+        # by how many columns and rows the block has moved on since, and how far along a, b in px
+        ('shift', 'i8', (2,)), ('offset', 'f8', (2,)),
         ('starts', 'i8', (6,)),  # all 0: none is kept
     ]
 )  # fmt: skip
@@ -187,36 +200,40 @@ def _sort(count, half, near_px, room, picked, px, at, starts):
     f = np.float32
     a, b, area, part = room[0], room[1], room[2], room[3]
     one, per_part, within = f(1.0), f(PARTS / (2 * half)), f(half - near_px)
-    ends = np.zeros(5, np.int64)
+    ends = np.zeros(CLUSTERS + 1, np.int64)  # and of pixels that lie apart
     for n in range(count):
         side, far, t = side_of(a[n], b[n])
         part[n] = -1.0
         if area[n] == f(0.0):
             continue
         if area[n] == one and far >= within:
-            part[n] = side * PARTS + min(max(int((t + half) * per_part), 0), PARTS - 1)
-            ends[side] += 1
+            p = side * PARTS + min(max(int((t + half) * per_part), 0), PARTS - 1)
+            part[n] = p
+            ends[p // TOGETHER] += 1
         else:
-            ends[4] += 1
-    starts[0] = 0
-    for s in range(5):
-        starts[s + 1] = starts[s] + (ends[s] + LANES - 1) // LANES
-        ends[s] = starts[s] * LANES
+            ends[CLUSTERS] += 1
+    first, per_side = 0, CLUSTERS // 4
+    for s in range(CLUSTERS + 1):
+        if s % per_side == 0:
+            starts[s // per_side] = first
+        first, ends[s] = first + (ends[s] + LANES - 1) // LANES, first * LANES
+    starts[5] = first
     for n in range(count):
         if area[n] == f(0.0):
             continue
-        s = 4 if part[n] < 0 else int(part[n]) // PARTS
+        s = CLUSTERS if part[n] < 0 else int(part[n]) // TOGETHER
         k, z = ends[s] // LANES, ends[s] % LANES
         px[k, z + A], px[k, z + B] = a[n], b[n]
         px[k, z + AREA], px[k, z + PART] = area[n], part[n]
         at[ends[s]] = picked[n]
         ends[s] += 1
-    for s in range(5):
-        for n in range(ends[s], starts[s + 1] * LANES):
-            k, z = n // LANES, n % LANES
-            for r in range(ROWS):
+    for s in range(CLUSTERS + 1):
+        while ends[s] % LANES:
+            k, z = ends[s] // LANES, ends[s] % LANES
+            for r in range(KEPT_ROWS):
                 px[k, z + r * LANES] = 0.0
-            px[k, z + PART], at[n] = -1.0, -1
+            px[k, z + PART], at[ends[s]] = -1.0, -1
+            ends[s] += 1
 
 
 @njit(cache=True, error_model='numpy')
@@ -282,18 +299,48 @@ def gather(rows, cols, m, half_m, near_px, out_px, table, sense, px, at, starts)
 
 @njit(cache=True, inner=True)
 def copy(source, groups, to):
-    """Copy a patch."""
+    """Copy a patch, four numbers at a time: a compiler that may not reorder does no better."""
     for group in range(groups):
-        for i in range(KEPT_ROWS * LANES):
-            to[group, i] = source[group, i]
+        row, out = source[group], to[group]
+        for i in range(0, KEPT_ROWS * LANES, 4):
+            a, b, c, d = row[i], row[i + 1], row[i + 2], row[i + 3]
+            out[i], out[i + 1], out[i + 2], out[i + 3] = a, b, c, d
 
 
 @njit(cache=True, inner=True)
-def read(image, at, groups, px):
-    """Read the grey levels of a patch from an image (h, w); trust its pixels."""
+def read(image, at, shift, groups, px):
+    """Read the grey levels of a patch that is `shift` columns and rows further in an image (h, w).
+
+    Trust its pixels.
+    """
     flat, f, zero, one = image.reshape(-1), np.float32, np.float32(0.0), np.float32(1.0)
+    by = shift[1] * image.shape[1] + shift[0]
     for group in range(groups):
         for i in range(LANES):
             where = at[group * LANES + i]
-            px[group, GREY + i] = f(flat[max(where, 0)])
+            px[group, GREY + i] = f(flat[max(where + by, 0)])
             px[group, TRUST + i] = zero if where < 0 else one
+
+
+@njit(cache=True)
+def shift(patch, u, v, rows, cols, half):
+    """Shift a patch by whole pixels, so that its middle is nearest to u, v; return whether it can.
+
+    It can while image and table are so alike there that its border is off by MOST_BENT_PX at most,
+    and if no pixel was or will be outside of the image. half: of a side, px.
+    """
+    m, du, dv = patch.map, round(u - patch.map[0]), round(v - patch.map[6])
+    if du == 0 and dv == 0:
+        patch.shift[:], patch.offset[:] = 0, 0.0
+        return True
+    bent = abs(m[3]) + abs(m[4]) + abs(m[5]) + abs(m[9]) + abs(m[10]) + abs(m[11])
+    if 2 * bent / patch.scale**2 * max(abs(du), abs(dv)) * half > MOST_BENT_PX:
+        return False
+    reach = 1.6 * (half + patch.near_px + OUTSIDE_PX)  # of a square that stands on its corner
+    for at, most in ((m[0], cols), (m[0] + du, cols), (m[6], rows), (m[6] + dv, rows)):
+        if at < reach or at > most - 1 - reach:
+            return False
+    a, b = np.full(1, du, np.float32), np.full(1, dv, np.float32)
+    _place(m, 1, a, b)
+    patch.shift[0], patch.shift[1], patch.offset[0], patch.offset[1] = du, dv, a[0], b[0]
+    return True

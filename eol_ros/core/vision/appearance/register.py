@@ -12,7 +12,7 @@ from eol_ros.core.vision.appearance import faces, fit, pixels
 from eol_ros.core.vision.appearance import model as m
 from eol_ros.core.vision.appearance.model import LANES
 from eol_ros.core.vision.appearance.pixels import AREA, EDGE, GREY, SPREAD, Q
-from eol_ros.core.vision.calibration.mapping import SENSE
+from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.detect import outline
 
 FOUND = np.dtype(
@@ -119,7 +119,7 @@ def _room():
         np.empty((fit.COLUMNS + 3, pixels.GROUPS * LANES), np.float32),
         np.empty(fit.SUMS + fit.COLUMNS), np.empty((fit.COLUMNS, fit.COLUMNS + 1)),
         np.empty((4, m.PARTS, 2)), np.empty(m.MOST_PX, np.float32),
-        np.empty((fit.SIDE_SUMS + fit.APART_SUMS, 3)),
+        np.empty((pixels.CLUSTERS + fit.APART_SUMS, 3)),
         np.empty((4, 11)), np.empty(4), np.empty(4), np.empty(n), np.empty((5, own)),
     )  # fmt: skip
 
@@ -150,7 +150,7 @@ def _fit(camera, looks, f, patch, kept, at, px, room):
         moved = math.sqrt(z[0] ** 2 + z[1] ** 2) + abs(z[2]) * half
         if it == 0 or renew or moved > max(0.5 * sigma_px, 1.0):
             near = m.DENSE * blur_px + m.MARGIN_PX + 0.5 * min(max(sigma_px, 0.7), 5.0)
-            keep = not fresh and it == 0 and _lies_in(patch, f, half_m, near)
+            keep = not fresh and it == 0 and _lies_in(patch, c, f, half_m, near, image.shape, flat)
             if keep:
                 pixels.copy(kept, starts[5], px)
             else:
@@ -160,7 +160,7 @@ def _fit(camera, looks, f, patch, kept, at, px, room):
             half = half_m * patch.scale
             if not keep:
                 pixels.shade(px, starts[5], half, face, spread, flat)
-            pixels.read(image, at, starts[5], px)
+            pixels.read(image, at, patch.shift, starts[5], px)
             _from_patch(patch, f, z)
             if it == 0:
                 _levels(px, starts[5], half, blur_px, f, room)
@@ -182,8 +182,9 @@ def _fit(camera, looks, f, patch, kept, at, px, room):
                 if f.visible < m.HOPELESS:
                     break
         _priors(f, half, sigma_px, room)
+        every = 2 if begins and not rests else 1
         fit.all_equations(
-            px, starts, 2 if begins and not rests else 1, half, blur_px, noise, z, own, f.usual,
+            px, starts, every, half, blur_px, noise, z, own, f.usual,
             room.own_prior, sigma_px**2, widen, (room.rows, room.sums, room.matrix), room.kept,
             room.equations,
         )  # fmt: skip
@@ -278,19 +279,27 @@ def _tell_sigma(f, patch, moved_px, without, px, room):
 
 
 @njit(cache=True)
-def _lies_in(patch, f, half_m, near):
-    """Return whether a block at the start of f can be fitted with the patch that is kept."""
+def _lies_in(patch, c, f, half_m, near, shape, flat):
+    """Return whether a block at the start of f can be fitted with the patch that is kept.
+
+    A patch moves along by whole pixels, but not that of a cover in relief: it looks different.
+    """
     if patch.starts[5] == 0 or not -0.1 < patch.near_px - near < 0.5:
         return False
-    moved = math.sqrt((f.x - patch.x) ** 2 + (f.y - patch.y) ** 2) + abs(f.yaw - patch.yaw) * half_m
-    return moved * patch.scale < 1.0
+    half = half_m * patch.scale
+    if abs(f.yaw - patch.yaw) * half > 0.5:
+        return False
+    u, v = mapping.to_pixel(c, f.x, f.y)
+    can = pixels.shift(patch, u, v, shape[0], shape[1], half)
+    return can and (flat or (patch.shift[0] == 0 and patch.shift[1] == 0))
 
 
 @njit(cache=True)
 def _gather(image, c, heights, n, half_m, near, table, f, patch, px, at):
     """Make a patch for the block n at f."""
-    d = np.empty(12)
+    d = patch.map
     pixels.taylor(c, f.x, f.y, f.yaw, d)
+    patch.shift[:], patch.offset[:] = 0, 0.0
     patch.x, patch.y, patch.yaw, patch.scale = f.x, f.y, f.yaw, pixels.scale_of(d)
     patch.near_px = near
     table[0] = 0.0
@@ -302,7 +311,17 @@ def _gather(image, c, heights, n, half_m, near, table, f, patch, px, at):
         )  # fmt: skip
     rows, cols = image.shape
     pixels.gather(
-        rows, cols, d, half_m, near, near + m.OUTSIDE_PX, table, c[SENSE], px, at, patch.starts
+        rows,
+        cols,
+        d,
+        half_m,
+        near,
+        near + m.OUTSIDE_PX,
+        table,
+        c[mapping.SENSE],
+        px,
+        at,
+        patch.starts,
     )
 
 
@@ -311,7 +330,8 @@ def _from_patch(patch, f, z):
     """Set the pose of z from that of f."""
     cs, sn = cos(patch.yaw), sin(patch.yaw)
     dx, dy = (f.x - patch.x) * patch.scale, (f.y - patch.y) * patch.scale
-    z[0], z[1], z[2] = cs * dx + sn * dy, cs * dy - sn * dx, f.yaw - patch.yaw
+    z[0], z[1] = cs * dx + sn * dy - patch.offset[0], cs * dy - sn * dx - patch.offset[1]
+    z[2] = f.yaw - patch.yaw
 
 
 @njit(cache=True)
@@ -336,8 +356,9 @@ def _step(work, half, z):
 def _to_table(z, patch, f):
     """Set the pose of f from that of z."""
     cs, sn = cos(patch.yaw), sin(patch.yaw)
-    f.x = patch.x + (cs * z[0] - sn * z[1]) / patch.scale
-    f.y = patch.y + (sn * z[0] + cs * z[1]) / patch.scale
+    a, b = z[0] + patch.offset[0], z[1] + patch.offset[1]
+    f.x = patch.x + (cs * a - sn * b) / patch.scale
+    f.y = patch.y + (sn * a + cs * b) / patch.scale
     f.yaw = patch.yaw + z[2]
 
 
