@@ -88,14 +88,10 @@ class Run:
     notes: list[str] = field(default_factory=list)
 
 
-def with_events(
-    path: str, status: int, times: np.ndarray, u: np.ndarray, v: np.ndarray, log: Log, events: int,
-    steps: int, t: float,
-) -> Run:  # fmt: skip
-    """Return a run with the first `events` of a log, in order of time."""
-    in_time = np.argsort(log.t[:events], kind='stable')
-    found = log.t[in_time], log.block[in_time], log.start[in_time]
-    return Run(path, WORDS[status], times, u, v, *found, steps, t)
+def in_time(log: Log, events: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times, blocks and starts of the first `events` of a log, in order of time."""
+    order = np.argsort(log.t[:events], kind='stable')
+    return log.t[order], log.block[order], log.start[order]
 
 
 def cut_short(run: Run, duration_s: float, limits: Limits) -> Run:

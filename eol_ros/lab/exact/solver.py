@@ -7,8 +7,9 @@ from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.kernel_args import Grid, empty_log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.numerics import energy_ledger, length_scale
-from eol_ros.core.physics.result import Limits, Run, with_events
+from eol_ros.core.physics.result import Limits, Run, in_time
 from eol_ros.core.physics.scene import Scene
+from eol_ros.core.physics.status import WORDS
 from eol_ros.lab.exact import kernel
 
 ORDER = 14
@@ -48,7 +49,7 @@ def solve(
     end = np.column_stack([u, scene.u0[:, 1]])
     u_out = np.stack([grid.u, held], axis=2)
     v_out = np.stack([grid.v, np.zeros_like(grid.v)], axis=2)
-    run = with_events('exact', status, times, u_out, v_out, log, events, steps, t)
+    run = Run('exact', WORDS[status], times, u_out, v_out, *in_time(log, events), steps, t)
     if ledger:
         run.energy = energy_ledger(scene, model, end, np.column_stack([v, 0 * v]), t, work_and_heat)
     return run

@@ -6,9 +6,9 @@ import numpy as np
 from eol_ros.core.physics.kernel_args import empty_log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.numerics import energy_ledger
-from eol_ros.core.physics.result import Limits, Run, with_events
+from eol_ros.core.physics.result import Limits, Run, in_time
 from eol_ros.core.physics.scene import Scene
-from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
+from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT, WORDS
 from eol_ros.lab.stepping.moreau_jean import place_anchors, step_many
 
 
@@ -46,8 +46,7 @@ def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s:
             break
     done = slice(0, reached + 1)
     t = float(times[reached])
-    run = with_events(
-        'stepping', status, times[done], u_out[done], v_out[done], log, logged, steps, t
-    )
+    samples = times[done], u_out[done], v_out[done]
+    run = Run('stepping', WORDS[status], *samples, *in_time(log, logged), steps, t)
     run.energy = energy_ledger(scene, m, ends[: m.n], v, t, work_and_heat)
     return run

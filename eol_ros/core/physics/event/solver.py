@@ -7,8 +7,9 @@ from eol_ros.core.physics.event import kernel
 from eol_ros.core.physics.kernel_args import Grid, empty_log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.numerics import energy_ledger, length_scale
-from eol_ros.core.physics.result import Limits, Run, with_events
+from eol_ros.core.physics.result import Limits, Run, in_time
 from eol_ros.core.physics.scene import Scene
+from eol_ros.core.physics.status import WORDS
 
 TIGHTEST, LOOSEST = 1e-15, 1e-3
 SMALL = 0.01  # of tolerance and length scale: the error in place that a step may make
@@ -97,7 +98,7 @@ def solve(
         counts,
         kernel.make_workspace(model.lattice, rules.order),
     )
-    run = with_events('event', status, times, grid.u, grid.v, log, events, steps, t)
+    run = Run('event', WORDS[status], times, grid.u, grid.v, *in_time(log, events), steps, t)
     if counts[1]:
         run.notes.append(f'{counts[1]} stops ended at the floor of {kernel.SLOWEST_MPS:g} m/s')
     if counts[2]:

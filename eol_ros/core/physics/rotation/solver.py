@@ -7,10 +7,11 @@ from eol_ros.core.physics.event.solver import order_for, rules_for
 from eol_ros.core.physics.kernel_args import Grid, empty_log
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.numerics import length_scale
-from eol_ros.core.physics.result import Energy, Limits, Run, with_events
+from eol_ros.core.physics.result import Energy, Limits, Run, in_time
 from eol_ros.core.physics.rotation import kernel
 from eol_ros.core.physics.rotation.taylor import LEVER, RotationArgs
 from eol_ros.core.physics.scene import Scene
+from eol_ros.core.physics.status import WORDS
 
 
 def rotation_args(scene: Scene) -> RotationArgs:
@@ -67,7 +68,7 @@ def solve(
         kernel.make_workspace(model.lattice, ra, rules.order),
     )
     u, w = grid.u[:, :, :2].copy(), grid.v[:, :, :2].copy()
-    run = with_events('event', status, times, u, w, log, events, steps, t)
+    run = Run('event', WORDS[status], times, u, w, *in_time(log, events), steps, t)
     run.yaw, run.spin = grid.u[:, :, 2] / ra.lever, grid.v[:, :, 2] / ra.lever
     if ledger:
         run.energy = energy_ledger(scene, model, ra, q, v, t, work_and_heat)
