@@ -86,7 +86,7 @@ def reference_of(scene: Scene, model: Model, times: np.ndarray) -> np.ndarray:
 def _row(
     scene: str, method: str, timed: tuple, truth: np.ndarray, witness: np.ndarray, stretch: float
 ) -> dict:
-    """Return the row of a run and its time, s; `witness` is SciPy's on the first `stretch` s."""
+    """Return the row of a run and its time, s; `witness`: by SciPy, first `stretch` s."""
     run, seconds = timed
     return {
         'scene': scene,

@@ -54,7 +54,7 @@ def run(args) -> int:
 
 
 def _some(known: tuple) -> Callable[[str], tuple]:
-    """Return what reads some of those that are `known`, with commas between."""
+    """Return a parser of comma-separated items of `known`."""
     named = {str(one): one for one in known}
 
     def read(text: str) -> tuple:
@@ -100,7 +100,7 @@ def _engines(result: dict) -> list[str]:
 
 
 def _figures(row: dict, of: str = '') -> Iterator[str]:
-    """Yield the figures of a row for a terminal, those inside others by both names."""
+    """Yield the figures of a row for a terminal, nested ones by both names."""
     for name, value in row.items():
         if isinstance(value, dict):
             yield from _figures(value, f'{of}{name} ')

@@ -156,10 +156,10 @@ def within(low: float, high: float, kind: type = float) -> Callable[[str], Any]:
     def read(text: str) -> Any:
         value = kind(text)
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f'{text} is not {low:g} to {high:g}')
+            raise argparse.ArgumentTypeError(f'{text} is outside {low:g} to {high:g}')
         return value
 
-    read.__name__ = kind.__name__  # for the words about a text that is no number
+    read.__name__ = kind.__name__  # argparse names it if the text is no number
     return read
 
 
@@ -184,7 +184,7 @@ def _run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
     module.add_arguments(parser)
     try:
         args = parser.parse_args(words)
-    except SystemExit as ended:  # the help was shown, or a line says what is wrong
+    except SystemExit as ended:  # after --help, or after a usage error
         return int(ended.code or 0)
     damage: list[str] = []
 

@@ -54,7 +54,7 @@ def finish() -> None:
 
 @contextlib.contextmanager
 def until_stopped(seconds: float | None = None) -> Iterator[Callable[[], bool]]:
-    """Yield what tells whether to go on: until Ctrl-C, SIGTERM or the end of `seconds`."""
+    """Yield a function that returns False after Ctrl-C, SIGTERM or `seconds`."""
     stopping: list[int] = []
     before = {n: signal.signal(n, lambda number, _: stopping.append(number)) for n in _SIGNALS}
     end_s = time.monotonic() + seconds if seconds else float('inf')

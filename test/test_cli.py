@@ -70,8 +70,8 @@ def test_half_of_an_option_is_refused(words, capsys):
         ),
         (['bag', 'cut', 'x'], 'the following arguments are required: -o/--output'),
         (['simulate'], 'the following arguments are required: SCENE'),
-        (['topics', '--seconds', '-1'], 'argument --seconds: -1 is not 0.1 to 3600'),
-        (['topics', '--seconds', 'nan'], 'argument --seconds: nan is not 0.1 to 3600'),
+        (['topics', '--seconds', '-1'], 'argument --seconds: -1 is outside 0.1 to 3600'),
+        (['topics', '--seconds', 'nan'], 'argument --seconds: nan is outside 0.1 to 3600'),
     ],
 )
 def test_a_command_line_that_is_wrong_is_one_line(words, said, capsys):

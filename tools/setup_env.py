@@ -2,8 +2,8 @@
 """Prepares `.venv` (or $EOL_VENV): wheels, messages and compiled kernels.
 
 Called by tools/setup_env.sh, with the system's Python and nothing but its standard library. Wheels
-and messages are made at the same time. What is done leaves a stamp in `.venv`, so that nothing is
-done twice.
+and messages are built at the same time. A finished step leaves a stamp in `.venv` and is not
+repeated.
 """
 
 import hashlib
@@ -50,7 +50,7 @@ def digest(*paths: Path) -> str:
 
 
 def command(name: str, *words) -> None:
-    """Run a command of the step `name`; what it prints goes to a log in `.venv`.
+    """Run a command of the step `name`; its output goes to a log in `.venv`.
 
     Raises SetupFailed with the end of the log.
     """
@@ -68,7 +68,7 @@ def command(name: str, *words) -> None:
 
 
 def step(name: str, work, *args) -> None:
-    """Do `work`, and say how long it took."""
+    """Do `work`, and print its duration."""
     (VENV / f'setup-{name}.log').write_text('')
     began_s = time.monotonic()
     work(*args)
@@ -194,7 +194,7 @@ def setup(extra: str) -> None:
             old.unlink()
         messages_ready.touch()
     ready.touch()
-    # Says how far it is, and nothing if the cache is complete for this version.
+    # Prints its progress, or nothing if the cache is complete for this version.
     parts = ['--parts', 'tracker,twin,sound,ice,simulate'] if extra else []
     subprocess.run([PYTHON, '-m', 'eol_ros', 'compile', *parts], cwd=ROOT, check=True)
 

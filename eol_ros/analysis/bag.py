@@ -89,7 +89,7 @@ class Bag(BagReader):
 
     def __init__(self, path: str | Path) -> None:
         super().__init__(path)
-        self._kept: dict[tuple, Any] = {}  # what was collected, by kind and topic
+        self._kept: dict[tuple, Any] = {}  # results of collectors, by kind and topic
 
     def keep(
         self,
@@ -130,7 +130,7 @@ class Bag(BagReader):
     def _collect(
         self, wanted: dict[tuple, '_Collector'], start_ns: int = 0, end_ns: int | None = None
     ) -> dict[tuple, Any]:
-        """Read the bag once, and return what each collector of a topic makes of its messages."""
+        """Read the bag once, and return the result of each collector."""
         for name, batch in self._large({key[1] for key in wanted}, start_ns, end_ns):
             for key, collector in wanted.items():
                 if key[1] == name:
@@ -241,17 +241,17 @@ class Bag(BagReader):
 
 
 class _Collector(Protocol):
-    """Makes something of the messages of a topic, which come some at a time."""
+    """Collects a result from the messages of a topic, batch by batch."""
 
     def add(self, batch: Batch) -> None:
-        """Take the messages that follow."""
+        """Add the next messages."""
 
     def found(self) -> Any:
-        """Return what was made of them; begin again."""
+        """Return the result, and start again."""
 
 
 class _Each:
-    """Hands over the table of each batch."""
+    """Calls a function with the table of each batch."""
 
     def __init__(self, rows: '_Rows', call: Callable[[Table], object]):
         self._rows, self._call = rows, call
@@ -264,7 +264,7 @@ class _Each:
 
 
 class _Stamps:
-    """When messages were received, and their stamps: two (n,) datetime64[ns]."""
+    """Collects reception times and stamps: two (n,) datetime64[ns]."""
 
     def __init__(self) -> None:
         self._parts = [np.zeros((2, 0), np.int64)]
@@ -364,7 +364,7 @@ class _Rows:
 
 
 def _stacked(parts: Sequence[np.ndarray], names: Sequence[str]) -> np.ndarray:
-    """Return the fields `names` of tables of several dtypes as one."""
+    """Return the fields `names` of tables of several dtypes as one array."""
     columns = {name: _joined([part[name] for part in parts]) for name in names}
     kinds = [(name, column.dtype, column.shape[1:]) for name, column in columns.items()]
     whole = np.empty(sum(map(len, parts)), kinds)
@@ -374,7 +374,7 @@ def _stacked(parts: Sequence[np.ndarray], names: Sequence[str]) -> np.ndarray:
 
 
 def _of_all(tables: Sequence[Table]) -> Table:
-    """Return the messages of all definitions of a topic: the columns that all of them have."""
+    """Merge tables of several definitions of a topic; keep the columns that all have."""
     first = tables[0]
     names = [
         n for n in first.dtype.names or ()

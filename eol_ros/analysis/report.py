@@ -373,9 +373,9 @@ def _onset_latencies(bag: Bag, light: np.ndarray, own: np.ndarray) -> dict[str, 
 
 
 def _first_packets(bag: Bag) -> list[np.ndarray]:
-    """Return stamp and sent of the first packet of `led_commands` for each stamp of an image.
+    """Return the first packets of `led_commands` for each image stamp, and for each tap stamp.
 
-    And those of the blocks' own flashes, which have the stamps of their taps.
+    Both have stamp and sent; the second are the flashes of the blocks themselves.
     """
     table, taps = _table(bag, 'led_commands'), _table(bag, 'block_taps')
     kind = [('stamp', 'M8[ns]'), ('sent', 'M8[ns]')]

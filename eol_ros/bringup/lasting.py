@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of a run is worth a message to people: faults that last, and the sum of a day. Pure.
+"""Lasting faults and the daily summary, of which people are notified. Pure.
 
 Times and states are arguments.
 """
@@ -22,7 +22,7 @@ _COUNTS = 'restarts', 'slips', 'lost'
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that is not as it should be: whose, in words, and how long it may last untold."""
+    """A fault: its subject, its text, and how long it may last before it is reported."""
 
     what: str
     text: str
@@ -31,7 +31,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class News:
-    """What has changed since people were told: faults that last, in words; those that ended."""
+    """Changes since the last notification: texts of lasting faults, names of ended ones."""
 
     lasting: tuple[str, ...]
     over: tuple[str, ...]
@@ -52,7 +52,7 @@ class Lasting:
         self._last_s: float | None = None
 
     def look(self, now_s: float, faults: Iterable[Fault]) -> News | None:
-        """Take the faults of now; return what to tell, if anything."""
+        """Take the current faults; return the changes to notify of, or None."""
         now = {fault.what: fault for fault in faults}
         for what in now:
             self._since.setdefault(what, now_s)
@@ -120,7 +120,7 @@ class RestartStorms:
 
 
 def of_nodes(rows: Iterable[Mapping[str, Any]], after_s: float) -> list[Fault]:
-    """Return the nodes of a status that are not OK."""
+    """Return a fault for each node of a status that is not OK."""
     return [
         Fault(
             row['node'],
@@ -172,7 +172,7 @@ class Sums:
         return count - before if count >= before else count
 
     def words(self) -> Said:
-        """Return the day in a line: `open 10.0 h, restarts 1, slips 14 213, lost 0`."""
+        """Return the day in a line: `open 10.0 h, restarts 1, slips 14 213, messages lost 0`."""
         counts = {name: f'{getattr(self, name):,}'.replace(',', ' ') for name in _COUNTS}
         return said('day', hours=f'{self.open_s / 3600:.1f}', **counts)
 
@@ -186,7 +186,7 @@ class Sums:
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name[0] != '_'}
 
     def resume(self, kept: Any) -> None:
-        """Take up what a run before this one has kept; None: nothing."""
+        """Restore the sums that an earlier run saved; None: there are none."""
         for name, now in self.kept().items():
             setattr(self, name, (kept or {}).get(name, now))
 

@@ -25,8 +25,8 @@ FLAGS = ('asleep', 'muted')
 class Memory:
     """Keeps one small file for a scene, written by a thread of its own: a slow disk stops nobody.
 
-    Of what was noted while the disk was busy, only the newest is written. `always`: also a run that
-    ends as asked is remembered.
+    Of the states noted while the disk was busy, only the newest is written. `always`: a run that
+    ends on request is remembered, too.
     """
 
     def __init__(self, scene: Scene, domain: int, always: bool = False, disk: Disk = DISK):
@@ -40,7 +40,7 @@ class Memory:
 
     @property
     def trouble(self) -> str:
-        """Why nothing is kept; empty where it is."""
+        """Why the state cannot be saved; empty if it can."""
         return self._file.trouble
 
     def recall(self) -> Kept:

@@ -146,12 +146,11 @@ class Silence:
 
 @dataclass
 class StarvedInput:
-    """A node that lives and gets nothing, though the one before it gives: DDS has lost the two.
+    """A live node without input although its publisher sends: DDS has lost the connection.
 
     It was seen once in some seventy kills on a busy machine, for minutes, before ports were marked
-    (see shared_memory); a new process is found.
-    Where it is the machine that is slow, a new process would be no sooner: each time it is given
-    longer, until it has been well for a minute.
+    (see shared_memory); DDS discovers a new process. On a slow machine a restart does not help, so
+    the time limit doubles each time, until the node has been well for a minute.
     """
 
     since_s: float | None = None
@@ -219,7 +218,7 @@ class Policy:
     def died(self, now_s: float) -> float:
         """Return how long to wait before the next start, in seconds; 0 for one that was healthy.
 
-        And for one that got nothing: how soon that is said again grows by itself (`StarvedInput`).
+        Also 0 after a starved input: `StarvedInput` lengthens its own interval.
         """
         wait = 0.0
         if now_s - self.started_s > HEALTHY_S:

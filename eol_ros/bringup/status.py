@@ -133,7 +133,7 @@ def answer(server: socket.socket, status: dict[str, Any]) -> None:
 
 
 def state(level: int, text: Said) -> dict[str, Any]:
-    """Return what bringup itself says of a node, as its own status would."""
+    """Return the fields of a node's status that bringup sets itself."""
     code, args = code_and_args(text)
     return {'level': level, 'text': text, 'code': code, 'args': args}
 

@@ -240,7 +240,7 @@ class Supervisor:
             self._note(f'compiling has failed (exit code {code}): the nodes do it themselves')
 
     def _hear(self, child: Child) -> None:
-        """Log what it has printed, and show what people should see."""
+        """Log the output of a process, and print the lines meant for people."""
         for line in child.output():
             shown = child.for_people(line) and not line.startswith('compiling, ')
             self._events.line(f'{child.process.name}: {line}', shown)

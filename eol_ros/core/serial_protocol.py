@@ -42,7 +42,7 @@ class ProtocolError(ValueError):
 
 
 class Message:
-    """A message: `KIND` is its byte in the packet, `BODY` the form of its fields."""
+    """A message: `KIND` is its byte in the packet, `BODY` the struct of its fields."""
 
     KIND: ClassVar[int]
     BODY: ClassVar[struct.Struct]
@@ -258,10 +258,10 @@ def encode(message: Message, sequence: int) -> bytes:
 
 
 class Decoder:
-    """Bytes as they come in, messages out.
+    """Decodes a byte stream into messages.
 
-    `good` counts packets read. `bad` counts what was none: damaged, longer than any packet, or of a
-    kind that this version does not know.
+    `good` counts valid packets. `bad` counts packets that are damaged, too long, or of a kind
+    unknown to this version.
     """
 
     def __init__(self) -> None:
@@ -271,13 +271,13 @@ class Decoder:
     def feed(self, data: bytes) -> list[Received]:
         """Take in `data`, cut anywhere, and return the messages that are now complete."""
         *ended, rest = (self._pending + data).split(b'\0')
-        self._pending = rest[: MAX_ENCODED + 1]  # what is longer is no packet
+        self._pending = rest[: MAX_ENCODED + 1]  # longer than any packet
         found = [self._read(encoded) for encoded in ended if encoded]
         return [received for received in found if received]
 
     def _read(self, encoded: bytes) -> Received | None:
         try:
-            packet = cobs_decode(encoded[: MAX_ENCODED + 1])  # what is longer has no checksum
+            packet = cobs_decode(encoded[: MAX_ENCODED + 1])  # a longer one fails the checksum
         except ProtocolError:
             packet = b''
         body = packet[2:-2]

@@ -129,7 +129,7 @@ def _solved(
             return solve_rotation(scene, model, times, limits, ledger, tolerance)
         return event.solve(scene, model, times, limits, ledger, tolerance)
     if scene.rotation is not None:
-        raise UsageError('path stepping: blocks that rotate are on event')
+        raise UsageError('path stepping: blocks cannot rotate; use event')
     from eol_ros.lab.stepping.solver import solve as solve_in_steps
 
     return solve_in_steps(scene, model, times, limits, step_s)

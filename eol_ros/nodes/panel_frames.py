@@ -45,7 +45,7 @@ def quaternion(r: np.ndarray) -> Quaternion:
     """Return the quaternion of a rotation matrix (3, 3).
 
     Each row below is the quaternion (w, x, y, z) times four times one of its parts; the row of the
-    largest part is taken (Shepperd 1978), so that none is divided by a small one.
+    largest part is taken (Shepperd 1978), to avoid division by a small number.
     """
     (a, b, c), (d, e, f), (g, h, i) = r.tolist()
     rows = np.array([

@@ -41,13 +41,9 @@ class RecorderNode(EolNode):
         self.described = {t: BagTopic(self.resolve_topic_name(t), **describe(t)) for t in topics}
         self.stamped(self.now_ns())  # the clock may be set before a first message comes
         self.recording = self.begin()
-        self.latched: dict[
-            str, BagMessage
-        ] = {}  # what holds from one round of a replay to the next
+        self.latched: dict[str, BagMessage] = {}  # persists over the rounds of a replay
         self._times = LogTimes()
-        self._early: deque[BagMessage] = deque(
-            maxlen=EARLY
-        )  # came before there was a time to give it
+        self._early: deque[BagMessage] = deque(maxlen=EARLY)  # before a log time was known
         self._slips, self._states = self.intake('slips'), self.intake('/diagnostics')
         for topic, bag_topic in self.described.items():
             depth = READER_DEPTH if TOPICS[topic].qos == 'stream' else None

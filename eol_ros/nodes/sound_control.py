@@ -57,7 +57,7 @@ class Instrument:
             raise ConfigError(done.reason)
 
     def save(self, name: str, answer: Callable[[bool, str], None]) -> None:
-        """Keep all live settings as a preset; `answer` tells whether it is kept, and where."""
+        """Save all live settings as a preset; call `answer` with success and a message."""
         path = presets.path_of(name, presets.folder())
 
         def write(now: presets.Preset) -> None:
@@ -143,7 +143,7 @@ class Instrument:
         client.get_parameters(names, found)
 
 
-@functools.lru_cache(16)  # a controller asks for two of them again and again
+@functools.lru_cache(16)  # a controller loads the same two repeatedly
 def _loaded(path: Path, mtime_ns: int) -> presets.Preset:
     return presets.load(path)
 

@@ -98,7 +98,7 @@ class EolNode(Node):
         self._stamps, self.time_jumps = StampWatch(), 0
         self._requests: RequestServer | None = None
         self.live_from_ns = 0  # the stamp from which the settings that change now count
-        self._checked: dict[str, Any] | None = None  # settings that change now, already checked
+        self._checked: dict[str, Any] | None = None  # settings being changed, already validated
         self._recorded: dict[str, Any] = {}  # what a replay changed, as it was before
         if self.NAME in NODES and REQUESTS in NODES[self.NAME].subscribes:
             self._requests = RequestServer(self, self.HOLDS)
@@ -296,7 +296,7 @@ class EolNode(Node):
         return clauses(said('is_now', setting=k, value=v) for k, v in values.items())
 
     def change_settings(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Change live settings and return them; raises ConfigError that names what cannot be."""
+        """Change live settings and return them; raises ConfigError that names invalid ones."""
         values = self._checked = checked_live(type(self.settings), self.NAME, values)
         try:
             done = self.set_parameters_atomically(parameters(values))
@@ -383,7 +383,7 @@ class EolNode(Node):
             return SetParametersResult(successful=False, reason=str(error))
         changes = {k: v for k, v in changes.items() if v != getattr(self.settings, k)}
         if changes:
-            if self._requests is not None and given is None:  # for the bag
+            if self._requests is not None and given is None:  # to be recorded
                 self.live_from_ns = self.requests.from_ns()
                 self.requests.declare(SET, changes, self.live_from_ns)
             self.settings = dataclasses.replace(self.settings, **changes)

@@ -75,7 +75,7 @@ def _answer(visit: Session, node: str, ask: Callable[[Any], Any]) -> Any:
 
     client = AsyncParameterClient(visit.node, visit.node.resolve_service_name(node))
     if not visit.run(client.services_are_ready, WAIT_S):
-        raise DeviceMissing(f'{node} does not run here (--secure and --lan look further)')
+        raise DeviceMissing(f'{node} does not run here (--secure and --lan find other machines)')
     future = ask(client)
     if not visit.run(future.done, WAIT_S):
         raise DeviceMissing(said('does_not_answer', names=node))

@@ -113,7 +113,7 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
 
     with ros(ros_args) as (executor, nodes):
         logger = rclpy.logging.get_logger(names[0])
-        # one line in the log, where people do not meet it
+        # warnings go to the log, one line each
         warnings.showwarning = lambda *what, **_: logger.warning(warning_line(*what[:4]))
         for name in names:
             if stop:

@@ -17,8 +17,8 @@ from eol_ros.streams.graph import NAMESPACE
 NO_LOG_FILES = ('--ros-args', '--disable-external-lib-logs')
 
 
-# Fast DDS 2.14 can wait for ever in `DomainParticipant::set_listener` when a participant is taken
-# down in the instant in which another one leaves. The main thread then spins inside C++, and no
+# Fast DDS 2.14 can hang in `DomainParticipant::set_listener` when a participant is removed while
+# another one leaves. The main thread then spins inside C++, and no
 # Python signal handler runs; the kernel still ends the process (SIGALRM).
 LEAVE_S = 4
 
@@ -51,7 +51,7 @@ class Session:
 
 @contextmanager
 def ros(args: Sequence[str] = ()) -> Iterator[tuple[Any, list[Any]]]:
-    """Start rclpy; yield an executor, and a list for the nodes that are closed at the end.
+    """Start rclpy; yield an executor, and a list of nodes to close at the end.
 
     Raises UsageError for `args` that ROS does not know.
     """
@@ -63,7 +63,7 @@ def ros(args: Sequence[str] = ()) -> Iterator[tuple[Any, list[Any]]]:
         rclpy.init(args=[*args, *NO_LOG_FILES], signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         said = str(error).removeprefix('failed to initialize rcl: ').split(', at /')[0]
-        if type(error).__name__ == 'UnknownROSArgsError':  # which rclpy does not export
+        if type(error).__name__ == 'UnknownROSArgsError':  # rclpy does not export it
             said = f'ROS knows no {said}'
         elif not said.startswith("Couldn't parse"):
             raise

@@ -335,7 +335,7 @@ def _format(kind: str, count: int) -> Any:
 
 
 def words(*values: int | str | bytes) -> bytearray:
-    """Return the beginning of a message of uint32, strings, and bytes as they are."""
+    """Return the CDR header followed by `values`: uint32, strings, and raw bytes."""
     out = bytearray(b'\0\1\0\0')
     for value in values:
         if isinstance(value, bytes):

@@ -38,7 +38,7 @@ def add_arguments(parser):
         '--blink',
         type=within(0, N_BLOCKS - 1, int),
         metavar='BLOCK',
-        help='let one flash, to see where it is',
+        help='flash this block, to see where it is',
     )
     parser.add_argument(
         '--knocks', action='store_true',
@@ -69,7 +69,7 @@ def add_arguments(parser):
     parser.add_argument(
         '--seconds',
         type=within(0.01, 3600),
-        help='of blinks (default: 5) or knocks (default: 60)',
+        help='duration of --blink (default: 5) or --knocks (default: 60)',
     )
     parser.add_argument('--json', action='store_true', help='for programs')
 
@@ -81,7 +81,7 @@ def run(args) -> int:
 
     ways = [args.blink is not None, args.knocks, args.self_test is not None, args.flash is not None]
     if sum(ways) > 1:
-        raise UsageError('give one of --blink, --knocks, --self-test and --flash, not both')
+        raise UsageError('give one of --blink, --knocks, --self-test and --flash, not several')
     if args.flash is not None:
         return _flash(args)
     tested = _tested(args.self_test)

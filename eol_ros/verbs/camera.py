@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--gain', type=float, help="in the camera's own unit")
     parser.add_argument('--trigger', help='input of a GenICam camera')
     parser.add_argument(
-        '--seconds', type=within(0.01, 86400), help='then stop (latency: 10; else: Ctrl-C)'
+        '--seconds', type=within(0.01, 86400), help='stop after SECONDS (latency: 10; else: Ctrl-C)'
     )
     parser.add_argument(
         '--view', metavar='PORT', type=within(0, 65535, int),

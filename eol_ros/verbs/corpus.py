@@ -46,20 +46,20 @@ def add_arguments(parser):
         type=within(0.02, 60),
         default=0.25,
         metavar='S',
-        help='length; with onset the greatest',
+        help='grain length; with onset the greatest',
     )
     add('--overlap', type=within(0, 0.9), nargs='?', const=0.5, default=0.0, metavar='SHARE',
-        help='of a grain that the next one repeats (0.5 if no number is given)')  # fmt: skip
+        help='share of a grain that the next repeats (0.5 if no number is given)')  # fmt: skip
     add('--labels', metavar='FILE', default='', help='Audacity label track to cut at')
     add('--onset', type=within(0.1, 60), default=4.0, metavar='DB', help='rise that begins a grain')
-    add('--gate-on', type=within(-120, 0), default=-40.0, metavar='DB', help='a grain begins above')
-    add('--gate-off', type=within(-120, 0), default=-50.0, metavar='DB', help='and ends below')
+    add('--gate-on', type=within(-120, 0), default=-40.0, metavar='DB', help='grains begin above')
+    add('--gate-off', type=within(-120, 0), default=-50.0, metavar='DB', help='grains end below')
     add(
         '--silence',
         type=within(-200, 0),
         default=-70.0,
         metavar='DB',
-        help='quieter grains get no place',
+        help='grains below this level get no place',
     )
     add('--x', choices=MAP_AXES, default=MAP_AXES[0], metavar='NAME', help=_NAMES)
     add('--y', choices=MAP_AXES, default=MAP_AXES[1], metavar='NAME')
@@ -73,7 +73,7 @@ def add_arguments(parser):
         type=within(0, 1),
         default=1.0,
         metavar='0..1',
-        help='0: as measured, 1: the layout',
+        help='0: measured places, 1: the layout',
     )
     add('--seed', type=int, default=1, help='of the ice recording, where no sound is given')
     add('-o', '--output', metavar='FILE', help='corpus JSON; with show, the image')

@@ -25,7 +25,7 @@ def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('-o', '--output', metavar='DIR', required=True, help='folder for the files')
     parser.add_argument(
-        '--seed', type=within(0, 1e18, int), default=1, help="of the landscape; 1 is the panel's"
+        '--seed', type=within(0, 1e18, int), default=1, help='seed of the landscape (panel: 1)'
     )
     parser.add_argument('--rows', type=within(1, 50, int), default=5)
     parser.add_argument('--cols', type=within(1, 50, int), default=5)

@@ -25,15 +25,15 @@ def add_arguments(parser):
     add('--into', metavar='DIR', help='folder for the sounds; made if it is not there')
     add('--device', default='auto', metavar='NAME', help='input by name or part of it')
     add('--from', dest='source', metavar='FILE', help='cut this recording instead, and end')
-    add('--on', type=within(-120, 0), default=-40.0, metavar='DB', help='a sound begins above')
-    add('--off', type=within(-120, 0), default=-50.0, metavar='DB', help='and ends below')
-    add('--most', type=within(0.1, 600), default=30.0, metavar='S', help='a longer one is cut')
+    add('--on', type=within(-120, 0), default=-40.0, metavar='DB', help='sounds begin above')
+    add('--off', type=within(-120, 0), default=-50.0, metavar='DB', help='sounds end below')
+    add('--most', type=within(0.1, 600), default=30.0, metavar='S', help='longer sounds are cut')
     add(
         '--keep',
         type=within(1, 10000, int),
         default=50,
         metavar='N',
-        help='the oldest beyond so many are removed',
+        help='number of sounds to keep; older ones are removed',
     )
     add(
         '--for',
@@ -41,7 +41,7 @@ def add_arguments(parser):
         type=within(0, 1e9),
         default=0.0,
         metavar='S',
-        help='end after; 0: Ctrl-C',
+        help='stop after S seconds; 0: Ctrl-C',
     )
     add('--list', action='store_true', help='the inputs that there are')
 

@@ -30,7 +30,7 @@ def add_arguments(parser):
         type=within(0, 3600),
         default=0.0,
         metavar='S',
-        help='with recall, glide for so long',
+        help='glide time of recall',
     )
     add('--folder', metavar='DIR', help='where presets lie; else with the state of eol_ros')
     reach.add_arguments(parser)

@@ -10,7 +10,7 @@ T = TypeVar('T')
 
 
 class Progress:
-    """Shows a share done, 0 to 1, whenever it is called with one; silent for `quiet_s`."""
+    """Shows the share done, 0 to 1, with which it is called; silent for `quiet_s`."""
 
     def __init__(self, words: str, quiet_s: float = 1.0):
         self._words, self._tenth = words, 0
@@ -36,7 +36,7 @@ class Progress:
             print(f'{self._words}: {10 * self._tenth} %', file=sys.stderr, flush=True)
 
     def close(self) -> None:
-        """Take the bar away."""
+        """Remove the progress bar."""
         if self._bar is not None:
             self._bar.stop()
 

@@ -28,7 +28,7 @@ def add_arguments(parser):
     parser.add_argument('--corpus', metavar='C.json', help='its grains (default: those of the bag)')
     parser.add_argument('-o', '--output', metavar='X.wav', required=True, help='wav, flac, ogg ...')
     parser.add_argument('--scene', metavar='FILE', help='take the settings of sound from here')
-    parser.add_argument('--seconds', type=within(1e-3, 1e6), help='length (default: to the end)')
+    parser.add_argument('--seconds', type=within(1e-3, 1e6), help='duration (default: to the end)')
     parser.add_argument(
         '--binaural', action='store_true', help='two channels for headphones, of a ring of speakers'
     )

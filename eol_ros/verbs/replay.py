@@ -33,7 +33,7 @@ def add_arguments(parser):
     speed.add_argument('--fast', action='store_true', help='as fast as the readers acknowledge')
     parser.add_argument('--loop', action='store_true', help='begin again at the end')
     parser.add_argument(
-        '--start', type=within(0, 1e9), default=0.0, metavar='S', help='begin S seconds in'
+        '--start', type=within(0, 1e9), default=0.0, metavar='S', help='start at S seconds'
     )
     parser.add_argument(
         '--only',

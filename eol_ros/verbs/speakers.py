@@ -23,7 +23,9 @@ def add_arguments(parser):
     parser.add_argument(
         '--test', nargs='?', const='', metavar='NAMES', help='play these (default: all), in order'
     )
-    parser.add_argument('--seconds', type=within(0.01, 600), default=1.0, help='of noise from each')
+    parser.add_argument(
+        '--seconds', type=within(0.01, 600), default=1.0, help='duration of noise per speaker'
+    )
     parser.add_argument('-o', '--output', metavar='X.wav', help='write the noise here, play none')
     parser.add_argument('--json', action='store_true', help='for programs')
 

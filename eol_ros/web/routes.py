@@ -160,7 +160,7 @@ class Routes:
         return response
 
     def pin_state(self, request: web.Request, given: str | None = None) -> str:
-        """Return what the gate says to a PIN: `given`, or that of the request."""
+        """Return the result of the PIN check of `given`, or of the PIN in the request."""
         if given is None:
             given = request.headers.get('X-Pin', '')
         return self.pin.check(given, request.remote or '', time.monotonic())
@@ -233,7 +233,7 @@ class Routes:
             return _error(409, answers.refusal)
         text = answers.text
         told = {'ok': True, 'text': text, 'said': text.parts}
-        if asked.kind == SET:  # so that a page need not wait for the next state of the node
+        if asked.kind == SET:  # so that a page need not wait for the node's next state
             told |= {'node': asked.node, 'values': asked.values}
         return web.json_response(told)
 

@@ -99,7 +99,7 @@ def test_a_process_that_is_started_again_and_again_though_each_time_it_is_well()
     (storm,) = storms.look(541.0, {'leds': 9, 'sound': 2})
     assert (storm.what, storm.text) == (
         'leds restarts',
-        'was started again 5 times within 10 min',
+        'restarted 5 times within 10 min',
     )
     assert storms.look(1200.0, {'leds': 9, 'sound': 2}) == []
 
@@ -119,11 +119,11 @@ def test_the_sum_of_a_day():
         sums.take(float(second), rows, restarts)
     for second in range(36_001, 40_000):  # asleep
         sums.take(float(second), [row('sound', asleep=True)], restarts)
-    assert sums.words() == 'open 10.0 h, restarts 1, slips 35 999, lost 0'
+    assert sums.words() == 'open 10.0 h, restarts 1, slips 35 999, messages lost 0'
     sums.begin(1.0)
-    assert sums.words() == 'open 0.0 h, restarts 0, slips 0, lost 0'
+    assert sums.words() == 'open 0.0 h, restarts 0, slips 0, messages lost 0'
     sums.take(40_000.0, [row('motion', slips=16_001)], 1)
-    assert sums.words() == 'open 0.0 h, restarts 0, slips 1, lost 0'
+    assert sums.words() == 'open 0.0 h, restarts 0, slips 1, messages lost 0'
 
 
 def test_sums_are_taken_up_by_the_next_run():

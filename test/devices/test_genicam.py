@@ -346,6 +346,6 @@ def test_without_aravis_the_package_is_named(monkeypatch):
 
     assert caught.value.exit_code == 69
     assert str(caught.value) == (
-        'GenICam cameras need Aravis, and libaravis-of-nobody.so is not here: '
+        'GenICam cameras need Aravis, and libaravis-of-nobody.so is not found: '
         'apt-get install libaravis-0.8-0'
     )

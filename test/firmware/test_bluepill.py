@@ -332,7 +332,7 @@ def test_a_reset_at_any_moment_is_survived(pill, host):
 
 
 def noise(pill, host, rng, count):
-    """Write `count` bytes on each line: packets that are whole or spoilt, and what is none."""
+    """Write `count` bytes on each line: whole and damaged packets, and noise."""
     kinds = [kind for kind in protocol.MESSAGES if kind < 0x80]
     written = 0
     while written < count:

@@ -139,7 +139,7 @@ def phone(browser):
 
 @contextlib.contextmanager
 def reduced_motion(browser):
-    """Make the browser of somebody who wants little movement."""
+    """Let the browser report prefers-reduced-motion."""
     features = [{'name': 'prefers-reduced-motion', 'value': 'reduce'}]
     browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': features})
     try:

@@ -22,8 +22,8 @@ DOMAIN = '61'
 class Machines:
     """Network namespaces; the n-th has the address `net.n` on the cable, and a name.
 
-    A context that ends them; it skips the test where they cannot be had. `variables`: of the
-    environment of what is run, by machine.
+    A context that removes them; it skips the test if they are unavailable. `variables`:
+    environment variables of each machine.
     """
 
     def __init__(self, *names: str):

@@ -15,7 +15,7 @@ UNDEFINED = ['-fsanitize=undefined,bounds', '-fsanitize-undefined-trap-on-error'
 
 
 def assert_compiles(folder: Path, *words: object) -> None:
-    """Run the C compiler in `folder`; what it says is the failure of the test."""
+    """Run the C compiler in `folder`; the test fails with its messages."""
     compiler = shutil.which('cc') or shutil.which('gcc') or shutil.which('clang')
     if compiler is None:
         pytest.skip('no C compiler here')
@@ -42,7 +42,7 @@ def library(folder: Path, text: str, *sources: str) -> ctypes.CDLL:
 
 
 def output(folder: Path, text: str, *sources: str) -> list[int]:
-    """Return the numbers that a program prints; what is undefined in C ends it."""
+    """Return the numbers that a program prints; undefined behaviour in C ends it."""
     assert_compiles(folder, '-O1', *UNDEFINED, *_words(folder, text, sources), '-oglue')
     done = subprocess.run([folder / 'glue'], capture_output=True, text=True, check=False)
     assert done.returncode == 0, f'it ended with {done.returncode}'

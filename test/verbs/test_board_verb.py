@@ -120,14 +120,14 @@ def test_old_firmware_is_named_and_does_not_test_itself(fake, capsys):
 @pytest.mark.parametrize(
     'words, code, said',
     [
-        (['--blink', '25'], 2, '--blink: 25 is not 0 to 24'),
-        (['--blink', '3', '--knocks'], 2, 'not both'),
+        (['--blink', '25'], 2, '--blink: 25 is outside 0 to 24'),
+        (['--blink', '3', '--knocks'], 2, 'not several'),
         (['--self-test', '25'], 2, 'blocks are 0 to 24'),
         (['--self-test', 'x'], 2, 'blocks are 0 to 24'),
         (['--flash', '-1'], 2, 'blocks are 0 to 24'),
-        (['--flash', '3', '--knocks'], 2, 'not both'),
+        (['--flash', '3', '--knocks'], 2, 'not several'),
         (['--flash', '3', '--program', '/nowhere.hex'], 69, '/nowhere.hex: no such file'),
-        (['--seconds', '0'], 2, '0 is not 0.01 to 3600'),
+        (['--seconds', '0'], 2, '0 is outside 0.01 to 3600'),
         (['--port', '/dev/nothing'], 69, '/dev/nothing'),
     ],
 )

@@ -126,7 +126,7 @@ def test_no_sound_means_the_ice(capsys, monkeypatch):
         (['{dir}/silent.wav'], 78, 'silent'),
         (['{dir}/short.wav'], 78, 'too short'),
         (['{dir}/empty'], 78, 'no sound file in this folder'),
-        (['{floe}', '--grain', '0'], 2, '--grain: 0 is not 0.02 to 60'),
+        (['{floe}', '--grain', '0'], 2, '--grain: 0 is outside 0.02 to 60'),
         (['{floe}', '--grain', 'nan'], 2, '--grain: nan is'),
         (['{floe}', '--overlap', '1'], 2, '--overlap: 1 is'),
         (['{floe}', '--blend', '-1'], 2, '--blend'),

@@ -57,7 +57,7 @@ def test_a_height_map_of_ones_own_and_sizes(tmp_path, capsys):
         (['--skirt', '5'], 2, 'too low for the shoulder above a lip, which is 3.8 mm high'),
         (['--body', '41'], 2, 'a body of 41 mm leaves no room for a lip'),
         (['--clearance', '-1'], 2, 'lip, body and clearance must be 0 mm or more'),
-        (['--cells', '0'], 2, '--cells: 0 is not 1 to 512'),
+        (['--cells', '0'], 2, '--cells: 0 is outside 1 to 512'),
         (['--rows', '99'], 2, '--rows: 99 is'),
         (['--seed', '-1'], 2, '--seed: -1 is'),
         (['--heightmap', 'nowhere.png'], 69, 'nowhere.png: no such file'),

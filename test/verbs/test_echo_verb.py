@@ -203,7 +203,7 @@ def test_replay_of_what_is_no_bag(tmp_path, bag):
         ((str(tmp_path / 'none'),), 69, 'no such bag'),
         ((str(tmp_path / 'note.txt'),), 78, 'not a bag'),
         ((str(bag), '--only', 'wal'), 78, 'no topic wal'),
-        ((str(bag), '--rate', '0.001'), 2, '--rate: 0.001 is not 0.01 to 100'),
+        ((str(bag), '--rate', '0.001'), 2, '--rate: 0.001 is outside 0.01 to 100'),
         ((str(bag), '--start', '9'), 2, 'the bag has 3.0 s'),
         ((str(bag),), 78, 'say which topics to play'),
     ):

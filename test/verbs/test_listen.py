@@ -72,7 +72,7 @@ def test_new_takes_are_in_the_corpus_and_the_others_are_not_described_again(
     ('words', 'code', 'said'),
     [
         ([], 2, '--into: name the folder'),
-        (['--into', 'x', '--on', '3'], 2, '--on: 3 is not -120 to 0'),
+        (['--into', 'x', '--on', '3'], 2, '--on: 3 is outside -120 to 0'),
         (['--into', 'x', '--off', '-30'], 2, '--off -30: must not lie above'),
         (['--into', 'x', '--from', 'none.wav'], 69, 'no such sound file'),
         (['--into', 'x', '--device', 'no such input'], 69, ''),

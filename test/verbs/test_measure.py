@@ -132,8 +132,8 @@ def test_figures_for_a_program_write_nothing(hung, capsys):
         (['--weights', '300,many'], 2, 'not grams'),
         (['--weights', '300,-5'], 2, '-5 g is not'),
         (['--weights', '300', '--block', '7'], 1, 'block 7 stands inside'),
-        (['--weights', '300', '--block', '25'], 2, '--block: 25 is not 0 to 24'),
-        (['--weights', '300', '--natural', '6'], 2, '--natural: 6 is not 10 to 88'),
+        (['--weights', '300', '--block', '25'], 2, '--block: 25 is outside 0 to 24'),
+        (['--weights', '300', '--natural', '6'], 2, '--natural: 6 is outside 10 to 88'),
         (['rehearsal.yaml', '--weights', '300'], 78, 'no such file'),
     ],
 )

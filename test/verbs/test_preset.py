@@ -76,7 +76,7 @@ def test_a_preset_can_be_part_of_a_scene(tmp_path):
     [
         (['recall'], 2, 'name the preset'),
         (['recall', '../etc'], 2, 'name the preset'),
-        (['recall', 'a', '--over', '-1'], 2, '-1 is not 0 to 3600'),
+        (['recall', 'a', '--over', '-1'], 2, '-1 is outside 0 to 3600'),
         (['recall', 'none'], 69, 'no such preset'),
         (['recall', 'empty'], 78, 'not a preset'),
         (['recall', 'text'], 78, 'not a preset'),

@@ -67,9 +67,9 @@ def onsets(
     period_s : float
         Between images.
     latest_s : ndarray, optional
-        (b,) stamps of images that certainly show motion, by default the newest: no onset is later.
+        (b,) latest possible onsets: stamps of images that surely show motion (default: the newest).
     acceleration_mps2 : float
-        Mean of the prior.
+        Mean acceleration of the prior.
 
     Returns
     -------

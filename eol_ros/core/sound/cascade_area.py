@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How large the cascade has grown that a grain belongs to, told by the grains before it alone.
+"""Area so far of the cascade that a grain belongs to, from the triggers up to that grain.
 
-A cascade grows while it sounds: its area is not known before it is over. So what a grain knows is
-the area so far, the blocks that have sounded in it up to now. The triggers say which block sounds
-when, live and in a bag alike, so this needs no other topic and gives the same answer offline.
+A cascade grows while it sounds: its final area is unknown until it ends. The area so far counts the
+blocks that have sounded in it up to now. Triggers have block and time, live and in a bag, so this
+needs no other topic and gives the same result offline.
 """
 
 import math
@@ -24,7 +24,7 @@ class _Cascade:
 
 
 class CascadeAreas:
-    """Follows the blocks that sound; a block joins the cascade of its neighbours, corners included.
+    """Tracks cascades; a sounding block joins the cascade of its neighbours, corners included.
 
     Parameters
     ----------

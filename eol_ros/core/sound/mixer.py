@@ -43,8 +43,8 @@ LOOK_AHEAD_S = 0.003
 LIMITER_RELEASE_S = 0.08
 DC_HZ = 7.0
 AHEAD_S = 30.0  # a trigger further in the future comes from another clock
-# Until a voice that was pushed has begun: 16 calls of at most 1 s take all from the ring; those
-# before it, and then it, may be AHEAD_S early.
+# s, until a pushed voice has begun: 16 calls of at most 1 s empty the ring; the voices before it,
+# and then this voice, may be AHEAD_S early.
 WAIT_S = 16 + 2 * AHEAD_S
 
 
@@ -332,7 +332,7 @@ class Mixer:
         self.memory.weights[:] = k_weighting(sample_rate)[:, [0, 1, 2, 4, 5]].ravel()
         self.set(cubic, gain_db, loudness_lufs, governor_db)
         s['gain'] = s['gain_target']
-        self._lent: dict[int, tuple[Bank, float]] = {}  # by id: until which frame it may be read
+        self._lent: dict[int, tuple[Bank, float]] = {}  # by id, with its last frame
         publish(s, 0)  # whatever is compiled is so before it is needed
         warm_up()
         if not render(self.address, np.empty((0, channels), np.float32)):

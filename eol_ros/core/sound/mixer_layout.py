@@ -28,7 +28,7 @@ RING = 4096  # triggers on their way to the callback
 WINDOWS = 300  # of 100 ms: the 30 s that the loudness governor looks back
 LOADS = 512  # callbacks whose load is remembered
 FOREVER = 2**62
-STALE = 'the sound engine was compiled for another version of itself; run: eol compile --force'
+STALE = 'the compiled sound engine is of another version; run: eol compile --force'
 
 VOICE = np.dtype(
     [
@@ -267,7 +267,7 @@ def allocate(
 ) -> tuple[Memory, np.ndarray]:
     """Return the zeroed arrays of a mixer and its table, int64: LAYOUT and their addresses.
 
-    `memory` alone knows their shapes: it views a table of arrays that are not there yet.
+    `memory` defines their shapes: it views a table whose arrays do not exist yet.
     """
     state = np.zeros(1, STATE)
     s = state[0]

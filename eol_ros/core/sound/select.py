@@ -44,7 +44,7 @@ from eol_ros.settings import GrainsSettings
 
 FORGET_S = 0.25  # a block unseen for longer starts again
 LONGEST_LEAD_S = 60.0  # a switch farther ahead is left over from before the stamps began again
-AMBIENCE_EDGE_S = 10.0  # longer than any grain: half of it swells and half dies away
+AMBIENCE_EDGE_S = 10.0  # longer than any grain: half is attack, half is release
 FELT_S = 0.01  # a block's acceleration at its knock times this is the speed that its image shows
 SLIP_S = 0.04  # a slip that is felt lasts longer: what may sound again so soon still belongs to it
 NOTHING = np.zeros(0, TRIGGER)
@@ -252,7 +252,7 @@ class Selector:
         if s.mode != 'fence' or not s.rearm_at_rest or not len(self._grains):
             return NOTHING
         if time_s < self._swapped_s or (self._next is not None and time_s >= self._next[0]):
-            return NOTHING  # of another corpus than that of the images
+            return NOTHING  # the corpus is another than that of the images
         speed = FELT_S * strength_mps2
         far, reached = self._reached(np.array([block]), np.array([[x, y]]), np.array([speed]))
         column = np.nonzero(reached[0])[0]
@@ -303,9 +303,9 @@ class Selector:
         return self.settings.radius * self.settings.rearm_ratio
 
     def _distances(self, at: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
-        """Return how far the grains are from places (n, 2), (n, grains), in m on the table.
+        """Return the distances (n, grains) of grains from places (n, 2), in m on the table.
 
-        Those that blocks `rows` (n,) cannot play are infinitely far away.
+        It is infinite for grains that blocks `rows` (n,) cannot play.
         """
         left, low, right, high = self.bounds
         x = left + self._places[0] * (right - left)
@@ -316,7 +316,7 @@ class Selector:
         return far
 
     def _once(self, name: str, key: Any, make: Callable[[Corpus], np.ndarray]) -> np.ndarray:
-        """Return what `make` makes of the corpus; call it again only for another one or `key`."""
+        """Return `make(corpus)`, cached until the corpus or `key` changes."""
         if name not in self._made or self._made[name][0] != key:
             assert self._corpus is not None  # there are grains
             self._made[name] = key, make(self._corpus)
@@ -350,9 +350,9 @@ class Selector:
     def _likeness(
         self, far: np.ndarray, at: np.ndarray, speed: np.ndarray, last: np.ndarray | None
     ) -> np.ndarray:
-        """Return the distance in descriptors of what lies within reach, as `far` has it in place.
+        """Return descriptor distances (n, grains), infinite where `far` (m) exceeds the radius.
 
-        `last`: column of the grain that each block sounded last, -1 for none; None: it is nothing.
+        `last`: column of the grain that each block sounded last, -1 for none; None: not compared.
         """
         s, ranks = self.settings, self._ranks()
         half, total = s.space_m / 2, np.zeros(far.shape)
@@ -375,8 +375,8 @@ class Selector:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return distances (n, grains), m, and which grains blocks `rows` (n,) at `at` reach.
 
-        As `choose` says; ties go to the lower number. What is nearest is so in place, or in
-        descriptors, where `match` says so.
+        `choose` selects among the grains within the radius: the nearest in place, or with `match`
+        the nearest in descriptors. Ties go to the lower number.
         """
         s, far = self.settings, self._distances(at, rows)
         near = far <= s.radius

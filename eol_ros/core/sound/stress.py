@@ -12,7 +12,9 @@ import numpy as np
 from eol_ros.core import elementary
 from eol_ros.core.geometry import N_BLOCKS, PITCH_M, SPRING_BLOCKS
 
-FIRST, SECOND = SPRING_BLOCKS[SPRING_BLOCKS[:, 1] >= 0].T.copy()  # (40,) blocks at the springs
+FIRST, SECOND = SPRING_BLOCKS[
+    SPRING_BLOCKS[:, 1] >= 0
+].T.copy()  # (40,) blocks at the ends of springs
 
 
 def stress(at: np.ndarray, break_m: float) -> np.ndarray:

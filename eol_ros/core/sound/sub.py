@@ -60,7 +60,7 @@ def moments(area: np.ndarray) -> np.ndarray:
 
 
 def pulses(triggers: np.ndarray, area: np.ndarray, low_hz: float, high_hz: float) -> np.ndarray:
-    """Return the pulses (n,) TRIGGER of grains that let a cascade grow to `area` (n,)."""
+    """Return the pulses (n,) TRIGGER of grains at which a cascade grows to `area` (n,)."""
     out = np.zeros(len(triggers), TRIGGER)
     out['time_s'], out['pan'], out['block'] = triggers['time_s'], triggers['pan'], triggers['block']
     out['rate'] = frequencies_hz(area, low_hz, high_hz) / PULSE_HZ

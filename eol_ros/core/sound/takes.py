@@ -11,8 +11,8 @@ class Takes:
     """Takes of a sound that comes block by block; the same whatever the blocks.
 
     A take begins `before_s` before the level (RMS of 10 ms, dBFS) reaches `on_db`, and ends when it
-    has been below `off_db` for `hold_s`, or after `most_s`. One of less than LEAST_S is left out: a
-    knock on the stand.
+    has been below `off_db` for `hold_s`, or after `most_s`. Takes shorter than LEAST_S are left
+    out: knocks on the stand.
 
     Examples
     --------

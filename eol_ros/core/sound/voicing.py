@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Triggers to voices whose sound says how large the cascade is: source scaling, dynamics, sub.
+"""Triggers to voices that depend on the area of the cascade: source scaling, dynamics, sub.
 
 Brune, "Tectonic stress and the spectra of seismic shear waves from earthquakes", J. Geophys. Res.
 75 (1970) 4997: a source of radius r has a flat displacement spectrum up to a corner frequency that
 goes as 1/r, and falls as f^-2 above it: 1 / (1 + (f / f_c)^2), after his eq. 31 and 36. A cascade
 of A blocks has r ~ A^(1/2), so f_c ~ A^(-1/2): the same sound, larger, is slower by A^(1/2) and
-darker. The area is that of now, as the cascade has grown so far (`cascade_area.py`).
+darker. The area is the area so far (`cascade_area.py`).
 
 What is heard is not displacement but its rate, whose spectrum rises as f below the corner: a small
 cascade has no lows. So a second corner, far below the first and as A^(-1/2) too, takes them away.
@@ -102,7 +102,7 @@ def new_mixer(settings: SoundSettings, epoch_s: float = 0.0) -> Mixer:
 
 
 class Voicing:
-    """Makes voices of triggers; keeps which cascade each belongs to, so feed it in their order.
+    """Converts triggers to voices. It tracks cascades, so triggers must come in order.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class Voicing:
         t['gain'] = np.minimum(t['gain'] * elementary.exp10(level_db / 20), MAX_GAIN)
         first = None
         if bussed(s):
-            # Creaks are no cascades: they keep their lows.
+            # Creaks belong to no cascade: they have no high-pass.
             first = s.channels * (bus_of(area) + first_bus(s) * (t['block'] >= 0))
         rows, number = numbered_rows(t, bank, self.loudspeakers, first, self._ring)
         refused[good[number]] = False
@@ -161,7 +161,7 @@ class Voicing:
         return rows, refused
 
     def _filter(self, rows: np.ndarray, grain: np.ndarray, area: np.ndarray, bank: Bank) -> None:
-        """Give the voices `rows` (n,) their filter; of grains (n,), of cascades of areas (n,)."""
+        """Set the filter of voices `rows` (n,) from their grains (n,) and cascade areas (n,)."""
         s = self.settings
         share = np.zeros(len(rows))
         if s.filter_by == 'area':
@@ -174,7 +174,7 @@ class Voicing:
         rows['damping'], rows['band'] = 1 / s.filter_q, s.filter == 'band-pass'
 
     def _sub(self, triggers: np.ndarray, area: np.ndarray) -> np.ndarray:
-        """Return the voices of the sub voice, for grains that let a cascade grow to `area`."""
+        """Return the voices of the sub voice, for grains at which a cascade grows to `area`."""
         s = self.settings
         t = pulses(triggers, area, s.sub_low_hz, s.sub_high_hz)
         t['gain'] *= elementary.exp10(s.sub_db / 20)

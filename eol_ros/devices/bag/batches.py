@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of a bag, many at a time: their heads as columns, and their data."""
+"""Batches of messages of a bag: heads as columns, and data."""
 
 import itertools
 from collections.abc import Iterator, Sequence
@@ -23,12 +23,12 @@ class Batch(NamedTuple):
 
     @property
     def log_ns(self) -> np.ndarray:
-        """When each was received, (n,) int64 in ns."""
+        """Times of reception, (n,) int64 in ns."""
         return self.heads['log_ns'].astype(np.int64)
 
     @property
     def publish_ns(self) -> np.ndarray:
-        """When each was sent, (n,) int64 in ns."""
+        """Times of sending, (n,) int64 in ns."""
         return self.heads['publish_ns'].astype(np.int64)
 
     def part(self, first: int, last: int) -> 'Batch':
@@ -41,7 +41,7 @@ class Batch(NamedTuple):
         return self.part(0, n), self.part(n, len(self.data))
 
     def by_channel(self) -> Iterator[tuple[int, 'Batch']]:
-        """Yield the messages of each channel."""
+        """Yield each channel with its messages."""
         for channel in dict.fromkeys(self.heads['channel'].tolist()):
             rows = np.flatnonzero(self.heads['channel'] == channel)
             yield channel, Batch(self.heads[rows], [self.data[i] for i in rows.tolist()])
@@ -66,9 +66,9 @@ def joined(batches: Sequence[Batch]) -> Batch:
 def heads_in(
     data: bytes, found: list[int] | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the heads of the messages in a chunk, where their data begin, and where they end.
+    """Return the heads of the messages in a chunk, and the begins and ends of their data.
 
-    found: the edges of its records, where they are known. Raises DamagedRecord.
+    found: the edges of its records, if known. Raises DamagedRecord.
     """
     raw, edges = np.frombuffer(data, 'u1'), np.array(found or edges_in(data))
     messages = np.flatnonzero(raw[edges[:-1]] == Opcode.MESSAGE)
@@ -78,15 +78,15 @@ def heads_in(
 
 
 def span_of(heads: np.ndarray) -> tuple[int, int]:
-    """Return when the first and the last of messages were received; (0, 0) without any."""
+    """Return the first and the last time of reception; (0, 0) without messages."""
     times = heads['log_ns']
     return (int(times.min()), int(times.max())) if len(times) else (0, 0)
 
 
 def batch_in(data: bytes, numbers: np.ndarray) -> Batch:
-    """Return the messages in a chunk of channels with a number; raise DamagedRecord.
+    """Return the messages of selected channels in a chunk; raise DamagedRecord.
 
-    numbers: (65536,) the channel that each channel stands for, -1 for one that is left out.
+    numbers: (65536,) new number of each channel, -1 for channels that are left out.
     """
     heads, begins, ends = heads_in(data)
     channels = numbers[heads['channel']]

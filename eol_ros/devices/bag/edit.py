@@ -48,7 +48,7 @@ def copy(
 
 
 def noted(gaps: dict[str, str], damage: Sequence[str]) -> dict[str, str]:
-    """Return `gaps` with a note of what could not be read."""
+    """Return `gaps` with a note of the damage."""
     return gaps | ({DAMAGED: json.dumps(damage)} if damage else {})
 
 

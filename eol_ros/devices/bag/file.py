@@ -70,9 +70,9 @@ class Place(NamedTuple):
 
 
 class Damage(NamedTuple):
-    """A stretch of bytes of `file` that cannot be read, and which time of it is missing, in ns.
+    """A range of bytes of `file` that cannot be read, and the time span that is missing, in ns.
 
-    Where no message is missing the times are 0.
+    Both times are 0 if no message is missing.
     """
 
     file: str
@@ -83,7 +83,7 @@ class Damage(NamedTuple):
     end_ns: int = 0
 
     def text(self, bag_start_ns: int) -> str:
-        """Return it in words, with times from the start of the bag, too."""
+        """Describe the damage, with times from the start of the bag."""
         where = f'{self.file}: bytes {self.start} to {self.end} are damaged ({self.why})'
         if not self.end_ns:
             return f'{where}; no message is missing'
@@ -156,7 +156,7 @@ class BagFileReader:
     """One MCAP file: what is in it, and its messages.
 
     `breathe` is called for each chunk that is read, and for each record of a file without an index.
-    `quiet`: damage is in `damage`, and no warning.
+    `quiet`: no warnings; `damage` has the damage.
     """
 
     def __init__(
@@ -201,17 +201,17 @@ class BagFileReader:
     def _in_order(
         self, topics: Collection[str] | None, start_ns: int, end_ns: int | None
     ) -> Iterator['Batch']:
-        """Yield the messages in order of reception, as many at a time as are known to be next."""
+        """Yield messages in order of reception, in batches."""
         import numpy as np  # which few need
 
         from eol_ros.devices.bag.batches import NOTHING, batch_in, joined
 
         names = {c: key for c, key in self.keys.items() if topics is None or key in topics}
-        first: dict[str, int] = {}  # of several channels of a topic
+        first: dict[str, int] = {}  # first channel of each topic
         numbers = np.full(1 << 16, -1, np.int32)
         for channel, key in names.items():
             numbers[channel] = first.setdefault(key, channel)
-        waiting = NOTHING  # may lie behind messages of the next chunk
+        waiting = NOTHING  # may be later than messages of the next chunk
         found = self.each(lambda _, data: batch_in(data, numbers), names, start_ns, end_ns)
         for place, batch in found:
             ready, waiting = waiting.split(place.start_ns)
@@ -374,10 +374,10 @@ class BagFileReader:
 
 
 def span(hole: Found, before: Sequence[Place], after: Sequence[Place]) -> tuple[int, int]:
-    """Return from when to when messages may be lost in a hole between places of a file, in ns."""
+    """Return the time span, in ns, in which a hole between places of a file may lose messages."""
     if hole.framed:
         return 0, 0
-    # between the neighbours of many messages, for images lie among them
+    # between chunks of several messages: an image chunk overlaps them in time
     start_ns = next((p.end_ns for p in reversed(before) if p.start_ns < p.end_ns), 0)
     end_ns = next((p.end_ns for p in after if p.start_ns < p.end_ns), FOREVER)
     if isinstance(hole.record, Chunk):
@@ -427,7 +427,7 @@ def from_index(file: BinaryIO, size: int, ours: bool) -> Contents | None:
             begin, end = record.chunk_start_offset, record.chunk_start_offset + record.chunk_length
             times = record.message_start_time, record.message_end_time
             channels = frozenset(record.message_index_offsets)
-            if times[1] or channels:  # else definitions only
+            if times[1] or channels:  # else it has only definitions
                 found.places.append(Place(*times, begin, end, channels, record.compression))
         elif isinstance(record, (Schema, Channel)):
             found.define(record, trusted=True)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One MCAP file of a bag, written chunk by chunk (https://mcap.dev/spec, version 0).
 
-The records are those of the `mcap` package. Its Writer has one chunk at a time and one zstd level:
-a 1 MB infrared image takes 8 ms at its level 3 and 1.3 ms at level 1, where it also becomes
-smaller, and images would lie among the small messages.
+The records are those of the `mcap` package. Its Writer has one open chunk and one zstd level: a
+1 MB infrared image takes 8 ms at its level 3 and 1.3 ms, and fewer bytes, at level 1. Images would
+also share chunks with small messages.
 """
 
 import os
@@ -98,7 +98,7 @@ class BagTopic:
 class BagMessage(NamedTuple):
     """One message of a bag: serialised data, reception and sending time in ns since the epoch.
 
-    `topic`: its key; `sequence`: the publisher's number of it, 0 where that is not known.
+    `topic`: key of its topic; `sequence`: sequence number of the publisher, 0 if unknown.
     """
 
     topic: str

@@ -32,7 +32,7 @@ LOOK_BACK_NS = 60_000_000_000
 
 
 class Unreadable(NamedTuple):
-    """What damage has cost: messages, of files whose index counts them, and how long it lasts."""
+    """Cost of damage: lost messages, of files whose index counts them, and length of time spans."""
 
     messages: int
     seconds: float
@@ -292,7 +292,7 @@ class BagReader:
 
 
 def lasting_s(spans: Sequence[tuple[int, int]]) -> float:
-    """Return how long spans of time, in ns, last together."""
+    """Return the total length in s of time spans in ns; overlaps count once."""
     seconds, until_ns = 0.0, 0
     for start_ns, end_ns in sorted(spans):
         seconds += max(end_ns - max(start_ns, until_ns), 0) * 1e-9
@@ -397,7 +397,7 @@ def files_of(path: Path) -> tuple[list[Path], list[str]]:
     ]
     for other in others:
         if not files or any(other.name.startswith(name) for name in missing):
-            BagFileReader(other)  # says what it is, and what makes a bag of it
+            BagFileReader(other)  # its error says what the file is, and how to open it
     if missing:
         raise DeviceMissing(f'{path}: {missing[0]} is named in metadata.yaml and is not there')
     if not files:

@@ -2,8 +2,8 @@
 """Repairs the files of a killed or unplugged recorder: `*.mcap.part` becomes `*.mcap`.
 
 A repair writes all that can be read to a new file beside the old one, and reads it back. Then the
-new file takes the place of the old one. A file of which anything is lost, or from which nothing can
-be read, is renamed, never deleted.
+new file takes the place of the old one. A damaged original is renamed, never
+deleted.
 """
 
 import contextlib
@@ -22,7 +22,7 @@ from eol_ros.disk import DISK
 from eol_ros.errors import EolError
 
 BESIDE = '.recovering'  # the new file, which will replace the old one
-ASIDE = '.damaged'  # an original of which something is lost
+ASIDE = '.damaged'  # an original with losses
 GB = 1e9
 
 
@@ -45,8 +45,8 @@ class Repaired:
 
     @property
     def words(self) -> str:
-        """Return it for people."""
-        kept = [f'the file as it was is {self.aside}'] if self.aside else []
+        """Describe the result."""
+        kept = [f'the original is {self.aside}'] if self.aside else []
         said = f'{self.part.name}: {self.message_count} messages saved'
         return '; '.join([said, *self.damage, *kept])
 
@@ -62,21 +62,21 @@ def repair(
 ) -> Repaired:
     """Give a file the index and the end that it lacks, and bring `metadata.yaml` up to date.
 
-    A file without a readable message is renamed to NAME.damaged, unchanged, and so is one of which
-    something is lost. A file outside a bag folder gets no `metadata.yaml`. Raises OSError, NoRoom,
+    A file without a readable message, or with losses, is renamed to NAME.damaged, unchanged. A file
+    outside a bag folder gets no `metadata.yaml`. Raises OSError, NoRoom,
     BlockingIOError if another process writes the file, and the errors of `breathe`.
     """
     target = path.with_name(path.name.removesuffix(PART))
     work = target.with_name(target.name + BESIDE)
     with open(path, 'rb') as held:
         fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if path != target and target.exists():  # a repair was cut off before its last step
+        if path != target and target.exists():  # a repair was interrupted before its last step
             count, aside = sum(BagFileReader(target, quiet=True).counts.values()), _set_aside(path)
             _bring_up_to_date(target)
             return Repaired(path, target, count, aside=aside)
         old = BagFileReader(path, breathe, quiet=True)
         count = sum(old.counts.values())
-        if count and not old.indexed:  # else it was cut off just before it got its name
+        if count and not old.indexed:  # else it was interrupted just before its rename
             _write(old, work, min_free_gb)
     if not count:
         aside = _set_aside(path)

@@ -132,7 +132,7 @@ class BluePill:
 
 
 class Bridge:
-    """A bridge that follows the clock; `port` is the pty of its line, `frames` what it sends."""
+    """An emulated bridge in real time; `port` is its pty, `frames` are the frames that it sends."""
 
     def __init__(self) -> None:
         self._pill = BluePill()

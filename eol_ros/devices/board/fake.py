@@ -39,7 +39,7 @@ TABLE = said('simulated_table')  # the port of a bridge that a twin plays
 MILLIVOLTS, CELSIUS = 3900, 24  # of the battery of a block that has one
 WHOLE = (protocol.ANSWERS, 400, 400, 400, 1700, 100, 1350)  # of a self-test
 FAULTS = ('noise', 'truncate', 'oversize', 'mute', 'unmute', 'unplug', 'plug', 'reboot')
-CLOCK_US, CLOCK_RATE = 4_200_000_000, 30e-6  # at the start; how much faster than the host's it runs
+CLOCK_US, CLOCK_RATE = 4_200_000_000, 30e-6  # at the start; excess over the host's rate
 NOISE = bytes(range(1, 200, 7)) + b'\0\xff\xff\0'
 
 
@@ -77,8 +77,8 @@ class FakeBoard:
     through a pty is carried by a worker of the kernel that has no real-time priority, and waits
     for some milliseconds where both processors are taken.
 
-    `on_message` is called from the board's thread for every message that came in, with its arrival.
-    `log_file`: a CSV of all arrivals, a line each.
+    `on_message` is called in the board's thread with each received message and its arrival.
+    `log_file`: CSV file of all arrivals.
     """
 
     def __init__(
@@ -153,9 +153,9 @@ class FakeBoard:
         lit_s: float = 0.0,
         woke: bool = False,
     ) -> None:
-        """Let `block` feel a knock of `strength` in m/s^2 `ago_s` ago.
+        """Report a tap of `block` with `strength` in m/s^2, `ago_s` ago.
 
-        Where it may, the knock lit it `lit_s` after that. woke: it slept until then.
+        If the bridge allows it, the tap lit the block `lit_s` later. woke: the tap woke the block.
         """
         felt_us = (self.clock_us() - round(ago_s * 1e6)) & 0xFFFFFFFF
         counts = min(round(strength / protocol.STRENGTH_UNIT), 0xFFFF)
@@ -326,8 +326,8 @@ def main(argv: list[str] | None = None) -> int:
     """Run a board until Ctrl-C or SIGTERM; its port is the one line on stdout."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--link', metavar='PATH', help='stable name for the port')
-    parser.add_argument('--taps', type=float, default=0.0, metavar='HZ', help='taps a second')
-    parser.add_argument('--log', default='', metavar='FILE', help='write each arrival to a CSV')
+    parser.add_argument('--taps', type=float, default=0.0, metavar='HZ', help='rate of taps')
+    parser.add_argument('--log', default='', metavar='FILE', help='CSV file of all arrivals')
     args = parser.parse_args(argv)
     for number in (signal.SIGINT, signal.SIGTERM):  # also where a shell has it ignore the first
         signal.signal(number, signal.default_int_handler)

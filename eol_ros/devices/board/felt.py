@@ -39,9 +39,9 @@ class FeltBlocks:
     def advance(
         self, begin_s: float, end_s: float, trace: Trace | None, rim_velocity: np.ndarray
     ) -> list[Felt]:
-        """Return what is reported of the time from `begin_s` to `end_s`, by time of the table.
+        """Return the taps reported between `begin_s` and `end_s`, in time of the table.
 
-        rim_velocity: (3,) of the rim at the end; hands knock it while they move it.
+        rim_velocity: (3,) velocity of the rim at the end; hands that move the rim also tap it.
         """
         knocks = []
         self.lit = []

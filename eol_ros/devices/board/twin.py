@@ -38,11 +38,11 @@ SIGMA_S = 5e-4  # of the time of a knock: `eol bench taps`
 
 
 class Felt(NamedTuple):
-    """A knock that a block of the twin felt: when, by the clock of the table or of the system.
+    """A tap of a block of the twin, with its time by the clock of the table or of the system.
 
-    `lit_s` after that the block lit itself, `told_s` after it the firmware had measured the knock,
-    which it then reports. The twin knows it earlier: the table of its next image has moved already.
-    `woke`: the block slept until then.
+    The block lit itself `lit_s` later, and its firmware had measured and reports the tap `told_s`
+    later. The twin knows it earlier: it has simulated the table up to its next image. `woke`: the
+    tap woke the block.
     """
 
     time_ns: int
@@ -54,7 +54,7 @@ class Felt(NamedTuple):
 
     @property
     def time_s(self) -> float:
-        """When, in s."""
+        """Time in s."""
         return self.time_ns * 1e-9
 
     @property
@@ -184,7 +184,7 @@ def unix_socket(address: str) -> socket.socket:
 
 
 def sent(radio: socket.socket, packet: bytes, to: str) -> bool:
-    """Send a datagram; return whether anybody has that address."""
+    """Send a datagram; return whether the address exists."""
     try:
         radio.sendto(packet, to)
     except BlockingIOError:  # it is there, and has more to do than it can

@@ -21,7 +21,7 @@ CHECKED = 1  # of ArvRangeCheckPolicy and ArvAccessCheckPolicy
 
 
 class Handle(c_void_p):
-    """A pointer of the library, which ctypes would turn into an int and cut to 32 bits."""
+    """A pointer of the library; ctypes would truncate it to an int of 32 bits."""
 
 
 # Return types of the functions that return no int
@@ -44,7 +44,7 @@ _RETURNS: dict[Any, tuple[str, ...]] = {
         'buffer_get_frame_id', 'gv_device_get_timestamp_tick_frequency',
     ),
 }  # fmt: skip
-# The functions of a camera take a GError ** at the end, all but these; of the others only one does.
+# Functions of a camera have a last argument GError **, except these; of the others only one does.
 _NO_ERROR = (
     'camera_get_device', 'camera_is_gv_device', 'camera_set_range_check_policy',
     'camera_set_access_check_policy',
@@ -110,7 +110,7 @@ class Aravis:
             self.gobject.g_object_unref(handle)
 
 
-_lock = threading.Lock()  # of the list of devices
+_lock = threading.Lock()  # guards the list of devices
 
 
 @functools.cache
@@ -120,7 +120,7 @@ def load() -> Aravis:
         return Aravis()
     except OSError:
         raise DeviceMissing(
-            f'GenICam cameras need Aravis, and {LIBRARY} is not here: apt-get install {PACKAGE}'
+            f'GenICam cameras need Aravis, and {LIBRARY} is not found: apt-get install {PACKAGE}'
         ) from None
 
 

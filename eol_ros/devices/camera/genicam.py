@@ -50,9 +50,9 @@ def arrival_ns(came_ns: int) -> int:
 
 
 class GenicamCamera(Device):
-    """A camera of 8-bit grey images whose stamps are its own clock's, carried over to the host's.
+    """A camera of 8-bit grey images; stamps of its clock are converted to the host's clock.
 
-    `find` turns the scene's name into an id. DeviceMissing where Aravis is not installed.
+    `find` returns the id for a name in the scene. DeviceMissing if Aravis is not installed.
     """
 
     def __init__(self, settings: CameraSettings):

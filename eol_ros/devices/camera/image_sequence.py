@@ -184,7 +184,7 @@ def _folder(folder: Path, moments: Moments) -> ImageSource:
 def _series(
     name: str, moments: Moments, items: Sequence[Any], load: Callable[[Any], np.ndarray]
 ) -> ImageSource:
-    """Return the images that `load` makes of `items`; one that cannot be read is left out."""
+    """Return the images `load(item)` of `items`; unreadable ones are left out."""
     moments.check(len(items), name)
 
     def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:

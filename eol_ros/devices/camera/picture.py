@@ -45,7 +45,7 @@ class Live(Protocol):
 
 
 class Device:
-    """The part of `Live` that V4L2 and GenICam cameras share: state as /diagnostics reports it."""
+    """Base of V4L2 and GenICam cameras: the state that /diagnostics reports."""
 
     live: Literal[True] = True
 

@@ -174,8 +174,8 @@ def open_v4l2(path: str) -> Any:
 class LiveCamera(Device):
     """A V4L2 camera in GREY or MJPG with manual exposure.
 
-    `find` turns the scene's name into a path, of which `open_capture` makes what has the methods of
-    cv2.VideoCapture.
+    `find` returns the path for a name in the scene; `open_capture(path)` returns an object with the
+    methods of cv2.VideoCapture.
     """
 
     def __init__(self, settings: CameraSettings):

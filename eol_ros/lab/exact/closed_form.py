@@ -143,7 +143,7 @@ def modes_of(m, u, v, t, speed, h, at, la):
         d[c] = v[i] / root[c]
     square, shape = np.linalg.eigh(s)
     w = np.sqrt(np.maximum(square, 0.0))
-    if square[0] < SOFT * square[-1]:  # singular values of its root err less
+    if square[0] < SOFT * square[-1]:  # singular values of its root are more accurate
         rows, free = ties_of(m, at, la)
         if free < m and square[free] < SOFT * square[-1]:
             for c in range(m):

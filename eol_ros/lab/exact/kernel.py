@@ -343,8 +343,8 @@ def happen(
 def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger, la):
     """Advance `u`, `v` (n,) to `t_end` in place; return (status, t, events, steps, base).
 
-    `grid` is filled at its times. `u` comes back relative to the rim's place at `base` (s) where
-    the rim goes at constant speed.
+    `grid` is filled at its times. If the rim has constant speed, `u` is relative to its place at
+    `base` (s).
     """
     n = at.n
     slot, slots = la.slot, la.slots

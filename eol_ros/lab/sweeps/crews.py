@@ -217,7 +217,7 @@ class Cluster:
         self._client.close()
 
 
-Crew = Local | Cluster  # takes batches, and gives back rows and seconds of those that are done
+Crew = Local | Cluster  # runs batches; returns rows and seconds of finished ones
 
 
 def _identity() -> tuple[dict[str, str], dict[str, str]]:

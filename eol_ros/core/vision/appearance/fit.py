@@ -62,7 +62,7 @@ NUMBERS = 7  # of a fit: a, b in px and turn in rad from where pixels were gathe
 OWN = 3  # of a side: gain and ground beside the block's, slope of the gain over half a block
 COLUMNS = NUMBERS + 1  # of the equations of one side, the last is that slope
 SUMS = COLUMNS * (COLUMNS + 1) // 2
-APART_SUMS = 8  # of covariance, of pixels that lie apart from the sides
+APART_SUMS = 8  # sums of the covariance for pixels apart from the sides
 
 
 @njit(inline='always', error_model='numpy')
@@ -352,7 +352,7 @@ def solve(equations, without, prior, towards, m):
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def _influences(px, start, stop, by, apart, sums):
-    """Add to sums how far the pixels of each cluster move the pose; by (3, COLUMNS) float32."""
+    """Add the influence of each cluster of pixels on the pose to sums; by (3, COLUMNS) float32."""
     for group in range(start, stop):
         place_x = place_y = angle = np.float32(0.0)
         for i in range(LANES):
@@ -377,8 +377,8 @@ def covariance(px, starts, without, kept, m, sums):
     """Return the variances of place, the sum of both axes in px^2, and of turn, in rad^2.
 
     Of the residuals themselves: those of TOGETHER parts of a side err together (Liang and Zeger,
-    Biometrika 73, 1986), as lamps, arms and uneven light make them. After solve, whose m and `kept`
-    are needed, and all_equations of every pixel. sums: scratch,
+    Biometrika 73, 1986), as lamps, arms and uneven light make them. Call it after solve, which
+    gives m and `kept`, and all_equations of every pixel. sums: scratch,
     (CLUSTERS + APART_SUMS, 3).
     """
     by, at = np.empty((3, COLUMNS)), (3, 4, NUMBERS)

@@ -139,7 +139,7 @@ class Follower:
         return good
 
     def _seek(self, image: np.ndarray, block: int, good: np.ndarray) -> bool:
-        """Look for a block where its neighbours put it; return whether a square is there."""
+        """Search for a block where its neighbours predict it; return whether a square is there."""
         near, found, one = self._near[block], self.found[block : block + 1], np.array([block])
         if near[3] < 3:
             return False
@@ -369,10 +369,10 @@ def _start_wide(blocks: np.ndarray, found: np.ndarray, which: np.ndarray, ahead_
 
 @njit(inline='always')
 def _enters(b, f, px_per_m):
-    """Return whether a block out of sight lies where it was found.
+    """Return whether to accept a lost block where it was found.
 
-    It does if all sides are clear, or if the place is sure: more so, far from where it is expected,
-    where the border of an arm may pass for a side.
+    All sides must be clear, or the standard deviation small: smaller far from the predicted place,
+    where the border of an arm may look like a side.
     """
     if f.nats > model.CLEAR_NATS and f.ring > model.MIN_RING_YOUNG:
         return True

@@ -22,7 +22,7 @@ MOST_PX = 16000  # pixels of one block: enough for one 200 px wide; what exceeds
 EVERY = 3  # row and column of the pixels that are read where light does not change
 DENSE = 2.6  # standard deviations of an edge, 99 % of its slope: within them every pixel is read
 MARGIN_PX = 0.5  # beyond that, for the rounding of a pose
-MOST_BENT_PX = 0.01  # by which the border of a block may be off when its pixels are moved along
+MOST_BENT_PX = 0.01  # greatest error of a block's border when its pixels are shifted
 OUTSIDE_PX = 3.0  # beyond that, for the ground around a block
 LEAST_VARIANCE = 1 / 12  # grey levels squared, of a pixel: that of rounding
 FULL = 250.0  # grey levels; from here a pixel may be saturated
@@ -32,7 +32,7 @@ BESIDE = 2.0  # times sigma: what hides or lights part of a block also errs wher
 SETTLED = 1.0  # of the standard deviation of a pose: a smaller step ends the iteration
 MODEL_PX = 0.012  # what the edge function leaves of a real edge
 JUDGED_PX = 0.03  # a pose that was taken to be less sure is fitted once more
-TOGETHER = 3  # parts of a side that err together
+TOGETHER = 3  # adjacent parts of a side whose errors are correlated
 PARTS = 12  # of a side, each trusted by itself: 3.8 px at 545 px/m
 # Mean squared residual, in the usual one: of a part of a side, from which it is trusted less, and
 # not at all; of a side (130 px are judged: 5 standard deviations)
@@ -69,10 +69,10 @@ IMAGE_NATS = -6.0, 20.0  # what one image can say
 ACCEPT_NATS = 8.0  # Wald: a false acceptance has a probability of e^-8
 FIRST_NATS = 1.5  # while nothing is known
 CLEAR_NATS = 28.0  # all four sides show
-# standard deviation of a place at which a block comes in sight with part of its sides: within
-# EXPECTED_PX of where it is expected, and further off
+# greatest standard deviation to accept a lost block of which some sides are hidden: within
+# EXPECTED_PX of its predicted place, and further off
 EXPECTED_PX, SURE_PX = 4.0, (0.4, 0.15)
-PART_NATS = 6.0  # and what its sides say together
+PART_NATS = 6.0  # and least evidence of its sides together
 MOSTLY = 0.7  # visible: then a lamp may hide the sides
 NO_SIDES = -12.0  # nats: all four sides are against it
 THREE_NATS = 23.0  # three sides show

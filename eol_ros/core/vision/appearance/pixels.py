@@ -38,8 +38,8 @@ from eol_ros.core.vision.detect.scan import span
     WEIGHT,
 ) = range(0, 22 * LANES, LANES)  # fmt: skip
 ROWS, KEPT_ROWS = 22, 8
-CLUSTERS = 4 * PARTS // TOGETHER  # of the pixels at a side, that err together
-GROUPS = MOST_PX // LANES + CLUSTERS + 1  # lists are filled
+CLUSTERS = 4 * PARTS // TOGETHER  # groups of side pixels with correlated errors
+GROUPS = MOST_PX // LANES + CLUSTERS + 1  # each list is padded to whole LANES
 _STEP_M = 0.03  # for derivatives of the camera's map: two thirds of half a block
 
 PATCH = np.dtype(
@@ -47,7 +47,7 @@ PATCH = np.dtype(
         ('x', 'f8'), ('y', 'f8'), ('yaw', 'f8'), ('scale', 'f8'),  # where it was made; px per m
         ('near_px', 'f8'),  # how far from the sides every pixel is in it
         ('map', 'f8', (12,)),  # see taylor
-        # by how many columns and rows the block has moved on since, and how far along a, b in px
+        # columns and rows that the block has moved since, and the same along a, b in px
         ('shift', 'i8', (2,)), ('offset', 'f8', (2,)),
         ('starts', 'i8', (6,)),  # all 0: none is kept
     ]
@@ -200,7 +200,7 @@ def _sort(count, half, near_px, room, picked, px, at, starts):
     f = np.float32
     a, b, area, part = room[0], room[1], room[2], room[3]
     one, per_part, within = f(1.0), f(PARTS / (2 * half)), f(half - near_px)
-    ends = np.zeros(CLUSTERS + 1, np.int64)  # and of pixels that lie apart
+    ends = np.zeros(CLUSTERS + 1, np.int64)  # the last: pixels apart from the sides
     for n in range(count):
         side, far, t = side_of(a[n], b[n])
         part[n] = -1.0
@@ -309,9 +309,9 @@ def copy(source, groups, to):
 
 @njit(cache=True, inner=True)
 def read(image, at, shift, groups, px):
-    """Read the grey levels of a patch that is `shift` columns and rows further in an image (h, w).
+    """Read the grey levels of a patch from an image (h, w), `shift` columns and rows further.
 
-    Trust its pixels.
+    Set the trust of its pixels to 1.
     """
     flat, f, zero, one = image.reshape(-1), np.float32, np.float32(0.0), np.float32(1.0)
     by = shift[1] * image.shape[1] + shift[0]
@@ -324,10 +324,10 @@ def read(image, at, shift, groups, px):
 
 @njit(cache=True)
 def shift(patch, u, v, rows, cols, half):
-    """Shift a patch by whole pixels, so that its middle is nearest to u, v; return whether it can.
+    """Shift a patch by whole pixels to the place nearest to u, v; return whether that is possible.
 
-    It can while image and table are so alike there that its border is off by MOST_BENT_PX at most,
-    and if no pixel was or will be outside of the image. half: of a side, px.
+    The curvature of the camera's map must displace its border by at most MOST_BENT_PX, and all
+    pixels must be in the image before and after. half: half a side, px.
     """
     m, du, dv = patch.map, round(u - patch.map[0]), round(v - patch.map[6])
     if du == 0 and dv == 0:
@@ -336,7 +336,7 @@ def shift(patch, u, v, rows, cols, half):
     bent = abs(m[3]) + abs(m[4]) + abs(m[5]) + abs(m[9]) + abs(m[10]) + abs(m[11])
     if 2 * bent / patch.scale**2 * max(abs(du), abs(dv)) * half > MOST_BENT_PX:
         return False
-    reach = 1.6 * (half + patch.near_px + OUTSIDE_PX)  # of a square that stands on its corner
+    reach = 1.6 * (half + patch.near_px + OUTSIDE_PX)  # above the half diagonal of the square
     for at, most in ((m[0], cols), (m[0] + du, cols), (m[6], rows), (m[6] + dv, rows)):
         if at < reach or at > most - 1 - reach:
             return False

@@ -280,9 +280,9 @@ def _tell_sigma(f, patch, moved_px, without, px, room):
 
 @njit(cache=True)
 def _lies_in(patch, c, f, half_m, near, shape, flat):
-    """Return whether a block at the start of f can be fitted with the patch that is kept.
+    """Return whether the stored patch can be used to fit a block at the start of f.
 
-    A patch moves along by whole pixels, but not that of a cover in relief: it looks different.
+    A patch is shifted by whole pixels, except for covers in relief: their appearance changes.
     """
     if patch.starts[5] == 0 or not -0.1 < patch.near_px - near < 0.5:
         return False
