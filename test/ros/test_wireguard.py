@@ -112,7 +112,7 @@ def test_names_are_compared_whole():
         (['add', 'laptop'], 78, '`eol keys make` makes them'),
         (['make', '--subnet', '10.77.0.0/33'], 78, '--subnet 10.77.0.0/33: '),
         (['make', '--subnet', '10.77.0.0/31'], 78, 'has no room for two machines'),
-        (['make', '--port', '0'], 2, '--port 0: 1 to 65535'),
+        (['make', '--port', '0'], 2, '--port: 0 is outside 1 to 65535'),
         (['join', '/none.conf'], 78, '/none.conf: No such file'),
         (['join', '/etc/hostname'], 78, 'not what `eol keys add` writes'),
     ],

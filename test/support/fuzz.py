@@ -311,6 +311,15 @@ def _wav(folder: Path) -> Target:
     return Target(feed, [_wav_bytes()])
 
 
+def _zeros(topic: str) -> bytes:
+    """Return a serialised message of a topic whose values are all zero or empty."""
+    from rclpy.serialization import serialize_message
+
+    from eol_ros.ros.topics import topic_class
+
+    return serialize_message(topic_class(topic)())
+
+
 def _mcap(folder: Path) -> Target:
     """Bags, as tables and message by message."""
     from eol_ros.analysis.bag import open_bag
@@ -318,11 +327,10 @@ def _mcap(folder: Path) -> Target:
     from eol_ros.devices.bag.reader import BagReader
     from eol_ros.devices.bag.writer import BagWriter
     from eol_ros.ros.definitions import describe
-    from eol_ros.streams import cdr
 
     about = describe('slips')
     writer = BagWriter(folder / 'run', [BagTopic('/eol/slips', **about)], {'scene': 'x'})
-    message = cdr.encode(about['type'], about['definition'], {})
+    message = _zeros('slips')
     for i in range(20):
         writer.write('/eol/slips', message, 1_000_000_000 + i, 1_000_000_000 + i)
     writer.close()
@@ -345,10 +353,10 @@ def _cdr(_folder: Path) -> Target:
     from eol_ros.ros.definitions import describe
     from eol_ros.streams import cdr
 
-    abouts = [describe(name) for name in ('slips', 'blocks', 'corpus', 'requests', 'wall')]
+    topics = 'slips', 'blocks', 'corpus', 'requests', 'wall'
+    abouts = [describe(name) for name in topics]
     decoders = [cdr.Decoder(a['type'], a['definition']) for a in abouts]
-    seeds = [bytes([i]) + cdr.encode(a['type'], a['definition'], {})
-             for i, a in enumerate(abouts)]  # fmt: skip
+    seeds = [bytes([i]) + _zeros(topic) for i, topic in enumerate(topics)]
 
     def feed(data: bytes) -> None:
         decoder = decoders[data[0] % len(decoders)] if data else decoders[0]

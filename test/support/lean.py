@@ -67,7 +67,7 @@ VERBS: dict[str, set[str]] = {  # words after `eol`: what it may load of HEAVY
     'devices': {'serial', 'sounddevice'},
     'keys list': set(),
     'topics': {'yaml', 'numpy', 'rclpy'},
-    'bag info bags/sample': {'yaml', 'mcap', 'zstandard'},
+    'bag info bags/sample': {'yaml', 'mcap', 'zstandard', 'numpy'},
     'bag info bags/sample --index': {'yaml', 'mcap', 'zstandard'},
     'simulate S1': {'yaml', 'numpy', 'numba', 'scipy'},
     'lattice --help': set(),

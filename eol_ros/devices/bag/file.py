@@ -119,8 +119,6 @@ class Contents:
 
     def add(self, found: Found) -> None:
         """Take what was found in the file; a chunk is proved."""
-        from eol_ros.devices.bag.batches import heads_in, span_of  # NumPy, which few need
-
         record, data, edges = found.record, b'', None
         self.attachments += not found.why and found.raw[:1] == bytes([Opcode.ATTACHMENT])
         if found.why:
@@ -140,7 +138,11 @@ class Contents:
             except DamagedRecord as error:
                 self.add(found._replace(why=str(error)))
                 return
-        if not data or not len(heads := heads_in(data, edges)[0]):
+        if not data:
+            return
+        from eol_ros.devices.bag.batches import heads_in, span_of  # NumPy, which an index needs not
+
+        if not len(heads := heads_in(data, edges)[0]):
             return
         channels = heads['channel'].tolist()
         self.counts.update(channels)

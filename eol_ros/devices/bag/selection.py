@@ -5,11 +5,13 @@ import json
 import statistics
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from eol_ros.devices.bag.mcap_file import BagMessage
 from eol_ros.settings import RecorderSettings
 from eol_ros.streams.cdr import stamp_ns
+
+if TYPE_CHECKING:  # the tracker counts images without MCAP
+    from eol_ros.devices.bag.mcap_file import BagMessage
 
 NS = 1_000_000_000
 KNOWN = 5  # so many intervals tell a rhythm
@@ -68,7 +70,7 @@ class AroundSlips:
         self._open: dict[int, int] = {}  # slip -> when it started
         self._until_ns = -1
 
-    def slip(self, news: Slipping) -> Iterator[BagMessage]:
+    def slip(self, news: Slipping) -> 'Iterator[BagMessage]':
         """Take note of a start or a stop; yield the images from before it."""
         if news.started:
             self._open[news.number] = news.log_ns
@@ -80,7 +82,7 @@ class AroundSlips:
             if item.log_ns >= news.log_ns - self._before_ns:
                 yield item
 
-    def image(self, item: BagMessage) -> Iterator[BagMessage]:
+    def image(self, item: 'BagMessage') -> 'Iterator[BagMessage]':
         """Yield the image if it is to be kept now; remember it for a while if not."""
         for number, start_ns in list(self._open.items()):
             if item.log_ns - start_ns > SLIP_LIMIT_NS:
@@ -100,7 +102,7 @@ class RateLimiter:
         self._period_ns = round(period_s * NS)
         self._next_ns: dict[str, int] = {}
 
-    def keep(self, item: BagMessage) -> bool:
+    def keep(self, item: 'BagMessage') -> bool:
         """Return whether `item` is the one of its period."""
         due = self._next_ns.get(item.topic, 0)
         if item.log_ns < due:
@@ -195,7 +197,7 @@ class Selection:
         self._limiter = RateLimiter(settings.display_period_s)
         self._pictures, self._thinned, self._room = pictures, frozenset(thinned), room
 
-    def take(self, item: BagMessage | Slipping) -> Iterator[BagMessage]:
+    def take(self, item: 'BagMessage | Slipping') -> 'Iterator[BagMessage]':
         """Yield what is to be written now that `item` has come."""
         if isinstance(item, Slipping):
             yield from self._with_room(self._ring.slip(item))
@@ -204,7 +206,7 @@ class Selection:
         elif item.topic not in self._thinned or self._limiter.keep(item):
             yield item
 
-    def _with_room(self, images: Iterable[BagMessage]) -> Iterator[BagMessage]:
+    def _with_room(self, images: 'Iterable[BagMessage]') -> 'Iterator[BagMessage]':
         return (item for item in images if self._room(len(item.data)))
 
 
@@ -217,7 +219,7 @@ class Losses:
         self._unstamped: Counter[str] = Counter()  # too short for a stamp, recorded unchanged
         self._images, self._rhythm = images, {topic: StampGaps(rate_hz) for topic in rhythm}
 
-    def count(self, item: BagMessage | Dropped) -> None:
+    def count(self, item: 'BagMessage | Dropped') -> None:
         """Look for what is missing before a message that came, were it dropped or not."""
         if isinstance(item, Dropped):
             head = item.head
