@@ -3,6 +3,7 @@
 
 import argparse
 import dataclasses
+import difflib
 import importlib
 import re
 import subprocess
@@ -14,7 +15,7 @@ from support.checkout import tracked
 
 from eol_ros import cli
 from eol_ros.settings import NotifySettings
-from eol_ros.streams.graph import NODES
+from eol_ros.streams.graph import NODES, TOPICS
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').rglob('*.md'))]
@@ -157,3 +158,28 @@ def test_names_in_back_quotes_are_in_the_code(page, known):
     for name in re.findall(r'`([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)(?:\(\))?`', page.read_text()):
         if '_' in name or '.' in name:  # one word alone may be any word
             assert known.issuperset(name.split('.')), name
+
+
+def public_names():
+    """Yield the names of topics, nodes, settings, messages, their fields, verbs and options."""
+    yield from TOPICS
+    for name, node in NODES.items():
+        yield name
+        yield from (field.name for field in dataclasses.fields(node.settings))
+    for path in sorted((ROOT / 'msg_defs').rglob('*.msg')):
+        yield re.sub(r'(?<=[a-z])(?=[A-Z])', '_', path.stem)
+        yield from re.findall(r'^[\w/]+[\d\[\]<=]* +([a-z]\w*)', path.read_text(), re.M)
+    yield from cli.VERBS
+    for verb in set(cli.VERBS) - {'bench', 'run'}:  # of benchmarks, of ROS
+        module = importlib.import_module(f'eol_ros.verbs.{verb}')
+        yield from (option.lstrip('-') for option in options(module))
+
+
+def test_public_names_are_made_of_words_of_the_glossary():
+    known = set(re.findall(r'[a-z]+', (ROOT / 'docs/glossary.md').read_text().lower()))
+    for name in public_names():
+        for word in re.findall(r'[a-z]+', name.lower()):
+            near = difflib.get_close_matches(word, known, 1, 0)
+            assert {word, word.removesuffix('s')} & known, (
+                f'{name}: {word} is not in docs/glossary.md; is it {near[0]}?'
+            )
