@@ -37,7 +37,7 @@ def scene(folder, nodes):
         (['/'], 78, '/: is a folder; name the YAML file of a scene in it'),
         (['lights', '--only', 'trakcer'], 2, 'Did you mean tracker?'),
         (['lights', '--only', 'camera', '--bag', '/tmp'], 2, '--only leaves the recorder out'),
-        (['--for', '-3'], 2, '-3 is not'),
+        (['--for', '-3'], 2, '-3 is outside'),
         (['--fro', '3'], 2, 'unrecognized arguments'),
     ],
 )

@@ -160,7 +160,7 @@ def test_what_a_user_may_get_wrong_is_one_line(capsys, tmp_path, corpus, trigger
         ((triggers, '--corpus', tmp_path, '--output', out), 78, 'a directory; give the .json that'),
         ((triggers, '--corpus', triggers, '--output', out), 78, 'give the .json that `eol corpus'),
         ((tmp_path / 'no.csv', '--corpus', corpus, '--output', out), 69, 'No such file'),
-        ((triggers, '--corpus', corpus, '--output', out, '--seconds', '-1'), 2, '-1 is not'),
+        ((triggers, '--corpus', corpus, '--output', out, '--seconds', '-1'), 2, '-1 is outside'),
         (
             (bad, '--corpus', corpus, '--output', out),
             78,
