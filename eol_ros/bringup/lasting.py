@@ -186,9 +186,13 @@ class Sums:
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name[0] != '_'}
 
     def resume(self, kept: Any) -> None:
-        """Restore the sums that an earlier run saved; None: there are none."""
-        for name, now in self.kept().items():
-            setattr(self, name, (kept or {}).get(name, now))
+        """Restore the sums that an earlier run saved; ignore damaged data."""
+        names = self.kept()
+        if isinstance(kept, dict) and all(
+            type(kept.get(name)) in (int, float) and kept[name] >= 0 for name in names
+        ):
+            for name, now in names.items():
+                setattr(self, name, type(now)(kept[name]))
 
 
 def _count(rows: Mapping[str, Mapping[str, Any]], node: str, name: str) -> int | None:

@@ -13,13 +13,15 @@ import threading
 from typing import Any
 
 from eol_ros.devices.files.day_file import DayFile
-from eol_ros.disk import DAMAGED, DISK, Disk
+from eol_ros.disk import DISK, Disk
 from eol_ros.errors import ConfigError
 from eol_ros.scene import Scene, check_value, plain, public
 from eol_ros.settings import by_today, live_fields
+from eol_ros.streams.requests import LEARNT
 
 Kept = dict[str, dict[str, Any]]  # by node
 FLAGS = ('asleep', 'muted')
+HEEDED = 'heeded_s'  # the opening or closing time that was last requested
 
 
 class Memory:
@@ -48,16 +50,15 @@ class Memory:
 
         What is no setting any more, or out of its range, is left out.
         """
-        rows = self._file.load()
-        try:
-            found = {
-                node: self._sane(node, row['kept'])
-                for node, row in (rows or {}).items()
-                if node in self._settings and row['scene'] == self._settings[node]
-            }
-        except DAMAGED:
-            return {}
+        found = self._file.load(self._found) or {}
         return {node: kept for node, kept in found.items() if kept}
+
+    def _found(self, rows: dict[str, Any]) -> Kept:
+        return {
+            node: self._sane(node, row['kept'])
+            for node, row in rows.items()
+            if node in self._settings and row['scene'] == self._settings[node]
+        }
 
     def note(self, kept: Kept) -> None:
         """Take note of what the nodes keep now."""
@@ -77,7 +78,12 @@ class Memory:
             self._thread.join()
 
     def _sane(self, node: str, kept: dict[str, Any]) -> dict[str, Any]:
-        found = {name: value for name, value in kept.items() if value and name != 'settings'}
+        found: dict[str, Any] = {flag: True for flag in FLAGS if kept.get(flag) is True}
+        if type(kept.get(HEEDED)) in (int, float):
+            found[HEEDED] = kept[HEEDED]
+        for learnt in LEARNT:  # as text; the tracker verifies it
+            if isinstance(kept.get(learnt), str):
+                found[learnt] = kept[learnt]
         kind = type(self._scene.nodes[node])
         fields = {f: kind.__dataclass_fields__[f] for f in live_fields(kind)}
         settings = {}

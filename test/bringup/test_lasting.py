@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import itertools
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -128,7 +129,14 @@ def test_the_sum_of_a_day():
 
 def test_sums_are_taken_up_by_the_next_run():
     sums, again = Sums(since_s=5.0, open_s=7.0, restarts=1, slips=2, lost=3), Sums()
-    again.resume(None)
-    assert again == Sums()
     again.resume(sums.kept())
     assert again == sums
+
+
+@pytest.mark.parametrize('damage', [{'since_s': -1.0}, {'lost': 'x'}, {'slips': True}])
+def test_damaged_sums_are_not_taken_up(damage):
+    whole = Sums(since_s=5.0, open_s=7.0, restarts=1, slips=2, lost=3).kept()
+    again = Sums()
+    for kept in (None, [], {'open_s': 3}, whole | damage):
+        again.resume(kept)
+    assert again == Sums()

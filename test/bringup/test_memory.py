@@ -65,6 +65,8 @@ def test_opening_hours_that_were_heeded_are_remembered(scene, tmp_path):
     cut_short(scenes.load(path), kept)
 
     assert Memory(scenes.load(path), 0).recall() == kept
+    path.write_text(path.read_text().replace('18:00', '17:00'))
+    assert Memory(scenes.load(path), 0).recall() == {}
 
 
 def test_the_next_run_has_what_a_cut_one_kept(scene):
@@ -98,7 +100,7 @@ def test_a_node_whose_settings_changed_in_the_scene_begins_as_that_says(scene):
 def test_what_is_no_setting_or_out_of_range_is_left_out(scene):
     memory = cut_short(scene(), KEPT)
     rows = json.loads(memory.path.read_text())
-    rows['grains']['kept'] = {'settings': {'radius': 99.0, 'colour': 'red', 'k': 5}}
+    rows['grains']['kept'] = {'settings': {'radius': 99.0, 'colour': 'red', 'k': 5}, 'asleep': 'no'}
     memory.path.write_text(json.dumps(rows))
     assert Memory(scene(), 0).recall()['grains'] == {'settings': {'k': 5}}
 

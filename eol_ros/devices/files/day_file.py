@@ -3,6 +3,7 @@
 
 import json
 import re
+from collections.abc import Callable
 from typing import Any
 
 from eol_ros import folders
@@ -25,9 +26,9 @@ class DayFile:
         self._saved: Any = None
         self._next_s = 0.0
 
-    def load(self) -> Any:
-        """Return what was saved last, or None."""
-        return read(self.path, json.loads)
+    def load(self, parse: Callable[[Any], Any] = lambda value: value) -> Any:
+        """Return the value that was saved last, as `parse` makes it; None if it is damaged."""
+        return read(self.path, lambda content: parse(json.loads(content)))
 
     def save(self, value: Any, now_s: float) -> None:
         """Write `value` if it is new and the last writing is long enough ago; never half a file."""
