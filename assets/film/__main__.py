@@ -40,6 +40,7 @@ from eol_ros.devices.files.media_folder import Pictures
 from eol_ros.errors import EolError
 from eol_ros.nodes.panel_streams import STREAMS
 from eol_ros.ros.topics import topic_class
+from eol_ros.said import LANGUAGES
 from eol_ros.settings import PanelSettings
 from eol_ros.streams import corpus
 from eol_ros.streams.graph import TOPICS
@@ -201,7 +202,8 @@ class Stage:
                     body = html.replace(b'<link rel="icon"', clock + b'<link rel="icon"', 1)
                     path = '.html'
                 elif folder in ('static', 'film'):
-                    body = ((STATIC if folder == 'static' else STAGE) / name).read_bytes()
+                    base = LANGUAGES.parent if name.startswith('lang/') else STATIC
+                    body = ((base if folder == 'static' else STAGE) / name).read_bytes()
                 elif folder == 'media':
                     found = teller.pictures.file(name)
                     path, body = f'/{found}', found.read_bytes() if found else b''

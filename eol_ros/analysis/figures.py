@@ -249,15 +249,14 @@ def _frames(light: dict[str, np.ndarray], note: str) -> Figure:
     def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
         levels = c['level'].reshape(-1, ROWS, COLS)
         times_s = c['time_s'].reshape(len(levels), -1)[:, 0]
-        across = (len(levels) + 1) // 2  # two rows of frames
-        wall = np.full((2 * (ROWS + 2), across * (COLS + 1)), np.nan)
+        wall = np.full((ROWS + 2, len(levels) * (COLS + 1) + 1), np.nan)
         for k, (level, time_s) in enumerate(zip(levels, times_s, strict=True)):
-            below, right = divmod(k, across)
-            row, column = (1 - below) * (ROWS + 2), right * (COLS + 1)
-            wall[row : row + ROWS, column : column + COLS] = level
-            axes.text(column + 2, row + ROWS, f'{1e3 * time_s:+.0f} ms', ha='center', va='center')
+            column = k * (COLS + 1) + 1
+            wall[1:-1, column : column + COLS] = level
+            axes.text(column + (COLS - 1) / 2, ROWS + 1.8, f'{1e3 * time_s:.0f} ms', ha='center')
         colours = colormaps['gray'].with_extremes(bad='#c8d8e8')
         axes.imshow(wall, cmap=colours, origin='lower', vmin=0, vmax=1)
+        axes.set(ylim=(-0.5, ROWS + 3))
         axes.set_axis_off()
 
     title = 'Light of the greatest cascade, time since its onset'

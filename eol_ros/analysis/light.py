@@ -27,8 +27,8 @@ LIT, MANY = 0.1, 20  # of full light; blocks that are lit
 SLOW_HZ = 1.0  # changes of light below it are no flashes
 WINDOW_S = 30.0  # of a spectrum
 LEAST_AREA = 5  # of a cascade whose order of lighting is measured
-FRAMES = 8
-BEFORE_S, AFTER_S = 0.05, 0.15  # of a cascade, in its figure
+FRAMES, FRAME_S = 3, 0.5  # of a cascade, and from one to the next, as in the paper's figure
+FIRST_S = 0.05  # from the onset to the first frame: its light is lit by then
 JUDGED = (
     'No person has judged patterns of 5x5 flashing blocks: the measures were compared with '
     'judgements of other black and white patterns, at rest (docs/science.md).'
@@ -179,6 +179,15 @@ def order(bag: Bag) -> tuple[float | None, float | None]:
     return float(np.nanmedian(found)) if found else None, lit / began if began else None
 
 
+def turnover(lit: np.ndarray) -> float | None:
+    """Return the share of blocks lit in one of two successive frames that are not lit in both.
+
+    `lit` is (frames, blocks) of bool; None without a lit block.
+    """
+    either = (lit[1:] | lit[:-1]).sum()
+    return float((lit[1:] ^ lit[:-1]).sum() / either) if either else None
+
+
 def measured(bag: Bag) -> dict[str, Any]:
     """Return the figures of the light of a bag, and sentences on them."""
     measure = Measure()
@@ -215,6 +224,19 @@ def ask(bag: Bag) -> dict[str, Any] | None:
         return {'sentences': [f'patterns of light: {why}']}
     flash = measured(bag)
     said = flash.pop('sentences')
+    if drawn := frames(bag, bag.table('cascades') if bag.count('cascades') else None):
+        lit = drawn['level'].reshape(FRAMES, N_BLOCKS) > LIT
+        flash['frames_lit'] = lit.sum(axis=1).tolist()
+        flash['frames_turnover'] = turnover(lit)
+        said.append(
+            f'greatest cascade, {FRAMES} frames {FRAME_S:g} s apart: '
+            f'{", ".join(map(str, flash["frames_lit"]))} blocks lit'
+            + (
+                ''
+                if flash['frames_turnover'] is None
+                else f'; {flash["frames_turnover"]:.0%} of lit blocks change from frame to frame'
+            )
+        )
     try:
         found = patterns.ask(flashes(bag), 1 / MOMENT_S, np.random.default_rng(1))
     except patterns.TooFew as why:
@@ -233,24 +255,22 @@ def ask(bag: Bag) -> dict[str, Any] | None:
 def frames(bag: Bag, cascades: Table | None) -> dict[str, np.ndarray] | None:
     """Return the light of the greatest cascade, FRAMES times: time_s, block, level (0..1).
 
-    The first of several of the same area. None where the bag has no cascades or no light.
+    `time_s` counts from its onset. The first of several of the same area. None where the bag has no
+    cascades or no light.
     """
     if cascades is None or not len(cascades) or not bag.count('led_commands'):
         return None
     onset_s = (cascades['onset'].astype('i8') - bag.start_ns) * 1e-9
     order = np.argsort(onset_s, kind='stable')
-    greatest = order[np.argmax(cascades['area'][order])]
-    begin_s = onset_s[greatest]
-    span_s = float(cascades['duration'][greatest]) + BEFORE_S + AFTER_S
-    begin_s -= BEFORE_S
+    begin_s = onset_s[order[np.argmax(cascades['area'][order])]]
+    times_s = FIRST_S + FRAME_S * np.arange(FRAMES)
     # by when they were received, a little later than sent; a light without a packet is held
-    table = bag.table('led_commands', max(0.0, begin_s - 2.0), begin_s + span_s + 2.0)
+    table = bag.table('led_commands', max(0.0, begin_s - 2.0), begin_s + times_s[-1] + 2.0)
     at_s, white = shown(bag, table)
-    times_s = np.linspace(begin_s, begin_s + span_s, FRAMES)
     held = np.concatenate([np.zeros((1, N_BLOCKS), np.int16), white])
-    level = held[np.searchsorted(at_s, times_s, side='right')] / 255
+    level = held[np.searchsorted(at_s, begin_s + times_s, side='right')] / 255
     return {
-        'time_s': np.repeat(times_s - begin_s - BEFORE_S, N_BLOCKS),
+        'time_s': np.repeat(times_s, N_BLOCKS),
         'block': np.tile(np.arange(N_BLOCKS), FRAMES),
         'level': level.ravel(),
     }

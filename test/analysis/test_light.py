@@ -59,13 +59,18 @@ def test_the_greatest_cascade_is_shown_as_its_light_was(bag):
     level = found['level'].reshape(light.FRAMES, 25)
     times_s = found['time_s'].reshape(light.FRAMES, 25)[:, 0]
 
-    assert times_s[0] == pytest.approx(-light.BEFORE_S)
-    assert times_s[-1] == pytest.approx(1.3 + light.AFTER_S)
-    assert not level[0].any()
-    for time_s, row in zip(times_s, level, strict=True):
-        levels = {0.05: 255, 0.3: 180, 0.5: 120, 0.9: 0}
-        held = [v for sent_s, v in levels.items() if sent_s <= 0.05 + time_s + 1e-9]
-        assert row[7] * 255 == (held[-1] if held else 0)
+    assert times_s.tolist() == pytest.approx([0.05, 0.55, 1.05])
+    assert np.flatnonzero(level[0]).tolist() == [7, 8]
+    # onset at 0.05 s, so the frames are at 0.1, 0.6 and 1.1 s
+    np.testing.assert_allclose(level[:, 7] * 255, [255, 120, 0])
+    np.testing.assert_allclose(level[:, 8] * 255, [200, 255, 100])
+
+
+def test_turnover_counts_blocks_that_only_one_of_two_frames_has():
+    lit = np.array([[1, 1, 0, 0], [1, 0, 1, 0], [0, 0, 0, 1]], bool)
+
+    assert light.turnover(lit) == pytest.approx((2 + 3) / (3 + 3))
+    assert light.turnover(lit & False) is None
 
 
 def test_the_report_says_and_shows_it(bag, tmp_path):
@@ -77,6 +82,8 @@ def test_the_report_says_and_shows_it(bag, tmp_path):
     assert said['sentences'][0] == f'patterns of light: {why}'
     assert found['light'] == said and said['sentences'][0] in page
     assert said['sentences'][0] in report.summary(found)
+    assert said['flash']['frames_lit'] == [2, 2, 1]
+    assert said['flash']['frames_turnover'] == pytest.approx(1 / 4)
     assert (tmp_path / 'out' / 'light.svg').read_text().count(' ms</text>') == light.FRAMES
     assert (tmp_path / 'out' / 'light.csv').read_text().count('\n') == 1 + 25 * light.FRAMES
 

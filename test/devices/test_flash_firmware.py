@@ -367,7 +367,8 @@ def of_all_kinds(seed, hz):
 
 @pytest.fixture(scope='module')
 def areas_sr():
-    eyes = (0.0, 0.0, 0.8), (0.0, -0.9, 0.6), (0.0, -1.0, 1.1), (1.0, -1.0, 0.9)
+    near = (0.0, 0.0, 0.8), (0.0, -0.9, 0.6), (0.0, -1.0, 1.1), (1.0, -1.0, 0.9)
+    eyes = *near, (0.0, 0.0, 2.2), (0.0, -2.0, 1.5)  # the farthest: test_local.py
     return np.concatenate([fields(rest_lattice(), eye) for eye in eyes])
 
 

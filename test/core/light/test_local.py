@@ -21,12 +21,13 @@ from eol_ros.core.light.local import (
 )
 
 EYES = [(0.0, 0.0, 0.8), (0.0, -0.9, 0.6), (0.0, -1.0, 1.1), (1.0, -1.0, 0.9)]
+FARTHEST = [(0.0, 0.0, 2.2), (0.0, -2.0, 1.5)]  # whose fields hold 0.006 sr
 SECONDS = 3.0
 
 
 @pytest.fixture(scope='module')
 def areas_sr():
-    return np.concatenate([fields(rest_lattice(), eye) for eye in EYES])
+    return np.concatenate([fields(rest_lattice(), eye) for eye in EYES + FARTHEST])
 
 
 def random_slips(random):
@@ -77,6 +78,14 @@ def test_the_analyser_counts_a_strobe_of_one_near_block_and_none_of_a_far_one():
     assert most_in_a_second(strobe, fields(lattice, (0.0, 0.0, 0.8))) >= 5
     assert most_in_a_second(strobe, fields(lattice, (0.0, 0.0, 1.5))) == 0
     assert most_in_a_second(0.09 * strobe, fields(lattice, (0.0, 0.0, 0.8))) == 0
+
+
+def test_no_field_from_3_m_on_holds_what_counts():
+    lattice = rest_lattice()
+
+    assert all(len(fields(lattice, eye)) for eye in FARTHEST)
+    assert not len(fields(lattice, (0.0, 0.0, 3.0)))
+    assert not len(fields(lattice, (0.0, -2.4, 1.8)))
 
 
 def test_a_slip_after_rest_lights_its_block_at_once_whatever_its_neighbours_do():
