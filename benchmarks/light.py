@@ -122,12 +122,18 @@ class Play:
 
 
 def sheet(bag: Bag, lit: list[tuple[float, int, bool]]) -> str:
-    """Return an SVG: FRAMES of the greatest cascade, FRAME_S apart, a row for each limit."""
+    """Return an SVG: FRAMES of the greatest cascade, FRAME_S apart, a row for each limit.
+
+    The block that slipped first has an orange outline.
+    """
     cascades = bag.table('cascades')
     if not len(cascades):
         raise EolError('this bag has no cascades to draw')
-    onset = cascades['onset'][np.argmax(cascades['area'])].astype('i8')
-    begin_s = (int(onset) - bag.start_ns) * 1e-9
+    greatest = cascades[np.argmax(cascades['area'])]
+    begin_s = (int(greatest['onset'].astype('i8')) - bag.start_ns) * 1e-9
+    slips = bag.table('slips')
+    slips = slips[(slips['cascade'] == greatest['cascade']) & (slips['kind'] == START)]
+    first = int(slips['block'][np.argmin(slips['onset'].astype('i8'))])
     width, height = 60 * FRAMES + 10, 80 * len(LIMITS) + 10
     drawn = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}">',
@@ -142,6 +148,8 @@ def sheet(bag: Bag, lit: list[tuple[float, int, bool]]) -> str:
                 x, y = 10 + 60 * k + 10 * (block % COLS), top + 10 * (ROWS - 1 - block // COLS)
                 grey = round(40 + 215 * level)
                 drawn.append(f'<path d="M{x} {y}h8v8h-8z" fill="#{grey:02x}{grey:02x}{grey:02x}"/>')
+            x, y = 10 + 60 * k + 10 * (first % COLS), top + 10 * (ROWS - 1 - first // COLS)
+            drawn.append(f'<rect x="{x}" y="{y}" width="8" height="8" fill="none" stroke="#f80"/>')
     return '\n'.join([*drawn, '</g></svg>', ''])
 
 

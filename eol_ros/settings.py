@@ -366,8 +366,8 @@ class LedsSettings:
     peak: float = live(1.0, 'peak light level of a flash', '', 0, 1)
     look: str = live(
         'paper',
-        'look of the light: paper takes decay_s, spread_blocks and spread_delay_s as they are set; '
-        'the others have their own (docs/light.md)',
+        'look of the light: paper takes decay_s, spread_blocks, spread_delay_s and afterglow_s as '
+        'they are set; the others have their own (docs/light.md)',
         choices=('paper', 'lightning', 'wildfire', 'embers'),
     )
     spread_blocks: int = live(
@@ -379,6 +379,14 @@ class LedsSettings:
     )
     spread_delay_s: float = live(
         0.05, 'delay of running light from one block to the next', 's', 0.01, 1
+    )
+    afterglow_s: float = live(
+        0.0,
+        'time from a slip to a second lighting of its block, at least 1 s, if it was not lit in '
+        'the last second: a cascade shines again in the order of its last slips; 0: none',
+        's',
+        0,
+        10,
     )
     flash_limit: str = setting(
         'field_of_view',

@@ -327,6 +327,26 @@ def test_light_runs_on_over_dark_blocks_at_the_delay_of_its_look(fake, make_ligh
     assert len(lights._running) == 0
 
 
+def test_an_afterglow_runs_through_the_last_slips_in_their_order(fake, make_lights):
+    lights = make_lights(port=fake.port, afterglow_s=1.2, decay_s=0.05)
+    began_ns = time.time_ns()
+    slips = [(9, 0.0), (3, 0.1), (20, 0.2), (9, 0.35)]
+    levels, at_s = [], []
+    while (now_s := (time.time_ns() - began_ns) * 1e-9) < 1.9:
+        while slips and slips[0][1] <= now_s:
+            block, after_s = slips.pop(0)
+            seen(lights, block, began_ns + round(after_s * 1e9))
+        for sent in lights.frame():
+            levels.append(np.frombuffer(sent.white, np.uint8))
+            at_s.append((sent.sent_ns - began_ns) * 1e-9)
+        time.sleep(0.005)
+    rises = np.diff(np.array(levels, int), axis=0, prepend=0) > 100
+    again = [(int(b), at_s[k]) for k, b in np.argwhere(rises) if at_s[k] > 0.7]
+
+    assert [block for block, _ in again] == [3, 20, 9]
+    assert [t for _, t in again] == pytest.approx([1.3, 1.4, 1.55], abs=0.06)
+
+
 def test_the_limit_goes_off_only_with_a_reason():
     with pytest.raises(ConfigError, match='needs a written reason'):
         Lights(LedsSettings(port='twin', flash_limit='false'))

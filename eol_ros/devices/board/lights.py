@@ -210,7 +210,9 @@ class Lights:
     @property
     def _look(self) -> Look:
         s = self._settings
-        return LOOKS.get(s.look) or Look(s.decay_s, s.spread_blocks, s.spread_delay_s)
+        return LOOKS.get(s.look) or Look(
+            s.decay_s, s.spread_blocks, s.spread_delay_s, s.afterglow_s
+        )
 
     def slip(self, block: int, stamp_ns: int, onset_ns: int) -> None:
         """Light `block` for a slip seen in the image of `stamp_ns`, unless it has felt it; not
