@@ -171,12 +171,19 @@ def law(areas: np.ndarray) -> dict[str, Any]:
         law_found = powerlaw.cascade_law(areas)
     except powerlaw.FitError as error:
         return found | _why_not(error)
-    fit = law_found.fit
-    others = alternatives.compare(areas, fit, law_found.b_error)
+    fit, tested = law_found.fit, law_found.tested
+    others = alternatives.compare(areas, fit)
+    slope: dict[str, Any] = {'nearest_tau': fit.tau}
+    if not law_found.rejected:
+        slope = {
+            'tau': fit.tau, 'b_value': fit.b_value, 'b_error': tested.error,
+            'b_interval': [tested.low - 1, tested.high - 1],
+        }  # fmt: skip
     return found | {
         'sentence': f'{law_found.sentence}; {alternatives.sentence(others)}',
-        'rejected': law_found.rejected, 'p_value': law_found.p_value,
-        'b_value': fit.b_value, 'b_error': law_found.b_error, 'tau': fit.tau,
+        'rejected': law_found.rejected, 'p_value': tested.p_value, **slope,
+        'effective': tested.effective, 'drift_p': tested.drift_p,
+        'b_by_half': [tau - 1 for tau in tested.halves],
         'area_min': fit.x_min, 'area_max': N_BLOCKS, 'fitted': fit.count, 'ks': fit.ks,
         'b_by_area_min': {str(f.x_min): f.b_value for f in law_found.others},
         'alternatives': {

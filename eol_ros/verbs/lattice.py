@@ -209,17 +209,16 @@ def _law(sizes, fit_range: tuple[int, int]) -> dict:
         'mean_size': float(sizes.mean()),
         'max_size': top,
         'ccdf': {str(s): float(exceedance[s]) for s in sorted(shown) if 1 <= s <= top},
-        'tau': None,
-        'tau_error': None,
-        'b_value': None,
         'fit': f'{fit_range[0]}:{fit_range[1]}',
     }
     try:
         found = powerlaw.fit(counts, *fit_range)
         tested = powerlaw.goodness(sizes, [found], np.random.default_rng(0))
+        rejected = tested.p_value < powerlaw.REJECTED
         law |= {
-            'tau': found.tau, 'tau_error': tested.error, 'b_value': found.b_value, 'ks': found.ks,
-            'p_value': tested.p_value,
+            'rejected': rejected, 'p_value': tested.p_value, 'ks': found.ks,
+            'nearest_tau' if rejected else 'tau': found.tau, 'tau_error': tested.error,
+            'tau_interval': [tested.low, tested.high],
         }  # fmt: skip
     except powerlaw.FitError as reason:
         law['no_fit'] = str(reason)
@@ -242,11 +241,14 @@ def _words(report: dict) -> str:
         f'second, {report["events_per_s"]:.3g} events a second',
         f'size: mean {report["mean_size"]:.4g}, greatest {report["max_size"]}',
     ]
-    if report['tau'] is None:
+    if 'no_fit' in report:
         lines.append(f'no law: {report["no_fit"]}')
     else:
+        name = 'nearest_tau' if report['rejected'] else 'tau'
+        low, high = report['tau_interval']
+        verdict = 'no power law' if report['rejected'] else 'a power law is not ruled out'
         lines.append(
-            f'density of sizes {report["fit"]}: tau = {report["tau"]:.3f} +- '
-            f'{report["tau_error"]:.3f}; N(>= s) falls with b = {report["b_value"]:.3f}'
+            f'density of sizes {report["fit"]}: {verdict} (p {report["p_value"]:.2g}); '
+            f'{name} = {report[name]:.3f} ({low:.3f} to {high:.3f})'
         )
     return '\n'.join(lines)

@@ -145,14 +145,14 @@ class Day:
         if law.rejected:
             self._law = {
                 'fitted': self._law_of, 'fewest': powerlaw.FEWEST_CASCADES, 'rejected': True,
-                'ks': law.fit.ks, 'p': law.p_value, 'count': law.fit.count,
+                'ks': law.fit.ks, 'p': law.tested.p_value, 'count': law.fit.count,
                 'automaton': powerlaw.AUTOMATON_B,
             }  # fmt: skip
             return True
         logs = np.log(np.arange(law.fit.x_min, N_BLOCKS + 1))
         shares = np.exp(-law.fit.tau * logs)
         self._law = {
-            'fitted': self._law_of, 'b': law.fit.b_value, 'error': law.b_error,
+            'fitted': self._law_of, 'b': law.fit.b_value, 'error': law.tested.error,
             'from': law.fit.x_min, 'count': law.fit.count,
             'exceedance': (shares[::-1].cumsum()[::-1] / shares.sum()).tolist(),
             'automaton': powerlaw.AUTOMATON_B,

@@ -934,7 +934,7 @@ def test_the_fit_on_the_page_is_that_of_the_project(graph, browser):
         picture(browser, f'law-{len(words)}')
     law = powerlaw.cascade_law(areas)
     said = run(browser, 'return document.getElementById("law-words").textContent')
-    assert said.startswith(f'b = {law.fit.b_value:.2f} ± {law.b_error:.2f}')
+    assert said.startswith(f'b = {law.fit.b_value:.2f} ± {law.tested.error:.2f}')
     areas = np.minimum(np.random.default_rng(1).geometric(0.2, 400), 25)
     rejected = notices.Day({'date': 'x', 'order': areas.tolist(), 'recent': newest})
     run(browser, shown, rejected.notice())

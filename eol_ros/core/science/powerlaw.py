@@ -17,15 +17,16 @@ import numpy as np
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.errors import EolError
 
-FEWEST_CASCADES = 200  # 20 blocks of 10, from which error and goodness of fit are drawn
-BLOCKS = 20  # long enough to hold what hangs together; with 50 more true laws are rejected
+FEWEST_CASCADES = 200  # fewer reject other laws too seldom (`eol bench laws`)
 REJECTED = 0.05  # the p-value below which a law is called none
-FEWEST = 30  # events in the range of a fit: with fewer, a slope would be invented
+FEWEST = 30  # independent events in the range of a fit: with fewer, a slope would be invented
 AUTOMATON_B = 0.77  # of the 5x5 automaton, alpha 0.20 (docs/science.md)
 GREATEST_END = 100  # greatest lower end that is tried
 REPEATS = 400  # number of samples drawn
+WINDOW = 5.0  # autocorrelation times over which autocorrelations are summed (Sokal)
 STEEPEST, FLATTEST = 12.0, -4.0
 TAU_TOLERANCE = 1e-12
+DRAWN_TOLERANCE = 1e-6  # of tau, for drawn samples
 UNLIMITED = 1 << 20  # untruncated: sums go this far, the zeta function does the rest
 
 
@@ -146,13 +147,13 @@ def fit(counts: np.ndarray, x_min: int = 1, x_max: int | None = None) -> Fit:
 
 
 def candidates(counts: np.ndarray, x_max: int | None = None) -> list[Fit]:
-    """Return the fits of `counts` (m,) from every lower end that leaves a factor of four.
+    """Return the fits of `counts` (m,) from every lower end that leaves a decade.
 
     `nearest` chooses among them. Raises FitError where there is none.
     """
     fits = []
     for x_min in range(1, min(GREATEST_END, len(counts) - 2) + 1):
-        if x_max is not None and x_max < 4 * x_min:
+        if x_max is not None and x_max < 10 * x_min:
             break  # less than that says nothing about a slope
         try:
             fits.append(fit(counts, x_min, x_max))
@@ -172,33 +173,39 @@ def nearest(fits: list[Fit]) -> Fit:
 class CascadeLaw:
     """The law of cascade areas on a table of 25 blocks.
 
-    `b_error` and `p_value` heed that cascades depend on each other. `others`: the fits with the
-    other lower ends, by which one sees how much the range decides.
+    `tested` heeds that cascades depend on each other. `others`: the fits with the other lower ends,
+    by which one sees how much the range decides.
     """
 
     fit: Fit
-    b_error: float
-    p_value: float
+    tested: 'Goodness'
     others: list[Fit]
 
     @property
     def rejected(self) -> bool:
         """Whether a power law lies too far off, wherever it begins."""
-        return self.p_value < REJECTED
+        return self.tested.p_value < REJECTED
 
     @property
     def sentence(self) -> str:
         """The verdict for people."""
-        f = self.fit
-        test = f'KS {f.ks:.2f}, n {f.count}, p {self.p_value:.2g}'
+        f, t = self.fit, self.tested
+        test = f'KS {f.ks:.2f}, n {f.count} as {t.effective:.0f} independent, p {t.p_value:.2g}'
         end = N_BLOCKS if f.x_max is None else f.x_max
+        drift = ''
+        if t.drift_p < REJECTED:
+            first, second = (tau - 1 for tau in t.halves)
+            drift = (
+                f'; it drifts (p {t.drift_p:.2g}): b is {first:.2f} in the first half and '
+                f'{second:.2f} in the second'
+            )
         if self.rejected:
-            return f'not a power law: {test} (the nearest, from area {f.x_min} on)'
+            return f'not a power law: {test} (the nearest, from area {f.x_min} on){drift}'
         bs = [other.b_value for other in self.others]
         return (
-            f'a power law is not ruled out: b = {f.b_value:.2f} +- {self.b_error:.2f} for areas '
-            f'{f.x_min} to {end}, {np.log10(end / f.x_min):.1f} decades ({test}); '
-            f'with other lower ends b is {min(bs):.2f} to {max(bs):.2f}'
+            f'a power law is not ruled out: b = {f.b_value:.2f} ({t.low - 1:.2f} to '
+            f'{t.high - 1:.2f}) for areas {f.x_min} to {end}, {np.log10(end / f.x_min):.1f} '
+            f'decades ({test}); with other lower ends b is {min(bs):.2f} to {max(bs):.2f}{drift}'
         )
 
 
@@ -213,12 +220,13 @@ def cascade_law(areas: np.ndarray) -> CascadeLaw:
     Returns
     -------
     CascadeLaw
-        The fit whose lower end has the least KS distance, up to all blocks; its error and p-value.
+        The fit whose lower end has the least KS distance, up to all blocks, and its test.
 
     Raises
     ------
     FitError
-        Fewer than 200 cascades, or no slope; the text is for people.
+        Fewer than 200 cascades, fewer than 30 independent ones, or no slope; the text is for
+        people.
 
     Examples
     --------
@@ -230,32 +238,55 @@ def cascade_law(areas: np.ndarray) -> CascadeLaw:
     if len(areas) < FEWEST_CASCADES:
         raise TooFew(len(areas), 'cascade', 'a power law of areas', FEWEST_CASCADES)
     fits = candidates(histogram(areas), N_BLOCKS)
-    found = nearest(fits)
-    tested = goodness(areas, fits, np.random.default_rng(1))
-    return CascadeLaw(found, max(tested.error, found.error), tested.p_value, fits)
+    return CascadeLaw(nearest(fits), goodness(areas, fits, np.random.default_rng(1)), fits)
+
+
+def inefficiency(series: np.ndarray) -> float:
+    """Return by what factor dependence widens the variance of the mean of `series` (n,); >= 1.
+
+    So n values in order of time tell as much as n over this that are independent. It is
+    1 + 2 x the sum of autocorrelations, over five autocorrelation times (A. Sokal, in Functional
+    Integration, 1997, 131), corrected for the mean that was subtracted.
+    """
+    series = np.asarray(series, float) - np.mean(series)
+    n, power = len(series), float((series**2).sum())
+    if power == 0 or n < 4:
+        return 1.0
+    products = np.fft.irfft(np.abs(np.fft.rfft(series, 2 * n)) ** 2)[1 : n // 2]
+    lags = np.arange(1, n // 2)
+    sums = 1 + 2 * (products / power * n / (n - lags)).cumsum()
+    beyond = lags >= WINDOW / 2 * sums
+    last = int(np.argmax(beyond)) if beyond.any() else len(lags) - 1
+    return float(max(1.0, sums[last]) * (1 + (2 * lags[last] + 1) / n))
 
 
 @dataclass(frozen=True)
 class Goodness:
-    """Of the fit of least KS distance: the standard error of tau, and the p-value of the law."""
+    """Test of the fit of least KS distance.
+
+    Of its tau: `error`, the standard error, and `low` to `high`, the 95 % interval; both include
+    the choice of the range. `p_value`: of the law. `effective`: the number of independent events
+    that tell as much. `drift_p`: of a law that stays the same; `halves`: tau of the first and of
+    the second half.
+    """
 
     error: float
+    low: float
+    high: float
     p_value: float
+    effective: float
+    drift_p: float
+    halves: tuple[float, float]
 
 
 def goodness(
-    numbers: np.ndarray,
-    fits: list[Fit],
-    rng: np.random.Generator,
-    blocks: int = BLOCKS,
-    repeats: int = REPEATS,
+    numbers: np.ndarray, fits: list[Fit], rng: np.random.Generator, repeats: int = REPEATS
 ) -> Goodness:
     """Test a power law where events depend on those before them.
 
-    Blocks of `numbers`, in order of time, are drawn again, every range is fitted again and the
-    nearest chosen again. The distance of a drawn sample is counted from that of the numbers
-    themselves, F* - F - (law* - law): so far would the numbers lie off if the law were true and
-    they hung together as they do.
+    Samples of the nearest law are drawn (below its lower end of the numbers themselves), with as
+    many events as there are independent ones; every range is fitted again and the nearest chosen
+    again.
 
     Parameters
     ----------
@@ -264,20 +295,25 @@ def goodness(
     fits : list of Fit
         Of one upper end; see `candidates`.
     rng : Generator
-        Draws the blocks.
-    blocks : int
-        How many a sample has.
+        Draws the samples.
     repeats : int
         How many samples are drawn.
 
     Returns
     -------
     Goodness
-        Standard error of tau of the nearest fit; p_value, how often a sample is as far off.
+        Error and interval of tau of the nearest fit; p_value, how often a sample is as far off.
+
+    Raises
+    ------
+    FitError
+        The law has no upper end, or there are fewer than 30 independent events.
 
     References
     ----------
-    H. R. Kuensch, Ann. Stat. 17 (1989) 1217.
+    A. Clauset, C. R. Shalizi, M. E. J. Newman, SIAM Review 51 (2009) 661, section 4. Drift: the
+    greatest cumulative sum against Kolmogorov's law, W. Ploberger, W. Kraemer, Econometrica 60
+    (1992) 271.
 
     Examples
     --------
@@ -286,46 +322,72 @@ def goodness(
     >>> goodness(areas, fits, np.random.default_rng(2), repeats=40).p_value > 0.1
     True
     """
+    top = fits[0].x_max
+    if top is None:
+        raise FitError('a law without an upper end has no test')
+    first, best = min(f.x_min for f in fits), nearest(fits)
     numbers = np.asarray(numbers)
-    x_max = fits[0].x_max
-    top = int(numbers.max()) if x_max is None else x_max
-    first = min(f.x_min for f in fits)
-    drawn = _drawn_histograms(numbers, first, top, rng, blocks, repeats)
-    best = nearest(fits)
-    counts = histogram(numbers[numbers <= top]).astype(float)
-    counts = np.pad(counts, (0, top + 1 - len(counts)))
-    least = np.full(repeats, np.inf)
-    error = 0.0
+    numbers = numbers[(numbers >= first) & (numbers <= top)]
+    effective = _independent(numbers)
+    share = np.bincount(numbers - first, minlength=top - first + 1) / len(numbers)
+    begin = best.x_min - first
+    law = _Law(best.x_min, top).cumulative(best.tau, top)
+    share[begin:] = share[begin:].sum() * np.diff(law, prepend=0.0)
+    drawn = rng.multinomial(round(effective), share / share.sum(), repeats)
+    least, taus = np.full(repeats, np.inf), np.full(repeats, best.tau)
     for f in fits:
-        law = _Law(f.x_min, x_max)
+        law_of = _Law(f.x_min, top)
         inside = drawn[:, f.x_min - first :]
         total = inside.sum(axis=1)
-        some = total > 0
-        logs = np.log(np.arange(f.x_min, top + 1))
-        taus = law.solve_all(inside[some] @ logs / total[some])
-        if f is best:
-            error = float(np.std(taus, ddof=1))
-        chance = law.cumulatives(taus, top)
-        own = counts[f.x_min :].cumsum() / counts[f.x_min :].sum()
-        off = inside[some].cumsum(axis=1) / total[some, None] - own
-        off -= chance - law.cumulative(f.tau, top)
-        least[some] = np.minimum(least[some], np.abs(off).max(axis=1))
-    worse = int((least >= best.ks).sum())
-    return Goodness(error, (worse + 1) / (repeats + 1))
+        some = np.flatnonzero(total)
+        found = law_of.solve_all(inside[some] @ law_of.logs / total[some])
+        off = inside[some].cumsum(axis=1) / total[some, None] - law_of.cumulatives(found)
+        off = np.abs(off).max(axis=1)
+        nearer = off < least[some]
+        least[some[nearer]], taus[some[nearer]] = off[nearer], found[nearer]
+    low, high = np.percentile(taus, [2.5, 97.5])
+    tail = numbers[numbers >= best.x_min]
+    return Goodness(
+        float(np.std(taus, ddof=1)), float(2 * best.tau - high), float(2 * best.tau - low),
+        (int((least >= best.ks).sum()) + 1) / (repeats + 1), effective,
+        *_drift(tail, _Law(best.x_min, top)),
+    )  # fmt: skip
+
+
+def _independent(numbers: np.ndarray) -> float:
+    """How many independent events tell as much as `numbers` (n,), in order of time."""
+    effective = len(numbers) / inefficiency(np.log(numbers)) if len(numbers) else 0.0
+    if effective < FEWEST:
+        raise FitError(
+            f'{len(numbers)} events depend on each other and count as {effective:.0f} independent '
+            f'ones: {FEWEST} are needed'
+        )
+    return effective
+
+
+def _drift(numbers: np.ndarray, law: '_Law') -> tuple[float, tuple[float, float]]:
+    """p-value of a law that stays the same through `numbers` (n,), and tau of each half of them."""
+    logs = np.log(numbers)
+    way = np.abs((logs - logs.mean()).cumsum()).max()
+    reach = way / (logs.std() * np.sqrt(len(logs) * inefficiency(logs)))
+    k = np.arange(1, 101)
+    p = float(np.clip(-2 * ((-1.0) ** k * np.exp(-2 * (k * reach) ** 2)).sum(), 0, 1))
+    middle = len(logs) // 2
+    first, second = law.solve_all(np.array([logs[:middle].mean(), logs[middle:].mean()]))
+    return p, (float(first), float(second))
 
 
 def band(areas: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return where N(>= A) of as long a catalogue would lie in 95 of 100 cases, for A = 1 to 25.
 
-    Blocks of the catalogue are drawn again, as in `goodness`, so cascades may depend on those
-    before them.
+    Areas are drawn again, as many as there are independent ones.
 
     Parameters
     ----------
     areas : ndarray
         (n,) int, distinct blocks of each cascade, in order of time.
     rng : Generator
-        Draws the blocks.
+        Draws them.
 
     Returns
     -------
@@ -335,7 +397,7 @@ def band(areas: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     Raises
     ------
     FitError
-        Fewer than 50 cascades.
+        Fewer than 30 independent cascades.
 
     Examples
     --------
@@ -344,34 +406,11 @@ def band(areas: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     >>> low[0] == high[0] == 2000.0, bool(low[4] < high[4])
     (True, True)
     """
-    areas = np.asarray(areas)
-    drawn = _drawn_histograms(areas, 1, N_BLOCKS, rng, BLOCKS, REPEATS)
-    at_least = drawn[:, ::-1].cumsum(axis=1)[:, ::-1]
-    # what is left over when blocks of one length are cut is scaled for
-    at_least = at_least * (len(areas) / at_least[:, 0].mean())
+    share = np.bincount(np.asarray(areas) - 1, minlength=N_BLOCKS) / max(len(areas), 1)
+    drawn = rng.multinomial(round(_independent(areas)), share, REPEATS)
+    at_least = drawn[:, ::-1].cumsum(axis=1)[:, ::-1] * len(areas) / drawn[0].sum()
     found: np.ndarray = np.percentile(at_least, [2.5, 97.5], axis=0)
     return found
-
-
-def _drawn_histograms(
-    numbers: np.ndarray, first: int, top: int, rng: np.random.Generator, blocks: int, repeats: int
-) -> np.ndarray:
-    """Histograms over first .. top of `repeats` series drawn in blocks, (repeats, top - first + 1).
-
-    Raises FitError where there are too few for blocks.
-    """
-    blocks = min(blocks, len(numbers) // 10)
-    if blocks < 5:
-        raise FitError(f'{len(numbers)} events are too few to draw blocks of them')
-    length = len(numbers) // blocks
-    width = top - first + 1
-    used = numbers[: length * blocks]
-    inside = (used >= first) & (used <= top)
-    which = np.repeat(np.arange(blocks), length)[inside] * width + (used[inside] - first)
-    each = np.bincount(which, minlength=blocks * width).reshape(blocks, width)
-    picked = rng.integers(0, blocks, (repeats, blocks))
-    times = np.apply_along_axis(np.bincount, 1, picked, minlength=blocks)
-    return times @ each
 
 
 def sample(
@@ -440,11 +479,9 @@ class _Law:
         return (low + high) / 2
 
     def solve_all(self, mean_logs: np.ndarray) -> np.ndarray:
-        """The tau of each mean log s, (n,); all at the same time where the law has an end."""
-        if self.x_max is None:
-            return np.array([self.solve(float(mean)) for mean in mean_logs])
+        """The tau of each mean log s, (n,), of a law with an end."""
         low, high = np.full(len(mean_logs), FLATTEST), np.full(len(mean_logs), STEEPEST)
-        while np.max(high - low, initial=0.0) > TAU_TOLERANCE:
+        while np.max(high - low, initial=0.0) > DRAWN_TOLERANCE:
             middle = (low + high) / 2
             weights = -middle[:, None] * self.logs
             weights = np.exp(weights - weights.max(axis=1, keepdims=True))
@@ -452,10 +489,8 @@ class _Law:
             low, high = np.where(steeper, middle, low), np.where(steeper, high, middle)
         return (low + high) / 2
 
-    def cumulatives(self, taus: np.ndarray, top: int) -> np.ndarray:
-        """P(x_min <= s <= k) for each tau, (n, top - x_min + 1)."""
-        if self.x_max is None:
-            return np.stack([self.cumulative(tau, top) for tau in taus])
+    def cumulatives(self, taus: np.ndarray) -> np.ndarray:
+        """P(x_min <= s <= k) for each tau, (n, x_max - x_min + 1)."""
         weights = -taus[:, None] * self.logs
         weights = np.exp(weights - weights.max(axis=1, keepdims=True)).cumsum(axis=1)
         return weights / weights[:, -1:]

@@ -5,7 +5,8 @@ Likelihood ratios after Clauset, Shalizi and Newman, SIAM Rev. 51 (2009) 661, se
 a density on x_min .. x_max, normalised by the plain sum. Exponential and stretched exponential are
 not nested: Vuong's test (Econometrica 57 (1989) 307), whose variance is taken over blocks of
 events, for they hang together. Log-normal and cut-off contain the power law, as their limit: twice
-the logarithm of the ratio against chi squared, divided by how much dependence widens the error.
+the logarithm of the ratio against chi squared. What dependence of events widens
+(`powerlaw.inefficiency`) is divided by.
 """
 
 import math
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eol_ros.core.science.powerlaw import BLOCKS, Fit
+from eol_ros.core.science.powerlaw import Fit, inefficiency
 
 ALTERNATIVES = ('exponential', 'stretched exponential', 'log-normal', 'cut-off power law')
 LEVEL = 0.1
@@ -37,11 +38,8 @@ class Alternative:
         return 'worse' if self.log_ratio > 0 else 'better'
 
 
-def compare(numbers: np.ndarray, power: Fit, error: float) -> list[Alternative]:
-    """Return the four alternatives to `power`, fitted to the same `numbers` (n,) in order of time.
-
-    error: the standard error of tau that heeds dependence (`powerlaw.goodness`).
-    """
+def compare(numbers: np.ndarray, power: Fit) -> list[Alternative]:
+    """Return the four alternatives to `power`, fitted to the `numbers` (n,) in order of time."""
     numbers = np.asarray(numbers)
     top = power.x_max or max(20 * int(numbers.max()), 10_000)
     support = np.arange(power.x_min, top + 1, dtype=float)
@@ -51,7 +49,7 @@ def compare(numbers: np.ndarray, power: Fit, error: float) -> list[Alternative]:
     # a law without an end is normalised to infinity, as it was when it was fitted
     log_norm = -(power.log_likelihood + power.tau * float(counts @ logs)) / power.count
     own = -power.tau * logs - log_norm
-    widened = max(1.0, (error / power.error) ** 2)
+    widened = inefficiency(np.log(inside))
     found = []
     for name, density in (
         ('exponential', _exponential(support, counts)),
@@ -59,7 +57,8 @@ def compare(numbers: np.ndarray, power: Fit, error: float) -> list[Alternative]:
     ):
         gain = own - density
         ratio = float(counts @ gain)
-        spread = _spread(gain[inside - power.x_min])
+        gains = gain[inside - power.x_min]
+        spread = float(gains.std() * math.sqrt(len(gains) * inefficiency(gains)))
         p = math.erfc(abs(ratio) / (math.sqrt(2) * spread)) if spread > 0 else 1.0
         found.append(Alternative(name, ratio, p))
     for name, second in (('log-normal', logs**2), ('cut-off power law', support)):
@@ -143,13 +142,3 @@ def _bent(logs: np.ndarray, second: np.ndarray, counts: np.ndarray, own: np.ndar
     x = np.stack([np.ones(len(logs)), logs, second], axis=1)
     bend = np.linalg.lstsq(x, density, rcond=None)[0][2]
     return density if bend <= 0 else own
-
-
-def _spread(gains: np.ndarray) -> float:
-    """Standard deviation of the sum of `gains`, in order of time, from sums over blocks."""
-    blocks = min(BLOCKS, len(gains) // 10)
-    if blocks < 5:
-        return 0.0
-    length = len(gains) // blocks
-    sums = gains[: blocks * length].reshape(blocks, length).sum(axis=1)
-    return float(sums.std(ddof=1) * math.sqrt(len(gains) / length))

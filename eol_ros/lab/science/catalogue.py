@@ -14,11 +14,11 @@ import numpy as np
 from scipy import optimize, special
 
 from eol_ros.core.science.powerlaw import (
-    BLOCKS,
     FEWEST_CASCADES,
     REJECTED,
     FitError,
     TooFew,
+    inefficiency,
     too_few,
 )
 
@@ -26,6 +26,7 @@ BIN = 0.1  # of magnitude, in which completeness is looked for
 CORRECTION = 0.2  # added to the greatest bin (Woessner and Wiemer, BSSA 95 (2005) 684)
 FEWEST = 50
 FEWEST_MAINS = 10
+BLOCKS = 20  # of a catalogue, drawn again for the error of the productivity
 STEEPEST = 4.0  # p of Omori's law
 BETTER = 6.0  # of AIC, by which Omori's law must be better than a constant rate
 
@@ -88,20 +89,20 @@ def b_positive(magnitudes: np.ndarray, least: float = BIN) -> float:
 
 
 def magnitude_law(
-    magnitudes: np.ndarray, rng: np.random.Generator, blocks: int = BLOCKS, repeats: int = 400
+    magnitudes: np.ndarray, rng: np.random.Generator, repeats: int = 400
 ) -> MagnitudeLaw:
     """Fit the law of Gutenberg and Richter above completeness.
 
-    Errors and p-value are of blocks drawn again, as `powerlaw.goodness` does.
+    Errors and p-value are of as many independent magnitudes as tell as much (`inefficiency`).
 
     Parameters
     ----------
     magnitudes : ndarray
         (n,) in order of time.
     rng : Generator
-        Draws the blocks.
-    blocks, repeats : int
-        Blocks of a sample, and samples.
+        Draws the samples.
+    repeats : int
+        How many samples are drawn.
 
     Returns
     -------
@@ -130,36 +131,31 @@ def magnitude_law(
     if len(magnitudes) < FEWEST_CASCADES:
         raise TooFew(len(magnitudes), 'magnitude', 'a Gutenberg-Richter law', FEWEST_CASCADES)
     least = completeness(magnitudes)
-    above = magnitudes >= least
-    count = int(above.sum())
-    if count < FEWEST:
-        raise FitError(f'{count} magnitudes above completeness (M {least:.2f}): {FEWEST} needed')
+    above = magnitudes[magnitudes >= least] - least
+    effective = len(above) / inefficiency(above) if len(above) else 0.0
+    if effective < FEWEST:
+        raise FitError(
+            f'{len(above)} magnitudes above completeness (M {least:.2f}) count as '
+            f'{effective:.0f} independent ones: {FEWEST} needed'
+        )
     found, positive = b_value(magnitudes, least), b_positive(magnitudes)
-    grid = np.sort(magnitudes[above])
-    rate = found * math.log(10)
-    own = np.arange(1, count + 1) / count
-    law = 1 - np.exp(-rate * (grid - least))
-    ks = float(max(np.abs(own - law).max(), np.abs(own - 1 / count - law).max()))
-    blocks = min(blocks, len(magnitudes) // 10)
-    length = len(magnitudes) // blocks
-    whole = magnitudes[: blocks * length].reshape(blocks, length)
-    bs, positives, worse = [], [], 0
-    for _ in range(repeats):
-        drawn = whole[rng.integers(0, blocks, blocks)]
-        kept = np.sort(drawn[drawn >= least])
-        if not len(kept):
-            continue
-        bs.append(b_value(kept, least))
-        steps = np.diff(drawn, axis=1)  # within the blocks only
-        positives.append(b_value(steps, BIN))
-        share = np.searchsorted(kept, grid, side='right') / len(kept)
-        other = 1 - np.exp(-bs[-1] * math.log(10) * (grid - least))
-        worse += bool(np.abs(share - own - (other - law)).max() >= ks)
+    steps = np.diff(magnitudes)
+    steps = steps[steps >= BIN]
+    ks = _exponential_distance(above)
+    drawn = rng.exponential(size=(repeats, round(effective)))
+    worse = sum(_exponential_distance(row) >= ks for row in drawn)
     return MagnitudeLaw(
-        least, count, found, float(np.std(bs, ddof=1)), positive,
-        float(np.nanstd(positives, ddof=1)), int((np.diff(magnitudes) >= BIN).sum()),
-        ks, (worse + 1) / (len(bs) + 1),
+        least, len(above), found, found / math.sqrt(effective), positive,
+        positive * math.sqrt(inefficiency(steps) / max(len(steps), 1)), len(steps),
+        ks, (worse + 1) / (repeats + 1),
     )  # fmt: skip
+
+
+def _exponential_distance(values: np.ndarray) -> float:
+    """KS distance of `values` (n,) from the exponential law of their mean (test of Lilliefors)."""
+    chance = 1 - np.exp(-np.sort(values) / values.mean())
+    steps = np.arange(len(values) + 1) / len(values)
+    return float(max((steps[1:] - chance).max(), (chance - steps[:-1]).max()))
 
 
 @dataclass(frozen=True)
@@ -197,13 +193,9 @@ def waiting(onsets_s: np.ndarray, rng: np.random.Generator, repeats: int = 200) 
     if len(gaps) < FEWEST:
         raise TooFew(len(gaps), 'waiting time', 'a law of them', FEWEST)
 
-    def distance(values: np.ndarray) -> float:
-        chance = 1 - np.exp(-np.sort(values) / values.mean())
-        steps = np.arange(len(values) + 1) / len(values)
-        return float(max((steps[1:] - chance).max(), (chance - steps[:-1]).max()))
-
-    found = distance(gaps)
-    worse = sum(distance(rng.exponential(size=len(gaps))) >= found for _ in range(repeats))
+    found = _exponential_distance(gaps)
+    drawn = rng.exponential(size=(repeats, len(gaps)))
+    worse = sum(_exponential_distance(row) >= found for row in drawn)
     mean = float(gaps.mean())
     spread = math.log(mean) - float(np.log(gaps).mean())
     shape = (

@@ -173,9 +173,10 @@ class Result:
     system_wide: float | None = setting(None, 'share of cascades of at least half of all blocks')
     rate_hz: float | None = setting(None, 'cascades in a simulated second', 'Hz')
     sliding: float | None = setting(None, 'share of time in which any block slides')
-    tau: float | None = setting(None, 'of the density of areas, by greatest likelihood')
+    nearest_tau: float | None = setting(None, 'of the nearest power law of areas, rejected or not')
+    tau: float | None = setting(None, 'of the density of areas; none where the law is rejected')
     b_value: float | None = setting(None, 'of N(>= area), tau - 1')
-    tau_error: float | None = setting(None, 'standard error of tau by blocks drawn again')
+    tau_error: float | None = setting(None, 'standard error of tau that heeds dependent cascades')
     ks: float | None = setting(None, 'distance of the cumulative law')
     p_value: float | None = setting(None, 'of a power law: below 0.05 it is none')
     slips_slope: float | None = setting(None, 'beta of the slips in time, S(f) ~ f^-beta')
@@ -372,11 +373,13 @@ def _law(task: _Law, areas: np.ndarray, slips: int, blocks: int) -> Result:
     }  # fmt: skip
     try:
         found = powerlaw.fit(counts, task.fit_from, task.fit_to or max(blocks // 2, 2))
-        plain |= {'tau': found.tau, 'b_value': found.b_value, 'ks': found.ks}
+        plain |= {'nearest_tau': found.tau, 'ks': found.ks}
         if task.bootstrap > 1:
             rng = np.random.default_rng(task.seed)
             tested = powerlaw.goodness(areas, [found], rng, repeats=task.bootstrap)
-            plain |= {'tau_error': tested.error, 'p_value': tested.p_value}
+            plain |= {'p_value': tested.p_value}
+            if tested.p_value >= powerlaw.REJECTED:
+                plain |= {'tau': found.tau, 'b_value': found.b_value, 'tau_error': tested.error}
     except powerlaw.FitError as reason:
         return Result(f'no fit: {reason}', **plain)
     return Result('ok', **plain)
