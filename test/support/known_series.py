@@ -72,6 +72,28 @@ def _ornstein_uhlenbeck(corner_hz: float, white: float = 0.0) -> Callable:
     return make
 
 
+def _relaxations(*corners_hz: float) -> Callable:
+    """Ornstein-Uhlenbeck processes of equal power: visits, gestures and slips make such sums."""
+
+    def make(T: float, rng: np.random.Generator) -> Made:
+        return Made(sum(_ornstein_uhlenbeck(hz)(T, rng).values for hz in corners_hz))
+
+    return make
+
+
+def _trend(T: float, rng: np.random.Generator) -> Made:
+    """1/f noise that drifts by three of its standard deviations."""
+    noise = coloured_noise(1.0, _count(T), rng)
+    return Made(noise / noise.std() + 3 * np.linspace(0, 1, len(noise)))
+
+
+def _heavy_iaaft(T: float, rng: np.random.Generator) -> Made:
+    """Log-normal values with the spectrum of 1/f noise (IAAFT)."""
+    values = np.sort(np.exp(rng.normal(size=_count(T))))
+    noise = coloured_noise(1.0, _count(T), rng)
+    return Made(surrogates.iaaft(values[np.argsort(np.argsort(noise))], rng))
+
+
 def _telegraph(T: float, rng: np.random.Generator) -> Made:
     """On and off at random, once in a second on average."""
     flips = surrogates.event_counts(surrogates.poisson_times(rng.poisson(T), T, rng), T, RATE_HZ)
@@ -156,12 +178,16 @@ SERIES: dict[str, tuple[str, Callable[[float, np.random.Generator], Made]]] = {
     'f^-1.2': ('yes', _noise(1.2)),
     '1/f in bursts': ('yes', _bursts),
     'events of 1/f rate': ('yes', _events_of_one_over_f),
+    '1/f, IAAFT of log-normal values': ('yes', _heavy_iaaft),
+    '1/f and a trend of 3 sigma': ('undecided', _trend),
     'white': ('no', _noise(0.0)),
     'Brownian': ('no', _brownian),
     'Ornstein-Uhlenbeck, 0.03 Hz': ('no', _ornstein_uhlenbeck(0.03)),
     'Ornstein-Uhlenbeck, 0.3 Hz': ('no', _ornstein_uhlenbeck(0.3)),
     'Ornstein-Uhlenbeck, 2 Hz': ('no', _ornstein_uhlenbeck(2.0)),
     'Ornstein-Uhlenbeck and white': ('no', _ornstein_uhlenbeck(0.1, 1.0)),
+    'sum of two relaxations': ('no', _relaxations(0.05, 1.0)),
+    'sum of three relaxations': ('undecided', _relaxations(0.03, 0.3, 3.0)),
     'random telegraph': ('no', _telegraph),
     'periodic': ('no', _sines(0.7)),
     'quasi-periodic': ('no', _sines(0.7, 0.7 * (1 + 5**0.5) / 2)),

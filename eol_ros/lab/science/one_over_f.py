@@ -7,8 +7,9 @@ and Clarke, Nature 258 (1975) 317), not that of the waveform. `ask` answers
 no         where something speaks against it: the interval of the slope lies outside 0.5 .. 1.5, a
            bending shape fits better, the bins scatter too widely about the line, a rhythm stands
            out, or a control, which knows nothing of the order of events, has the slope too;
-yes        where the interval lies within 0.5 .. 1.5 over at least two decades, a Lorentzian is
-           excluded, and neither rhythm, unsteadiness nor any control explains it;
+yes        where the interval lies within 0.5 .. 1.5 over at least two decades, one Lorentzian
+           and the sum of two are excluded, and neither rhythm, unsteadiness nor any control
+           explains it;
 undecided  where the series is too short or too uneven for either.
 """
 
@@ -24,7 +25,7 @@ ONE_OVER_F = (0.5, 1.5)
 DECADES = 2.0  # of the band, at least
 MOST_DECADES = 3.0
 BENDS = 6.0  # of AIC, by which a bending shape must be better; by chance in 3 of 100 (see test)
-EXCLUDED = 10.0  # of AIC, by which the Lorentzian must be worse
+EXCLUDED = {'Lorentzian': 10.0, 'two Lorentzians': 10.0}  # of AIC, by which each must be worse
 MISFIT = 0.01
 UNEVEN = 0.025  # one of 39 surrogates and the series itself
 FEWEST_EVENTS = 50
@@ -160,7 +161,9 @@ def ask(series: Series, rng: np.random.Generator, others: Others | None = None) 
             if high >= ONE_OVER_F[0]:
                 against.append(f'the control ({kind}) has a slope of {low:.2f} to {high:.2f} too')
         if not against:
-            steady = surrogates.stationarity(values, rng)
+            steady = min(
+                surrogates.stationarity(values, rng), surrogates.trend(values, line.beta, rng)
+            )
         if steady is not None and steady <= UNEVEN:
             doubts.append('it is not steady: its course, not one process, makes the spectrum')
     answer = 'no' if against else 'undecided' if doubts else 'yes'
@@ -237,6 +240,7 @@ def _doubts(line: Slope, shapes: dict[str, Shape]) -> list[str]:
     low, high = ONE_OVER_F
     if not (low <= line.low and line.high <= high):
         said.append(f'the interval does not lie within {low:g} to {high:g}')
-    if shapes['Lorentzian'].aic - shapes['power law'].aic < EXCLUDED:
-        said.append('a Lorentzian is not excluded')
+    for name, least in EXCLUDED.items():
+        if shapes[name].aic - shapes['power law'].aic < least:
+            said.append(f'{name} (an alternative without 1/f) not excluded')
     return said

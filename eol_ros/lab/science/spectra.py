@@ -207,7 +207,8 @@ def shapes(found: Spectrum) -> dict[str, Shape]:
 
     white; power law; Lorentzian (an Ornstein-Uhlenbeck process, random telegraph, pulses that decay
     exponentially); knee: flat, then falling at any rate; and the sums of a Lorentzian or a power
-    law with a white floor, and of a power law with a Lorentzian.
+    law with a white floor, of a power law with a Lorentzian, and of two Lorentzians (relaxations at
+    two times, as of gestures and slips).
     """
     x = np.log(found.frequency_hz)
     middle = (x[0] + x[-1]) / 2
@@ -236,6 +237,12 @@ def shapes(found: Spectrum) -> dict[str, Shape]:
             _power_law_lorentzian,
             [(level - 0.7, b, level - 0.7, c) for c in corners for b in (0.5, 1.5)],
             [scale, (0.0, STEEPEST), scale, corner],
+        ),
+        'two Lorentzians': (
+            _two_lorentzians,
+            [(level + 1, a * half, level - 1, b * half)
+             for a, b in ((-0.9, 0.0), (-0.6, 0.3), (-0.3, 0.6), (-0.8, 0.8))],
+            [scale, (-2 * half, half), scale, (-half, 2 * half)],
         ),
     }  # fmt: skip
     made = {}
@@ -348,3 +355,7 @@ def _power_law_floor(values: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 def _power_law_lorentzian(values: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.logaddexp(_power_law(values[:2], x), _lorentzian(values[2:], x))
+
+
+def _two_lorentzians(values: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return np.logaddexp(_lorentzian(values[:2], x), _lorentzian(values[2:], x))

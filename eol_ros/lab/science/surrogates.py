@@ -12,6 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from eol_ros.lab.science.spectra import coloured_noise
+
 CONTROLS = ('random times', 'shuffled intervals', 'gamma renewal')
 SEGMENTS = 16
 LONGEST = 2048  # values of a series whose stationarity is asked
@@ -133,12 +135,29 @@ def stationarity(series: np.ndarray, rng: np.random.Generator, repeats: int = 39
 
     Long `series` (n,) are taken as means over some of their values.
     """
-    series = np.asarray(series, float)
-    step = -(-len(series) // LONGEST)
-    series = series[: len(series) // step * step].reshape(-1, step).mean(axis=1)
+    series = _shortened(series)
     found = unevenness(series)
     as_uneven = sum(unevenness(iaaft(series, rng)) >= found for _ in range(repeats))
     return (as_uneven + 1) / (repeats + 1)
+
+
+def trend(series: np.ndarray, beta: float, rng: np.random.Generator, repeats: int = 39) -> float:
+    """Return how often noise f^-beta has a straight course (R^2) as `series` (n,) has.
+
+    IAAFT surrogates cannot tell: they keep the power of the trend.
+    """
+    series = _shortened(series)
+    line = np.linspace(-1, 1, len(series))
+    found = abs(np.corrcoef(line, series)[0, 1])
+    drawn = (coloured_noise(beta, len(series), rng) for _ in range(repeats))
+    return (sum(abs(np.corrcoef(line, d)[0, 1]) >= found for d in drawn) + 1) / (repeats + 1)
+
+
+def _shortened(series: np.ndarray) -> np.ndarray:
+    """Means over some values of a long series, LONGEST at most."""
+    series = np.asarray(series, float)
+    step = -(-len(series) // LONGEST)
+    return series[: len(series) // step * step].reshape(-1, step).mean(axis=1)
 
 
 def slopes(
