@@ -29,13 +29,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from eol_ros import yaml_text
 from eol_ros.errors import ConfigError, EolError
 from eol_ros.said import said
 from eol_ros.scene_secrets import SceneText, without
 from eol_ros.settings import FORMS, MASK, NotifySettings, by_today, masked, renamed, secrets
 from eol_ros.streams.graph import IMAGE_SOURCES, MAX_DOMAIN, NAMESPACE, NODES, providers
+from eol_ros.yaml_text import Mistake, Place
 
 _KEYS = (
     'scene', 'include', 'network', 'domain', 'namespace', 'real_time', 'nodes', 'together',
@@ -87,21 +87,6 @@ class Scene:
         return sources[0].fps if sources else 0.0
 
 
-@dataclass(frozen=True, order=True)
-class Mistake:
-    """One thing wrong in a scene; line and column count from 1."""
-
-    file: str
-    line: int
-    column: int
-    where: str
-    what: str
-
-    def __str__(self) -> str:
-        where = f'{self.where}: ' if self.where else ''
-        return f'{self.file}:{self.line}:{self.column} error {where}{self.what}'
-
-
 def mistake(scene: Scene, where: str, error: EolError) -> Mistake:
     """Return the mistake that `error` tells of, at the place of `where`, such as `leds.port`.
 
@@ -117,27 +102,12 @@ def mistake(scene: Scene, where: str, error: EolError) -> Mistake:
     return Mistake(*place, where, what)
 
 
-class SceneError(ConfigError):
+class SceneError(yaml_text.Mistakes):
     """All mistakes of a scene; the scene without the wrong values, if its files could be read."""
 
     def __init__(self, mistakes: list[Mistake], scene: Scene | None = None):
-        self.mistakes, self.scene = sorted(mistakes), scene
-        count = len(mistakes)
-        lines = [str(m) for m in self.mistakes]
-        lines.append(f'{count} error{"s" if count > 1 else ""}. Nothing was started.')
-        super().__init__('\n'.join(lines))
-
-
-@dataclass
-class _Place:
-    """A YAML value with where it stands."""
-
-    value: Any
-    file: str
-    line: int
-    column: int
-    keys: dict[str, '_Place'] = field(default_factory=dict)  # of a mapping: where each key stands
-    text: str = ''  # of a scalar, as it is written
+        self.scene = scene
+        super().__init__(mistakes, 'Nothing was started.')
 
 
 def inherited(fd: int) -> Path:
@@ -156,61 +126,27 @@ def _shown(path: Path) -> str:
     return str(path.with_name(given.rpartition('/')[2]))
 
 
-MOST_VALUES = 100_000  # of a scene with all that it includes
-
-
-class _Reader:
+class _Reader(yaml_text.Reader):
     """Reads one scene and gathers its mistakes."""
 
     def __init__(self) -> None:
-        self.mistakes: list[Mistake] = []
+        super().__init__()
         self.texts: list[tuple[str, SceneText]] = []
         self.warnings: list[str] = []
         self.places: dict[str, tuple[str, int, int]] = {}
-        self._values = 0
 
-    def wrong(self, place: _Place, where: str, what: str) -> None:
-        self.mistakes.append(Mistake(place.file, place.line, place.column, where, what))
-
-    def read(self, path: Path, seen: tuple[Path, ...] = ()) -> _Place:
+    def read(self, path: Path, seen: tuple[Path, ...] = ()) -> Place:
         """Return the mapping in `path`, its includes merged below it."""
         name = _shown(path)
-        start = _Place({}, name, 1, 1)
+        start = Place({}, name)
         try:
             data = path.read_bytes()
-            text = data.decode('utf-16' if data[:2] in (b'\xff\xfe', b'\xfe\xff') else 'utf-8')
-            text = text.replace('\r\n', '\n').replace('\r', '\n')
-            if odd := _NO_BREAK.search(text):
-                line = text.count('\n', 0, odd.end())
-                column = odd.end() - text.rfind('\n', 0, odd.end()) - 1
-                start = _Place({}, name, line + 1, column)
-                self.wrong(start, '', 'a no-break space (U+00A0): write an ordinary one')
-                return start
-            tree = yaml.compose(text, Loader=yaml.SafeLoader)
         except OSError as error:
             self.wrong(start, '', f'{error.strerror}')
             return start
-        except UnicodeDecodeError:
-            self.wrong(start, '', 'not a text file in UTF-8')
-            return start
-        except RecursionError:
-            self.wrong(start, '', 'one value stands within another without end')
-            return start
-        except yaml.MarkedYAMLError as error:
-            mark = error.problem_mark or error.context_mark
-            if mark:
-                start = _Place({}, name, mark.line + 1, mark.column + 1)
-            self.wrong(start, '', f'not YAML: {error.problem or error.context}')
-            return start
-        except yaml.YAMLError as error:
-            self.wrong(start, '', f'not YAML: {str(error).splitlines()[0]}')
-            return start
-        self.texts.append((Path(name).name, SceneText(text, tree, SECRET)))
-        try:
-            top = self._convert(tree, name) if tree else start
-        except RecursionError:
-            self.wrong(start, '', 'one value stands within another without end')
-            return start
+        top, tree, text = self.parse(data, name, '; `include` adds a scene')
+        if tree is not None:
+            self.texts.append((Path(name).name, SceneText(text, tree, SECRET)))
         if not isinstance(top.value, dict):
             self.wrong(top, '', 'a scene is a mapping with the keys ' + ', '.join(_KEYS))
             return start
@@ -218,7 +154,7 @@ class _Reader:
             self._include(top, path, seen + (path.resolve(),))
         return top
 
-    def _include(self, top: _Place, path: Path, seen: tuple[Path, ...]) -> None:
+    def _include(self, top: Place, path: Path, seen: tuple[Path, ...]) -> None:
         place = top.value['include']
         if not isinstance(place.value, str):
             self.wrong(place, 'include', f'{place.value!r} is not a file name')
@@ -242,39 +178,7 @@ class _Reader:
         else:
             _merge(top, self.read(other, seen))
 
-    def _convert(self, node: yaml.Node, name: str) -> _Place:
-        self._values += 1
-        if self._values > MOST_VALUES:  # anchors may stand for each other without end
-            raise RecursionError
-        mark = node.start_mark
-        place = _Place(None, name, mark.line + 1, mark.column + 1)
-        if isinstance(node, yaml.MappingNode):
-            place.value = {}
-            for key_node, value_node in node.value:
-                key = self._convert(key_node, name)
-                if key_node.value == '<<':
-                    self.wrong(key, '', 'merge keys are not read here; `include` adds a scene')
-                    continue
-                if not isinstance(key.value, str):
-                    number = isinstance(key.value, (int, float))
-                    hint = '; write a decimal point in a number' if number else ''
-                    self.wrong(key, '', f'key {key.value!r} is not a name{hint}')
-                    continue
-                if key.value in place.value:
-                    self.wrong(key, key.value, 'stands twice')
-                place.value[key.value] = self._convert(value_node, name)
-                place.keys[key.value] = key
-        elif isinstance(node, yaml.SequenceNode):
-            place.value = [self._convert(item, name) for item in node.value]
-        else:
-            place.text = node.value
-            try:
-                place.value = yaml.SafeLoader('').construct_object(node)
-            except (yaml.YAMLError, ValueError, OverflowError) as error:
-                self.wrong(place, '', f'{node.value!r}: {str(error).splitlines()[0]}')
-        return place
-
-    def unknown(self, place: _Place, where: str, key: str, valid: typing.Iterable[str]) -> None:
+    def unknown(self, place: Place, where: str, key: str, valid: typing.Iterable[str]) -> None:
         near = difflib.get_close_matches(key, list(valid), 1, 0.6)
         owners = [f'nodes.{name}' for name, spec in NODES.items() if key in _names(spec.settings)]
         if owners:
@@ -284,7 +188,7 @@ class _Reader:
         kind = 'node' if where.startswith('nodes.') else 'key'
         self.wrong(place.keys[key], where, f'no such {kind}{hint}')
 
-    def settings(self, name: str, kind: type, place: _Place) -> Any:
+    def settings(self, name: str, kind: type, place: Place) -> Any:
         """Return the settings of `name`, a dataclass of this kind."""
         self.places[name] = place.file, place.line, place.column
         fields = {f.name: f for f in dataclasses.fields(kind)}
@@ -313,11 +217,11 @@ class _Reader:
                 meant = by_today(kind, {key: _meant(item, fields[key].type)})
                 value = check_value(fields[key], meant[key])
             except ConfigError as error:
-                self.wrong(item, where, f'{error}{_how_to_write(item)}')
+                self.wrong(item, where, f'{error}{item.how_to_write}')
                 continue
             first = value[0] if isinstance(value, tuple) and value else value
-            if isinstance(first, (int, float)) and (how := _how_to_write(item)):
-                self.wrong(item, where, f'{item.text or _bare(item)} would be {value}{how}')
+            if isinstance(first, (int, float)) and (how := item.how_to_write):
+                self.wrong(item, where, f'{item.text or item.bare} would be {value}{how}')
                 continue
             kind_of = fields[key].metadata.get('kind', '')
             if kind_of in ('path', 'optional path') and value:
@@ -329,7 +233,7 @@ class _Reader:
             values[key] = value
         return kind(**values)
 
-    def _path(self, item: _Place, where: str, value: str, needed: bool) -> str:
+    def _path(self, item: Place, where: str, value: str, needed: bool) -> str:
         full = (Path(item.file).parent / Path(value).expanduser()).resolve()
         if full.exists():
             return str(full)
@@ -338,38 +242,11 @@ class _Reader:
         return value
 
 
-_NO_BREAK = re.compile(r'^[ \t]*\xa0|^[^#\n"\']*:\xa0', re.M)
-_NUMBERS = {  # forms of numbers that YAML 1.1 reads as other numbers, or as text
-    r'[-+]?0[0-9_]+': 'a number with a leading 0 is octal in YAML: leave the 0 out',
-    r'[-+]?[0-9]+(:[0-9.]+)+': 'digits with a colon are minutes in YAML: write the number in full',
-    r'[-+]?[0-9.]+[eE][-+]?[0-9]+': 'YAML wants 1.0e+6 for 1e6: write the number in full',
-    r'[-+]?[0-9]+,[0-9]+': 'write a decimal point',
-}
-
-
-def _how_to_write(place: _Place) -> str:
-    """Return what to do about a number that YAML reads otherwise than people, or nothing."""
-    if isinstance(place.value, list):
-        return next(filter(None, map(_how_to_write, place.value)), '')
-    if isinstance(place.value, float) and 'e' in place.text.lower():
-        return ''
-    forms = (how for form, how in _NUMBERS.items() if re.fullmatch(form, place.text or ''))
-    return next((f'; {how}' for how in forms), '')
-
-
-def _bare(place: _Place) -> Any:
-    if isinstance(place.value, list):
-        return [_bare(item) for item in place.value]
-    if isinstance(place.value, dict):
-        return {key: _bare(item) for key, item in place.value.items()}
-    return place.value
-
-
 def _names(kind: type) -> set[str]:
     return {field.name for field in dataclasses.fields(kind)}
 
 
-def _meant(place: _Place, kind: Any) -> Any:
+def _meant(place: Place, kind: Any) -> Any:
     """Return the plain value for a setting of type `kind`; text is taken as it is written.
 
     YAML 1.1 makes 34 of 0042, true of `on`, and a day of 2026-11-22.
@@ -378,10 +255,10 @@ def _meant(place: _Place, kind: Any) -> Any:
         return [_meant(item, typing.get_args(kind)[0]) for item in place.value]
     if kind is str and place.text and place.value is not None:
         return place.text
-    return _bare(place)
+    return place.bare
 
 
-def _merge(top: _Place, below: _Place) -> None:
+def _merge(top: Place, below: Place) -> None:
     """Take from `below` what `top` does not say; mappings are merged key by key."""
     for key, place in below.value.items():
         mine = top.value.get(key)
@@ -586,7 +463,7 @@ def check_namespace(text: str) -> str:
     return '/'.join(parts)
 
 
-def _namespace(reader: _Reader, place: _Place | None) -> str:
+def _namespace(reader: _Reader, place: Place | None) -> str:
     if place is None:
         return NAMESPACE
     try:
@@ -597,7 +474,7 @@ def _namespace(reader: _Reader, place: _Place | None) -> str:
 
 
 def _choice(
-    reader: _Reader, values: dict[str, _Place], key: str, valid: tuple[Any, ...], default: Any
+    reader: _Reader, values: dict[str, Place], key: str, valid: tuple[Any, ...], default: Any
 ) -> Any:
     place = values.get(key)
     if place is None:
@@ -609,7 +486,7 @@ def _choice(
     return place.value
 
 
-def _nodes(reader: _Reader, top: _Place, elsewhere: tuple[str, ...]) -> dict[str, Any]:
+def _nodes(reader: _Reader, top: Place, elsewhere: tuple[str, ...]) -> dict[str, Any]:
     place = top.value.get('nodes')
     if place is None or not isinstance(place.value, dict) or not place.value:
         if place is not None and isinstance(place.value, list) and place.value:
@@ -630,7 +507,7 @@ def _nodes(reader: _Reader, top: _Place, elsewhere: tuple[str, ...]) -> dict[str
 
 
 def _check_together(
-    reader: _Reader, place: _Place, nodes: dict[str, Any], elsewhere: tuple[str, ...]
+    reader: _Reader, place: Place, nodes: dict[str, Any], elsewhere: tuple[str, ...]
 ) -> None:
     """Note where nodes that are right by themselves do not make a graph."""
     sources = [name for name in IMAGE_SOURCES if name in nodes]
@@ -655,11 +532,11 @@ def _check_together(
             reader.wrong(place.keys[name], f'nodes.{name}', what)
 
 
-def _elsewhere(reader: _Reader, top: _Place) -> tuple[str, ...]:
+def _elsewhere(reader: _Reader, top: Place) -> tuple[str, ...]:
     place = top.value.get('elsewhere')
     if place is None:
         return ()
-    names = _bare(place)
+    names = place.bare
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         reader.wrong(place, 'elsewhere', 'not a list of nodes, such as [camera, tracker]')
         return ()
@@ -669,17 +546,17 @@ def _elsewhere(reader: _Reader, top: _Place) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _off(place: _Place) -> bool:
+def _off(place: Place) -> bool:
     """Whether the value is `off`, which YAML 1.1 reads as false."""
     return place.value is False or place.value == 'off'
 
 
 def _together(
-    reader: _Reader, place: _Place | None, nodes: dict[str, Any]
+    reader: _Reader, place: Place | None, nodes: dict[str, Any]
 ) -> tuple[tuple[str, ...], ...]:
     if place is None:
         return ()
-    groups = _bare(place)
+    groups = place.bare
     if not isinstance(groups, list) or not all(
         isinstance(group, list) and group and all(isinstance(name, str) for name in group)
         for group in groups

@@ -47,7 +47,8 @@ class SceneText:
         elif isinstance(node, yaml.MappingNode):
             for key, value in node.value:
                 self._walk(key, False, seen)
-                self._walk(value, secret or key.value in self._names, seen)
+                named = isinstance(key, yaml.ScalarNode) and key.value in self._names
+                self._walk(value, secret or named, seen)
 
     def secrets(self) -> Iterator[str]:
         """Yield the secrets, parsed and as spelt in the text."""

@@ -13,6 +13,7 @@ import yaml
 from eol_ros import scene
 from eol_ros.disk import DISK
 from eol_ros.errors import ConfigError, writing
+from eol_ros.yaml_text import decoded
 
 
 def to_write(path: Path, node: str) -> scene.Scene:
@@ -48,8 +49,7 @@ def write(path: Path, node: str, values: Mapping[str, Any]) -> None:
     wanted = scene.plain(before)
     wanted['nodes'][node] |= values
     with writing(path), DISK.replacing(path) as part:
-        with path.open(encoding='utf-8', newline='') as file:
-            text = changed(file.read(), node, values)
+        text = changed(decoded(path.read_bytes()), node, values)
         part.write_bytes(text.encode())
         part.chmod(path.stat().st_mode)
         if not _says(part, wanted):

@@ -18,6 +18,7 @@ from eol_ros.ros.parameters import checked
 from eol_ros.scene import Scene, check_namespace
 from eol_ros.settings import renamed
 from eol_ros.streams.graph import NODES
+from eol_ros.yaml_text import decoded
 
 REMAP, PARAMETER, FILE = ('-r', '--remap'), ('-p', '--param'), '--params-file'
 WITH_VALUE = ('--log-level', '-e', '--enclave', '--log-config-file')
@@ -99,10 +100,10 @@ def _parameter(word: str, rule: str, scene: Scene) -> tuple[str, str, Any]:
 
 def _file(path: Path) -> Iterator[tuple[str, str, Any]]:
     try:
-        data = yaml.safe_load(path.read_text('utf-8'))
+        data = yaml.safe_load(decoded(path.read_bytes()))
     except FileNotFoundError:
         raise UsageError(f'--ros-args {FILE} {path}: no such file') from None
-    except (OSError, UnicodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise ConfigError(f'{path}: cannot be read ({type(error).__name__})') from None
     found = list(_of_nodes(data, ''))
     if not found:

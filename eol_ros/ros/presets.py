@@ -21,6 +21,7 @@ from eol_ros.said import said
 from eol_ros.scene import check_value
 from eol_ros.settings import by_today
 from eol_ros.streams.graph import INSTRUMENT, NODES
+from eol_ros.yaml_text import decoded
 
 NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9_-]{0,63}')
 Preset = dict[str, dict[str, Any]]
@@ -46,7 +47,7 @@ def path_of(name: str, where: Path) -> Path:
 def load(path: Path) -> Preset:
     """Return the settings of a preset by node; raises ConfigError where they cannot be."""
     try:
-        data = yaml.safe_load(path.read_text('utf-8'))
+        data = yaml.safe_load(decoded(path.read_bytes()))
     except FileNotFoundError:
         raise DeviceMissing(said('no_preset', path=path)) from None
     except (OSError, UnicodeError, ValueError, RecursionError, yaml.YAMLError) as error:

@@ -17,7 +17,8 @@ from eol_ros import folders
 from eol_ros import scene as scenes
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
 from eol_ros.ros import installed, network
-from eol_ros.scene import Mistake, Scene
+from eol_ros.scene import Scene
+from eol_ros.yaml_text import Mistake
 
 HELP = (
     'Check a scene and say every mistake at once, with file, line and column: its keys and values, '

@@ -10,6 +10,7 @@ import numpy as np
 from eol_ros.core.physics.result import Run
 from eol_ros.core.physics.scene import Scene, from_mapping
 from eol_ros.errors import ConfigError, DeviceMissing, writing
+from eol_ros.yaml_text import decoded
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -18,7 +19,7 @@ def load_scene(path: str | Path) -> Scene:
     Raises DeviceMissing if it cannot be read, ConfigError if it is not JSON or not a scene.
     """
     try:
-        text = Path(path).read_text(encoding='utf-8')
+        text = decoded(Path(path).read_bytes())
     except OSError as error:
         raise DeviceMissing(f'{path}: {error.strerror}') from None
     except UnicodeDecodeError:
