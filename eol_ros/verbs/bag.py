@@ -233,9 +233,10 @@ def _merge(args) -> int:
                 f'{args.bags[k]}: named twice; each of its messages would be there twice'
             )
     about = {**bags[0].about, edit.FROM: ', '.join(str(bag.path) for bag in bags)}
+    topics, messages = edit.merged(bags)
     count = edit.copy(
-        Path(args.output), edit.merged_topics(bags), _told(edit.merged(bags), bags), about,
-        edit.merged_gaps(bags), lambda: [line for bag in bags for line in bag.damage],
+        Path(args.output), topics, _told(messages, bags), about, edit.merged_gaps(bags),
+        lambda: [line for bag in bags for line in bag.damage],
     )  # fmt: skip
     print(f'{args.output}: {count} messages', file=sys.stderr)
     return max(_tell(bag) for bag in bags)

@@ -85,6 +85,16 @@ def test_each_message_is_decoded_by_its_own_definition(tmp_path):
         assert table['a'].tolist() == [1] * 4 and table['b'].tolist() == [2] * 4
 
 
+def test_bags_with_two_definitions_of_a_topic_are_merged(tmp_path):
+    first = write(tmp_path / 'first.mcap', {'/t': TWO['/t']})
+    second = write(tmp_path / 'second.mcap', {'/t': TWO['/t2']}, (T0 + 1, T0 + 2))
+    out = tmp_path / 'out.mcap'
+    assert cli.main(['bag', 'merge', str(first), str(second), '--output', str(out)]) == 0
+    assert contents(out) == sorted(contents(first) + contents(second))
+    table = open_bag(out).table('/t')
+    assert table['a'].tolist() == [1] * 4 and table['b'].tolist() == [2] * 4
+
+
 def test_what_cannot_be_decoded_is_one_line(tmp_path, capsys):
     path = write(tmp_path / 'foreign.mcap', attach=True)
     assert cli.main(['report', str(path), '--csv', '/json', '-o', str(tmp_path)]) == 78

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from eol_ros.devices.bag.file import add_topic
 from eol_ros.devices.bag.mcap_file import BagFile, BagTopic
 from eol_ros.devices.bag.reader import BagMessage, BagReader
 from eol_ros.devices.bag.writer import GAPS_METADATA, RUN_METADATA, BagWriter
@@ -88,23 +89,31 @@ def stretch(
     yield from bag.messages(names, start_ns, end_ns)
 
 
-def merged_topics(bags: Sequence[BagReader]) -> list[BagTopic]:
-    """Return the topics of all bags; raise ConfigError where two mean different things by one."""
+def merged(bags: Sequence[BagReader]) -> tuple[list[BagTopic], Iterator[BagMessage]]:
+    """Return the topics of all bags, and their messages in order of reception.
+
+    A further definition of a type is a topic of its own, as it is in one bag. Raises ConfigError
+    where bags have other types on one topic.
+    """
     topics: dict[str, BagTopic] = {}
+    keys = []
     for bag in bags:
-        for key, topic in bag.topics.items():
-            known = topics.setdefault(key, topic)
-            if not known.same(topic):
+        known: dict[str, set[str]] = {}
+        for topic in topics.values():
+            known.setdefault(topic.name, set()).add(topic.type)
+        for topic in bag.topics.values():
+            if topic.type not in (types := known.get(topic.name, {topic.type})):
                 raise ConfigError(
-                    f'{bag.path}: {key} is defined otherwise than in the bags before it '
-                    f'({known.type}, {topic.type}): they cannot be one bag'
+                    f'{bag.path}: {topic.name} is {topic.type}, and {", ".join(sorted(types))} in '
+                    'the bags before it: they cannot be one bag'
                 )
-    return list(topics.values())
+        keys.append({key: add_topic(topics, topic) for key, topic in bag.topics.items()})
+    streams = (map(_renamed(own), bag.messages()) for own, bag in zip(keys, bags, strict=True))
+    return list(topics.values()), heapq.merge(*streams, key=lambda m: m.log_ns)
 
 
-def merged(bags: Sequence[BagReader]) -> Iterator[BagMessage]:
-    """Yield the messages of all bags in order of reception."""
-    return heapq.merge(*(bag.messages() for bag in bags), key=lambda m: m.log_ns)
+def _renamed(keys: Mapping[str, str]) -> Callable[[BagMessage], BagMessage]:
+    return lambda message: message._replace(topic=keys[message.topic])
 
 
 def merged_gaps(bags: Sequence[BagReader]) -> dict[str, str]:
