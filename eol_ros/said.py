@@ -54,6 +54,16 @@ def clauses(texts: Iterable[str], mark: str = '; ') -> Said:
     return _with(mark.join(kept), [part for text in kept for part in parts_of(text)])
 
 
+def first_clause(text: str) -> Said:
+    """Return the first clause alone.
+
+    >>> first_clause(clauses([said('asleep'), 'no corpus'])).parts
+    [['asleep', {}]]
+    """
+    part = parts_of(text)[0]
+    return _with(_spoken([part], _words('en')), [part])
+
+
 def parts_of(text: str) -> list[Any]:
     """Return the clauses of a text, those that have a code with it."""
     return text.parts if isinstance(text, Said) else [str(text)]

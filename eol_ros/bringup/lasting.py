@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from eol_ros.said import Said, from_message, said
+from eol_ros.streams.work_state import STARTING, is_asleep
 
 SETTLED_S = 30.0  # well for so long: what flaps is not well in between
-STARTING = 3  # level of a status, and all above it do not run
 START_S = 180.0  # who starts may be not OK for so long more: it may compile
 STORM, STORM_S = 5, 600.0  # so many starts within this time, though each lasts but seconds
 GB = 1e9
@@ -155,9 +155,8 @@ class Sums:
     def take(self, now_s: float, rows: Iterable[Mapping[str, Any]], restarts: int) -> None:
         """Add what has come since the last call; `now_s` is steady."""
         nodes = {str(row['node']): row for row in rows}
-        asleep = any(bool(row['values'].get('asleep')) for row in nodes.values())
         runs = any(row['level'] < STARTING for row in nodes.values())
-        if self._last_s is not None and runs and not asleep:
+        if self._last_s is not None and runs and not is_asleep(nodes):
             self.open_s += min(now_s - self._last_s, 60.0)  # not what the machine has slept
         self._last_s = now_s
         self.restarts += self._grown('restarts', restarts)

@@ -30,7 +30,7 @@ from eol_ros.devices.address import host_and_port
 from eol_ros.devices.files.day_file import DayFile
 from eol_ros.devices.files.time_zone import clock_is_set
 from eol_ros.errors import ConfigError, EolError
-from eol_ros.said import said, translated
+from eol_ros.said import from_message, said, translated
 from eol_ros.scene import Scene
 from eol_ros.settings import NotifySettings, RecorderSettings
 
@@ -50,14 +50,15 @@ class Message(dict[str, Any]):
     """What a webhook gets as JSON; `text` is all of it in words, as chats and mail show it."""
 
     def __init__(
-        self, kind: str, scene: str, title: str, texts: tuple[str, ...] = (), language: str = 'en'
-    ):
+        self, kind: str, scene: str, title: str, texts: tuple[str, ...] = (), language: str = 'en',
+        work: str = '',
+    ):  # fmt: skip
         host = platform.node()
         title = said('of_scene', scene=scene, host=host, title=title)
-        title, *lines = (translated(text, language) for text in (title, *texts))
+        title, work, *lines = (translated(text, language) for text in (title, work, *texts))
         super().__init__(
-            kind=kind, scene=scene, host=host, title=title, lines=lines,
-            text='\n'.join([title, *(f'- {line}' for line in lines)]),
+            kind=kind, scene=scene, host=host, title=title, work=work, lines=lines,
+            text='\n'.join([title, *(f'- {line}' for line in (work, *lines) if line)]),
             time=time.strftime('%Y-%m-%dT%H:%M:%S%z'),
         )  # fmt: skip
 
@@ -252,6 +253,7 @@ class Notifier:
         self._sums.resume(self._file.load())
         self._recorder: RecorderSettings | None = scene.nodes.get('recorder')
         self._free_bytes: float | None = None
+        self._work: str = ''
         self._ended = threading.Event()
         threading.Thread(target=self._keep_house, name='notify disk', daemon=True).start()
 
@@ -273,6 +275,7 @@ class Notifier:
         faults = [*of_nodes(rows, after_s), *self._storms.look(now_s, restarts)]
         if self._recorder:
             faults += of_disk(self._free_bytes, self._recorder.min_free_gb, after_s)
+        self._work = from_message(**status['work'])
         message = self._day(now_s)
         if news := self._lasting.look(now_s, faults):
             over = tuple(said('well_again', what=what) for what in news.over)
@@ -307,7 +310,8 @@ class Notifier:
         return self._message('day', title, self._lasting.words(now_s))
 
     def _message(self, kind: str, title: str, lines: tuple[str, ...]) -> Message:
-        return Message(kind, self._scene.name, title, lines, self._settings.language)
+        language = self._settings.language
+        return Message(kind, self._scene.name, title, lines, language, self._work)
 
     def _keep_house(self) -> None:
         """Look at the disk now and then, and keep the sums: one that hangs hangs this thread."""

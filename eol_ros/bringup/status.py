@@ -132,6 +132,12 @@ def answer(server: socket.socket, status: dict[str, Any]) -> None:
             client.sendall(text)
 
 
+def of_work(text: Said) -> dict[str, Any]:
+    """Return the state of the whole work as plain data."""
+    code, args = code_and_args(text)
+    return {'text': text, 'code': code, 'args': args}
+
+
 def state(level: int, text: Said) -> dict[str, Any]:
     """Return the fields of a node's status that bringup sets itself."""
     code, args = code_and_args(text)
@@ -152,6 +158,7 @@ def table(status: dict[str, Any]) -> str:
     worst = max((row['level'] for row in status['nodes']), default=0)
     words = 'all good' if worst == 0 else f'worst: {WORDS[worst]}'
     lines = [
+        f'{status["scene"]}: {status["work"]["text"]}',
         f'{status["scene"]} in /{status["namespace"]}  running {age}  '
         f'restarts {status["restarts"]}  {words}',
         f'{"NODE":12}{"STATE":10}{"RATE":>9}  NOTE',

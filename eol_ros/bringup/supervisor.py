@@ -27,8 +27,9 @@ from eol_ros.bringup.policy import (
     StarvedInput,
 )  # fmt: skip
 from eol_ros.bringup.service_manager import ServiceManager
-from eol_ros.said import clauses, said
+from eol_ros.said import Said, clauses, said
 from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE, NODES, providers
+from eol_ros.streams.work_state import work_state
 
 if TYPE_CHECKING:
     from eol_ros.bringup.notify import Notifier
@@ -84,7 +85,8 @@ class Supervisor:
         self._memory, self._notifier = around.memory, around.notifier
         self._changed = around.changed
         self._server, self._events, self._say = server, events, say
-        self._asked_to_stop = self._hurry = False
+        self._asked_to_stop = self._hurry = self._stopped = False
+        self._told_work = ''
         self._told: dict[str, tuple[int, str]] = {}
         self._began_s = self._clock()
         self.all_ok_s: float | None = None  # seconds from the start to all ok
@@ -113,6 +115,7 @@ class Supervisor:
             code = self._watch(seconds)
         finally:
             self._manager.stopping()
+            self._stopped = True
             self._stop()
             if self._memory:
                 self._memory.end(asked=self._asked_to_stop or code == 0)
@@ -203,6 +206,7 @@ class Supervisor:
         rows = [row for child in self.children for row in child.status.values()]
         return {
             'scene': self.scene,
+            'work': status.of_work(self._work(rows)),
             'namespace': self.namespace,
             'pid': os.getpid(),
             'running_s': round(self._clock() - self._began_s, 1),
@@ -211,6 +215,11 @@ class Supervisor:
             'restarts': sum(child.policy.restarts for child in self.children),
             'nodes': rows,
         }
+
+    def _work(self, rows: list[dict[str, Any]]) -> Said:
+        if self._stopped:
+            return said('stopped')
+        return work_state({row['node']: row for row in rows})
 
     def _compile(self) -> None:
         """Wait for the compiler, if one is needed, before the first node is started.
@@ -298,6 +307,9 @@ class Supervisor:
                 self._note(f'all OK after {self.all_ok_s:.1f} s')
         self._remember()
         described = self.describe()
+        if (work := described['work']['text']) != self._told_work:
+            self._told_work = work
+            self._events.entry(f'{self.scene}: {work}')
         self._notify(now, described)
         status.answer(self._server, described)
         return None

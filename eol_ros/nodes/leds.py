@@ -99,6 +99,7 @@ class LedsNode(EolNode):
     def on_sleep(self, asked: Asked) -> None:
         self.lights.asleep = asked.kind == 'sleep'
         self.keep(asleep=self.lights.asleep)
+        self.health.values['asleep'] = self.lights.asleep
         if self.lights.asleep and self.settings.relearn_background_on_sleep and not self.sim_time:
             try:
                 self.infrared.darken()
@@ -111,7 +112,7 @@ class LedsNode(EolNode):
 
     def on_second(self) -> None:
         self.lights.follow_firmware()
-        self.health.values.update(self.lights.values())
+        self.health.values.update(self.lights.values(), asleep=self.lights.asleep)
         if self.lights.board.ready:
             self.on_state(self.lights.board.state)
 

@@ -118,6 +118,7 @@ class MontageNode(EolNode):
         self.turn(not self.asleep)
         self.look()
         self.report()
+        self.health.report()
 
     def turn(self, asleep: bool) -> None:
         self.asleep = asleep
@@ -140,7 +141,9 @@ class MontageNode(EolNode):
 
     def report(self) -> None:
         count, skipped = len(self.folder.pairs), self.folder.skipped
-        self.health.values.update(pairs=count, skipped=len(skipped), changes=self.wall.change)
+        self.health.values.update(
+            pairs=count, skipped=len(skipped), changes=self.wall.change, asleep=self.asleep
+        )
         if skipped:
             names = '; '.join(skipped[:3])
             self.health.warn(said('skipped', count=count, names=names))

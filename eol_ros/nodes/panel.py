@@ -5,6 +5,8 @@ import functools
 import sys
 import time
 
+from eol_msgs.msg import NodeState
+
 from eol_ros.core import terrain
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.devices.files import calibration_file
@@ -16,12 +18,16 @@ from eol_ros.nodes.panel_health import Health
 from eol_ros.nodes.panel_markers import Markers
 from eol_ros.nodes.panel_streams import Streams
 from eol_ros.ros.node import EolNode
+from eol_ros.ros.requests import parameter_messages
 from eol_ros.ros.run import runner
-from eol_ros.said import clauses, said
-from eol_ros.streams import corpus
+from eol_ros.ros.stamps import to_msg
+from eol_ros.said import Said, clauses, code_and_args, said
+from eol_ros.streams import corpus, work_state
 from eol_ros.streams.requests import Asked
 from eol_ros.web import metrics, notices, screens, wire
 from eol_ros.web.server import WebServer
+
+TEST_S = 20.0  # for which walls show the test card
 
 
 @functools.cache
@@ -52,6 +58,8 @@ class PanelNode(EolNode):
             staff: lambda: routes.pin.known,
         }
         self.states = Health(self)
+        self.work, self.work_states = said('starting'), self.publisher('work_state')
+        self.test_until_s = 0.0
         self.streams, self.markers = Streams(self, self.server.hub), Markers(self)
         self.frames = Frames(self)
         self.subscribe(
@@ -74,6 +82,7 @@ class PanelNode(EolNode):
         self.tell('limits', notices.limits(self.scene.network))
         self.tell('cascades', self.day.notice())
         self.create_timer(1.0, self.report)
+        self.publish_work(self.work)
         self.report()
 
     def tell(self, name: str, notice: dict) -> None:
@@ -94,14 +103,32 @@ class PanelNode(EolNode):
         self.tell('cascades', self.day.notice())
 
     def on_test(self, _asked: Asked) -> None:
-        self.server.hub.put('notices', {'t': 'test'})
+        self.test_until_s = time.monotonic() + TEST_S
+        self.health.values['testing'] = True
+        self.health.report()
+
+    def tell_work(self) -> None:
+        if (state := self.states.work()) != self.work:
+            self.publish_work(state)
+
+    def publish_work(self, state: Said) -> None:
+        self.work = state
+        self.tell('work', notices.work(state))
+        code, args = code_and_args(state)
+        message = NodeState(text=state, code=code, args=parameter_messages(args))
+        message.header.stamp = to_msg(self.now_ns())
+        message.level = work_state.LEVELS.get(code, work_state.OK)
+        self.work_states.publish(message)
 
     def report(self) -> None:
         self.streams.follow()
         self.markers.follow()
         viewers = len(self.server.hub.viewers)
         skew_ms = round(self.server.routes.skew_ms, 1)
-        self.health.values.update(viewers=viewers, wall_skew_ms=skew_ms)
+        self.health.values.update(
+            viewers=viewers, wall_skew_ms=skew_ms, testing=time.monotonic() < self.test_until_s
+        )
+        self.tell_work()
         turned = self.day.turn(time.time())
         fitted = bool(viewers) and self.day.fit()  # some milliseconds: not for each cascade
         if fitted or turned:
@@ -112,6 +139,7 @@ class PanelNode(EolNode):
         self.health.ok(clauses([here, trouble]))  # the panel works; a restart loses some
 
     def close(self) -> None:
+        self.publish_work(said('stopped'))
         self.server.stop()
         self.save(float('inf'))
 

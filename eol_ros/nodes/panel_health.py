@@ -6,10 +6,12 @@ import time
 from collections import deque
 from typing import Any
 
+from eol_ros.said import Said
 from eol_ros.streams.graph import NODES
+from eol_ros.streams.work_state import work_state
 from eol_ros.web import notices
 
-UNREAD = 64  # kept while nobody looks: five seconds of twelve nodes
+UNREAD = 64  # kept between looks, once a second while nobody looks: five seconds of twelve nodes
 
 
 class Health:
@@ -18,13 +20,15 @@ class Health:
     def __init__(self, panel: Any):
         self._panel, self._intake = panel, panel.intake('node_states', self._notice)
         self._unread: deque[tuple[float, float, bytes]] = deque(maxlen=UNREAD)
-        self._roster, self._reading = notices.Roster(), threading.Lock()
+        self._roster = notices.Roster(panel.scene.nodes, time.monotonic())
+        self._reading = threading.Lock()
 
     def take(self, raw: bytes) -> None:
         """Keep a NodeState in CDR."""
         self._unread.append((time.monotonic(), time.time(), raw))
         if self._panel.server.hub.viewers:
             self._read_up()
+            self._panel.tell_work()
 
     def _read_up(self) -> notices.Roster:
         with self._reading:
@@ -37,6 +41,10 @@ class Health:
 
     def _notice(self, state: Any) -> dict[str, Any] | None:
         return self._roster.take(state, *self._heard_s) if state.node in NODES else None
+
+    def work(self) -> Said:
+        """Return the state of the whole work."""
+        return work_state(self._read_up().rows(time.monotonic()))
 
     def runs(self, node: str) -> bool:
         """Return whether a node gives signs of life; any thread."""

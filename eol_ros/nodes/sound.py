@@ -251,6 +251,8 @@ class SoundNode(EolNode):
             told_twice=self.told_twice,
             muted=self.muted,
             asleep=self.asleep,
+            testing=self.testing is not None,
+            card_missing=player.card_missing,
             peak_dbfs=round(reading.peak_dbfs, 1),
             losses=player.losses,
             output_ms=round(1e3 * player.output.latency_s, 1),

@@ -5,6 +5,8 @@ Out: /eol/grain block grain gain rate pan x y VALUE ..., the place of the grain 
 and its descriptors; /eol/descriptors NAME ..., what these are, whenever a corpus is told, and again
 before a grain every 5 s, for a listener that comes later; /eol/slip block kind x y (kind as in
 Slip, metres).
+/eol/state CODE TEXT, the state of the whole work, which the panel publishes: at each change and
+every 5 s.
 In: /eol/set/NAME VALUE for any live setting of the node, such as /eol/set/gain_db -12, and
 /eol/set/NODE/NAME VALUE for one of grains or sound. Lines of a list are values one by one.
 In place of `eol` stands the namespace of the graph.
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
 
 PERIOD_S = 0.02
 WARN_S, WARNED = 60.0, 20  # one warning an address, of so many addresses
-AGAIN_S = 5.0  # until the descriptors are named again
+AGAIN_S = 5.0  # until the descriptors and the state of the work are sent again
 
 
 class Osc:
@@ -40,16 +42,20 @@ class Osc:
         self._grain, self._slipped, self._set, self._names = (
             full_name(name, node.namespace) for name in ('grain', 'slip', 'set/', 'descriptors')
         )
+        self._of_work = full_name('state', node.namespace)
         # From which stamp on a corpus counts, and what is told of its grains: this one, the next.
         self._corpora: deque[tuple[int, np.ndarray]] = deque(maxlen=2)
         self._described: tuple[str, ...] = ()
         self._described_s = -math.inf  # when last, monotonic
         self._out = OscOut(s.osc_out) if s.osc_out else None
+        self._state: tuple[str, str] | None = None  # code and text, of the whole work
         self._warned: dict[str, float] = {}  # addresses, and when
         self._refused = 0
         self.input = OscIn(s.osc_in) if s.osc_in else None
         if self._out:
             node.subscribe('slips', self._slip)
+            node.subscribe('work_state', self._work)
+            node.create_timer(AGAIN_S, self._tell_work)
         if self.input:
             node.create_timer(PERIOD_S, self._settings)
 
@@ -93,6 +99,15 @@ class Osc:
         assert self._out is not None  # it subscribes only then
         x, y = float(message.x), float(message.y)
         self._out.send(self._slipped, message.block, message.kind, x, y)
+
+    def _work(self, message) -> None:
+        self._state = message.code, message.text
+        self._tell_work()
+
+    def _tell_work(self) -> None:
+        assert self._out is not None  # it subscribes only then
+        if self._state:
+            self._out.send(self._of_work, *self._state)
 
     def _settings(self) -> None:
         assert self.input is not None  # there is a timer only then

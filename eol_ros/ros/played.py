@@ -8,7 +8,15 @@ from eol_ros.streams.graph import TOPICS
 IMAGES, BLOCKS, TAPS, REQUESTS = 'camera/image_raw', 'blocks', 'block_taps', 'requests'
 INFO = 'camera/camera_info'
 # Of that run's own processes: of today's there are some, too. Not even `--only all` plays them.
-OF_PROCESSES = ('ready', 'node_states', '/diagnostics', '/clock', '/rosout', '/parameter_events')
+OF_PROCESSES = (
+    'ready',
+    'node_states',
+    'work_state',
+    '/diagnostics',
+    '/clock',
+    '/rosout',
+    '/parameter_events',
+)
 # Nor what is made again.
 NEVER = (*OF_PROCESSES, 'sound_samples', 'markers', 'block_poses', 'rim_command', 'request_results')
 

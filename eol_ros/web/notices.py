@@ -3,18 +3,19 @@
 
 import datetime
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import powerlaw
-from eol_ros.said import from_message
+from eol_ros.said import Said, from_message
 from eol_ros.settings import GrainsSettings
 from eol_ros.streams import cascades
 from eol_ros.streams.record import seconds
 from eol_ros.streams.requests import values_of
+from eol_ros.streams.work_state import DOWN, STARTING
 
 RECENT = 40
 LEVELS = ('ok', 'warn', 'error', 'silent')
@@ -61,14 +62,25 @@ def health(state: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def work(state: Said) -> dict[str, Any]:
+    """Return the state of the whole work; pages show `said`, and act by `code`."""
+    return {'t': 'work', 'code': state.parts[0][0], 'text': state, 'said': state.parts}
+
+
 class Roster:
-    """The nodes that have been heard of, and how they are."""
+    """The nodes that have been heard of, and how they are.
 
-    SILENT_S = 5.0
+    Nodes of the scene that have not been heard of are starting for START_S after `began_s`.
+    """
 
-    def __init__(self) -> None:
+    SILENT_S, START_S = 5.0, 60.0
+
+    def __init__(self, scene: Iterable[str] = (), began_s: float = 0.0) -> None:
         self.nodes: dict[str, dict[str, Any]] = {}
         self._heard_s: dict[str, float] = {}
+        until_s = began_s + self.START_S - self.SILENT_S
+        unheard = {'level': STARTING, 'values': {}, 'heard_s': until_s}
+        self._rows: dict[str, dict[str, Any]] = {node: unheard for node in scene}
 
     def take(self, state: Any, now_s: float, wall_s: float) -> dict[str, Any]:
         """Note a NodeState heard at `now_s` (`wall_s` on the wall clock); return it.
@@ -78,7 +90,19 @@ class Roster:
         notice = health(state) | {'at': wall_s}
         self.nodes[notice['node']] = notice
         self._heard_s[notice['node']] = now_s
+        self._rows[notice['node']] = {
+            'level': state.level, 'text': state.text, 'code': state.code,
+            'args': values_of(state.args), 'rate': state.rate, 'values': notice['values'],
+            'heard_s': now_s,
+        }  # fmt: skip
         return notice
+
+    def rows(self, now_s: float) -> dict[str, dict[str, Any]]:
+        """Return the rows for `work_state`; a node that is silent counts as DOWN."""
+        return {
+            node: row if now_s - row['heard_s'] < self.SILENT_S else row | {'level': DOWN}
+            for node, row in list(self._rows.items())
+        }
 
     def states(self, now_s: float) -> dict[str, dict[str, Any]]:
         """Return the newest state of each node and its age; one of over 5 s is `silent`."""

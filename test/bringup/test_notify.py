@@ -198,7 +198,8 @@ def test_a_message_that_was_not_taken_is_sent_again(hook):
 
 def status(rows, restarts=0):
     values = {'values': {}, 'text': 'fine', 'code': '', 'args': {}}
-    return {'nodes': [{**values, **row} for row in rows], 'restarts': restarts}
+    work = {'text': said('awake'), 'code': 'awake', 'args': {}}
+    return {'nodes': [{**values, **row} for row in rows], 'restarts': restarts, 'work': work}
 
 
 @pytest.fixture
@@ -232,6 +233,7 @@ def test_a_run_tells_by_both_ways_though_one_hangs(scene, hook, deaf):
     assert [body['kind'] for body in bodies] == ['trouble', 'well']
     assert bodies[0]['lines'] == ['leds: WARN, no board, for 60 s']
     assert bodies[1]['lines'] == ['leds: recovered']
+    assert bodies[1]['work'] == 'awake' and '\n- awake\n' in bodies[1]['text']
     notifier.end()
 
 
@@ -251,6 +253,7 @@ def test_messages_are_in_the_language_that_the_scene_asks_for(scene, hook):
         ['tracker：故障，追蹤中斷：相機，已持續 5 秒'], ['tracker：已恢復'],
     ]  # fmt: skip
     assert found[1]['title'].endswith('上的 museum：所有故障皆已恢復')
+    assert found[1]['work'] == '運作中'
 
 
 def test_the_day_is_summed_up_over_restarts_and_a_night_without_power(scene, hook):

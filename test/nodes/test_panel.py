@@ -46,7 +46,8 @@ class Around(EolNode):
         super().__init__(GrainsSettings())
         self.gives = {name: self.publisher(name) for name in GIVES}
         self.states = self.publisher('node_states')
-        self.asked, self.rims = [], []
+        self.asked, self.rims, self.works = [], [], []
+        self.subscribe('work_state', self.works.append)
         self.subscribe('requests', self.on_asked)
         self.subscribe('rim_command', self.rims.append)
         self.answers = self.publisher('request_results')
@@ -191,6 +192,26 @@ def test_a_latecomer_is_told_wall_day_and_health(rig):
     live(rig, talk)
     with urllib.request.urlopen(f'{rig.url}/status', timeout=30) as answer:
         assert set(json.load(answer)) >= {'panel', 'grains'}
+
+
+@pytest.mark.slow
+def test_a_page_opened_during_a_test_is_told_of_it(rig):
+    def told(code):
+        return bool(rig.around.works) and rig.around.works[-1].code == code
+
+    async def first_state(ws):
+        while (data := json.loads((await ws.receive(timeout=30)).data))['t'] != 'work':
+            pass
+        return data
+
+    rig.around.health.ok('well')
+    wait_until(lambda: told('awake'))
+    rig.panel.on_test(None)
+    wait_until(lambda: told('test'))
+    assert live(rig, first_state)['said'] == [['test', {}]]
+    rig.panel.test_until_s = 0.0
+    wait_until(lambda: told('awake'))
+    assert [work.text for work in rig.around.works[-3:]] == ['awake', 'test running', 'awake']
 
 
 @pytest.mark.slow

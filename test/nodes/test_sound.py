@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import soundfile
-from eol_msgs.msg import Corpus, GrainTrigger
+from eol_msgs.msg import Corpus, GrainTrigger, NodeState
 from support.quiet_settings import SOUND
 from support.spinning import Nodes, matched
 from support.waiting import wait_until
@@ -346,6 +346,9 @@ def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path, monkeypatch, capfd
             '/eol/grain',
             '/eol/grain',
         ]
+        node.osc._work(NodeState(code='asleep', text='asleep'))
+        node.osc._tell_work()  # again, for a listener that came later
+        assert ear.take() == [('/eol/state', 'asleep', 'asleep')] * 2
         hand = OscOut(f'127.0.0.1:{number}')
         for address, value in (('gain_db', -12), ('latency_s', -5.0), ('channels', 4)):
             hand.send(f'/eol/set/{address}', value)

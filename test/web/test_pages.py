@@ -24,7 +24,7 @@ from eol_ros.web.routes import STATIC
 
 WORDS = {p.stem: json.loads(p.read_text('utf-8')) for p in LANGUAGES.glob('*.json')}
 BUILT = (
-    'level_', 'tracker_', 'descriptor_', 'hours_', 'where_', 'caption_', 'playing_', 'corner_',
+    'level_', 'tracker_', 'descriptor_', 'where_', 'caption_', 'playing_', 'corner_',
     'edge_', 'said_', 'mode_', 'filter_', 'by_', 'region_',
 )  # fmt: skip
 PLACE = re.compile(r'\{(\w+)\}')

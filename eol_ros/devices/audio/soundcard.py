@@ -166,6 +166,11 @@ class Player:
         return isinstance(self.output, Card)
 
     @property
+    def card_missing(self) -> bool:
+        """Whether the card that the scene asks for is not there."""
+        return self.device != 'wav' and not self.on_card
+
+    @property
     def level(self) -> str:
         """Return ok, warn or error."""
         if self.stuck:

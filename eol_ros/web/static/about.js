@@ -36,25 +36,24 @@ function heard(name) {
 }
 
 function rows() {
-  const asleep = wall && !wall.left && !wall.right;
   const [twin, motion, sound] = ['twin', 'motion', 'sound'].map(heard);
   const areas = day?.areas ?? [];
   const total = areas.reduce((sum, n) => sum + n, 0);
   const newest = day?.recent[day.recent.length - 1];
   return {
-    state: wall && say(asleep ? 'about_asleep' : 'about_awake'),
+    state: link.workWords(false),
     hands: twin ? say(`playing_${twin.values.playing || 'nobody'}`) : motion && say('playing_real'),
     moving: motion && say('moving_words', { count: moving.size }),
     count: day && say('cascade_words', { total, largest: areas.reduce((most, n, area) => (n ? area : most), 0) }),
     last: day && !newest ? say('about_none') : newest && `${new Date(1000 * newest[0]).toLocaleTimeString(document.documentElement.lang)}  ${caption(newest[2], newest[1])}`,
-    sound: sound && say(asleep ? 'sound_asleep' : sound.values.muted ? 'sound_muted' : sound.level === 'error' ? 'sound_fault' : 'about_sound'),
+    sound: !sound && link.work.code === 'awake' ? say('sound_none') : link.work.code === 'awake' ? say('about_sound') : link.workWords(false),
     walls: wall && [document.documentElement.lang === 'zh-Hant' && wall.caption_zh ? wall.caption_zh : wall.caption, wall.credit].filter(Boolean).join('  \u00b7  '),
   };
 }
 
 function tell() {
   const stale = link.age() > STALE_S;
-  const unknown = link.viewer && !stale ? say('about_unknown') : say('no_connection');
+  const unknown = stale ? link.workWords(stale) : say('about_unknown');
   for (const [name, words] of Object.entries(rows())) {
     const known = !stale && words;
     write($(name), known ? words : unknown);

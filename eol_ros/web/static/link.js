@@ -2,7 +2,7 @@
 // The live connection: packets and notices in, wants and hands out; reconnects by itself and knows
 // how old what it has is. Packets are laid out in eol_ros/web/wire.py.
 
-import { say } from './i18n.js';
+import { say, sentence } from './i18n.js';
 
 const KINDS = ['', 'blocks', 'truth', 'image', 'meter', 'sound', 'leds'];
 const RETRY_S = [1, 2, 4, 8, 10];
@@ -24,6 +24,7 @@ export class Link extends EventTarget {
     this.offsets = []; // [round trip, server clock minus ours], s
     this.offset = 0;
     this.tries = 0;
+    this.work = { code: '', said: [] }; // state of the whole work, as the panel publishes it
     this.open();
     setInterval(() => this.ping(), 4000);
     document.addEventListener('visibilitychange', () => this.tellWants());
@@ -95,6 +96,12 @@ export class Link extends EventTarget {
     return this.heard[kind] === undefined ? Infinity : (performance.now() - this.heard[kind]) / 1000;
   }
 
+  // The state of the whole work in words, the same on every page; '' before anything is known.
+  workWords(stale) {
+    if (!stale || this.work.code === 'stopped') return sentence(this.work);
+    return this.viewer ? say('no_data', { seconds: this.age().toFixed(0) }) : say('no_connection');
+  }
+
   take(data) {
     const here = performance.now();
     this.heard.any = here;
@@ -112,6 +119,7 @@ export class Link extends EventTarget {
         this.offset = notice.now - (performance.timeOrigin + here) / 1000;
       }
       if (notice.t === 'trust') Object.assign(this, { trusted: notice.ok, mayPush: notice.push, private: notice.private });
+      if (notice.t === 'work') this.work = notice;
       this.heard[notice.t] = here;
       this.emit(notice.t, notice);
       return;

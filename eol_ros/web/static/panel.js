@@ -99,16 +99,19 @@ link.on('health', (status) => {
     $('ghosts').hidden = false;
   }
   if (['twin', 'sound', 'montage'].includes(status.node)) sayState(false);
-  if (status.node === 'hours') sayHours((hours = status));
+  if (status.node === 'hours') {
+    hours = status;
+    sayHours();
+  }
 });
-// The times of the museum, whatever clock the browser has.
-function sayHours({ values }) {
-  const kind = `hours_${values.open ? 'open' : 'closed'}_${values.asleep ? 'asleep' : 'awake'}`;
-  const day = { weekday: 'short', hour: '2-digit', minute: '2-digit', hourCycle: 'h23', timeZone: values.time_zone };
-  const clock = new Intl.DateTimeFormat(language(), day);
-  const time = values.until_s ? clock.format(new Date(1000 * values.until_s)) : say('hours_later');
-  write($('hours'), values.trusted ? say(kind, { time }) : say('hours_untrusted'));
+// In the clock of the museum. The state of the work says the same while it sleeps until they begin.
+function sayHours() {
+  write($('hours'), hours && sentence(hours) !== sentence(link.work) ? sentence(hours) : '');
 }
+link.on('work', () => {
+  sayState(false);
+  sayHours();
+});
 function nameCorpus() {
   const { corpus } = space;
   if (corpus) write($('corpus-name'), say('corpus_words', { name: corpus.name, count: corpus.x.length }));
@@ -141,17 +144,14 @@ function press(first, second, on) {
     document.querySelector(`[data-control=${name}]`).setAttribute('aria-pressed', on !== null && (name === first) === on);
   }
 }
-// Asleep and muted in words. What a node said holds while it is heard, and no longer.
-let asleep = null; // as the walls have it
+// Which buttons are pressed. What a node said holds while it is heard, and no longer.
 function sayState(stale) {
   const known = (node, value) => (stale || !nodes.heard(node) || nodes.age(node) > SILENT_S ? null : value);
-  const sleeps = known('montage', asleep);
+  const sleeps = known('montage', nodes.values('montage').asleep);
   const muted = known('sound', nodes.values('sound').muted);
   const hands = known('twin', nodes.values('twin').hands);
-  for (const [id, on, words] of [['work-state', sleeps, ['awake', 'asleep']], ['mute-state', muted, ['sound_on', 'muted']]]) {
-    write($(id), on === null ? '' : say(words[Number(on)]));
-    $(id).classList.toggle('loud', Boolean(on));
-  }
+  write($('work-state'), stale ? '' : link.workWords(false)); // else the bar above says it
+  $('work-state').classList.toggle('loud', link.work.code !== 'awake');
   press('sleep', 'wake', sleeps);
   press('mute', 'unmute', muted);
   press('plays_itself', 'people_only', hands ? hands === 'visitors' : null);
@@ -178,12 +178,6 @@ link.on('hello', ({ pin }) => {
   $('pin-form').hidden = !pin || Boolean(link.pin);
   lock(pin && !link.pin);
 });
-link.on('wall', ({ left, right }) => {
-  asleep = !left && !right;
-  $('live').dataset.asleep = asleep;
-  sayState(false);
-});
-
 // What people ask for
 
 function lock(locked) {
@@ -255,7 +249,7 @@ function retell() {
   sayState(false);
   sayViewers();
   nameCorpus();
-  if (hours) sayHours(hours);
+  sayHours();
   sayAnswer();
 }
 
@@ -283,9 +277,7 @@ setInterval(() => {
   $('stalebar').hidden = !stale;
   $('live').hidden = stale;
   sayState(stale);
-  if (stale) {
-    $('stalebar').textContent = link.viewer ? say('no_data', { seconds: age.toFixed(0) }) : say('no_connection');
-  }
+  if (stale) $('stalebar').textContent = link.workWords(stale);
   for (const card of document.querySelectorAll('.card')) {
     const kinds = (STREAMS[card.id] || []).filter((kind) => kind !== 'image' || camera.view !== 'off');
     const ages = kinds.map((kind) => link.age(kind));

@@ -65,14 +65,13 @@ link.on('leds', (packet) => {
   leds = white;
   ledsAt = performance.now();
 });
-let sounds = null; // what the node of that name said last
-let asleep = false;
+let sounds = false; // whether the node of that name is there
 link.on('health', (status) => {
-  if (status.node === 'sound') sounds = { ...status, heard: performance.now() - 1000 * Math.max(link.now() - status.at, 0) };
+  if (status.node === 'sound') sounds = true;
   if (status.node === 'twin') playing = status.values.playing ?? '';
   if (status.node === 'sound' || status.node === 'twin') tell();
 });
-link.on('wall', ({ left, right }) => (asleep = !left && !right));
+link.on('work', tell);
 let told = null; // onset of the newest cascade; those of before this page are no news
 link.on('cascades', (day) => {
   const [onset, nucleus, area] = day.recent[day.recent.length - 1] ?? [0, 0, 0];
@@ -122,16 +121,13 @@ $('listen').onclick = async () => {
   else await listener.start();
   tell();
 };
-// Why nothing is heard, as a key of the words; empty where it is, or where nobody asked for it.
+// Why nothing is heard, in words; empty where it is. A sound card of the room is not needed here.
 function silence() {
   if (!link.viewer) return '';
-  if (listener.hindrance) return listener.hindrance;
-  if (asleep) return 'sound_asleep';
-  if (!sounds) return link.age('hello') > 2 * STALE_S ? 'sound_none' : '';
-  if (performance.now() - sounds.heard > 2000 * STALE_S) return 'sound_silent';
-  if (sounds.values.muted) return 'sound_muted';
-  if (sounds.level === 'error') return 'sound_fault';
-  return listener.on && listener.context.state !== 'running' ? 'sound_blocked' : '';
+  if (listener.hindrance) return say(listener.hindrance);
+  if (!['awake', 'no_sound_card', 'test', ''].includes(link.work.code)) return link.workWords(false);
+  if (!sounds) return link.age('hello') > 2 * STALE_S ? say('sound_none') : '';
+  return listener.on && listener.context.state !== 'running' ? say('sound_blocked') : '';
 }
 const fingers = matchMedia('(hover: none) and (pointer: coarse)'); // and neither mouse nor keys
 
@@ -146,18 +142,19 @@ $('table').addEventListener('pointermove', ({ clientX, clientY }) => {
 addLanguages($('languages'), tell);
 
 function tell() {
-  const age = link.age();
-  const stale = age > STALE_S;
+  const stale = link.age() > STALE_S;
   $('words').classList.toggle('stale', stale);
   const words = stale
-    ? link.viewer ? say('no_data', { seconds: age.toFixed(0) }) : say('no_connection')
+    ? link.workWords(stale)
     : !link.viewer || performance.now() < 1000 * STALE_S ? ''
       : !link.mayPush ? say('table_locked')
         : link.age('truth') > STALE_S ? say('table_none')
           : counts.cascade && !modes.captions ? say('table_cascade', { area: counts.cascade }) : '';
   write($('words'), words);
   if (hands.holding) playing = 'people'; // the twin says so a moment later
-  const alone = playing === 'visitors' && !stale && link.age('truth') < STALE_S;
+  $('work').hidden = stale || !link.work.code;
+  write($('work'), link.workWords(stale));
+  const alone = playing === 'visitors' && link.work.code === 'awake' && !stale && link.age('truth') < STALE_S;
   $('alone').hidden = !alone;
   if (alone) write($('alone'), `${say('table_alone')} ${link.mayPush ? say('table_touch') : ''}`);
   const limit = state?.rim && !stale ? hands.limit(state, speed) : '';
@@ -175,7 +172,7 @@ function tell() {
   $('listen').setAttribute('aria-pressed', listener.on);
   write($('listen'), !listener.on ? say($('listen').disabled ? 'table_sound_off' : 'table_sound_on')
     : listener.latency === null || why ? say('table_sound_is_on') : say('table_sound', { latency: Math.round(listener.latency * 1000) }));
-  write($('sound-why'), why && (listener.on || $('listen').disabled || why === 'sound_none') ? say(why) : '');
+  write($('sound-why'), listener.on || $('listen').disabled || why === say('sound_none') ? why : '');
   $('table').style.filter = stale ? 'grayscale(1) brightness(.5)' : '';
 }
 setInterval(tell, 250);

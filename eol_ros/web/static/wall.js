@@ -19,7 +19,6 @@ const keys = document.getElementById('keys');
 const link = new Link([]);
 const view = new WallView(wall, side, link);
 const pin = new Pin(screenName, link, wall, card, document.getElementById('pins'));
-document.title = `${side === 'left' ? 'Left' : 'Right'} wall`;
 
 const flips = []; // [change, time of the image in which it was shown, ms since the epoch]
 window.eol = { link, view, flips, pin };
@@ -39,17 +38,24 @@ view.onflip = (next, now) => {
 
 setInterval(() => wall.classList.toggle('lost', link.age() > LOST_S && performance.now() > LOST_S * 1000), 500);
 
-let cardTimer = 0;
-function testCard(on, forMs = 0) {
-  clearTimeout(cardTimer);
+function testCard(on) {
   card.hidden = !on;
   if (on) {
     drawCard();
     requestAnimationFrame(flash);
   }
-  if (on && forMs) cardTimer = setTimeout(() => testCard(false), forMs);
 }
-link.on('test', () => testCard(true, 20000));
+// The state of the work is in the title and among the keys; on the wall itself only a test shows.
+let testing = false;
+function tellWork() {
+  const words = link.workWords(link.age() > LOST_S);
+  document.title = `${side === 'left' ? 'Left' : 'Right'} wall: ${words}`;
+  document.getElementById('work').textContent = words;
+  const tests = link.work.code === 'test' && link.age() < LOST_S;
+  if (tests !== testing) testCard((testing = tests));
+}
+link.on('work', tellWork);
+setInterval(tellWork, 1000);
 
 // A tenth of a second of each, on the server's clock: a camera before both walls sees them apart.
 const FLASH_S = 0.1;
@@ -120,7 +126,7 @@ function drawCard() {
   brush.fillText(word, w / 2, h / 2);
   brush.fillStyle = '#e8e2d5';
   brush.font = `400 ${h / 32}px system-ui, sans-serif`;
-  brush.fillText(`${screenName}  ${w} x ${h}`, w / 2, h * 0.91);
+  brush.fillText(`${screenName}  ${w} x ${h}  ${link.workWords(false)}`, w / 2, h * 0.91);
 }
 
 addEventListener('resize', () => card.hidden || drawCard());

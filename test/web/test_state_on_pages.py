@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every page shows every state of the work in the same words, also if opened in the middle of it.
+
+A server without a graph gets each state as the panel node publishes it.
+"""
+
+import time
+
+import pytest
+from support import needs
+from support.chromium import complaints, picture, run, until_page, visit
+from support.work_states import STATES
+
+from eol_ros.core import terrain
+from eol_ros.said import said, translated
+from eol_ros.streams.work_state import work_state
+from eol_ros.web import notices
+
+pytestmark = [pytest.mark.slow, needs.marker('chromium', 'chromium-driver')]
+PLACES = {
+    '/': 'work-state', '/table': 'work', '/about': 'state',
+    '/wall/left': 'work', '/wall/right': 'work',
+}  # fmt: skip
+# A test first: the pages are opened in the middle of one.
+WALK = ['test', *(code for code in STATES if code != 'test')]
+
+
+@pytest.mark.parametrize('language', ['en', 'zh-Hant'])
+@pytest.mark.parametrize('path', PLACES)
+def test_a_page_shows_every_state(serve, browser, path, language):
+    server = serve()
+    heights = (terrain.landscape(1) * 65535).astype('<u2').tobytes()
+    server.routes.documents['terrain'] = heights  # of the table's covers
+    address = f'http://127.0.0.1:{server.port}'
+
+    def put(state):
+        server.hub.put('notices', notices.work(state), sticky='work')
+        words = translated(state, language)
+        until_page(browser, f'document.getElementById("{PLACES[path]}").textContent === "{words}"')
+        if path.startswith('/wall'):
+            side = 'Left' if path.endswith('left') else 'Right'
+            until_page(browser, f'document.title === "{side} wall: {words}"')
+            tests = str(state == said('test')).lower()
+            until_page(browser, f'document.getElementById("card").hidden !== {tests}')
+        code = state.parts[0][0]
+        picture(browser, f'work-{path.strip("/").replace("/", "-") or "panel"}-{code}-{language}')
+
+    browser.get(f'{address}/about')
+    run(browser, f'localStorage.setItem("language", "{language}")')
+    server.hub.put('notices', notices.work(said('test')), sticky='work')
+    visit(browser, address, path)
+    for code in WALK:
+        put(work_state(STATES[code][0]))
+    put(said('stopped'))
+    assert complaints(browser) == []
+
+
+def test_the_last_word_of_a_work_that_was_stopped_stays(serve, browser):
+    server = serve()
+    visit(browser, f'http://127.0.0.1:{server.port}', '/table')
+    server.hub.put('notices', notices.work(said('stopped')), sticky='work')
+    until_page(browser, 'eol.link.work.code === "stopped"')
+    server.stop()
+    until_page(browser, 'document.getElementById("words").textContent === "stopped"')
+    complaints(browser)  # of the lost connection
+
+
+def test_about_says_that_sound_is_heard_only_while_it_is(serve, browser):
+    server = serve()
+    visit(browser, f'http://127.0.0.1:{server.port}', '/about')
+    health = {'t': 'health', 'node': 'sound', 'level': 'ok', 'text': '', 'values': {}, 'rate': 1}
+    for code, (rows, english, _) in STATES.items():
+        server.hub.put('notices', health | {'at': time.time()}, sticky='health sound')
+        server.hub.put('notices', notices.work(work_state(rows)), sticky='work')
+        words = 'can be heard' if code == 'awake' else english
+        until_page(browser, f'document.getElementById("sound").textContent === "{words}"')
