@@ -11,7 +11,9 @@ A scene names the nodes that run and what differs from their defaults:
       camera: {device: auto}
       tracker: {}
     together: [[camera, tracker]]
-    elsewhere: [motion]        # runs on another machine of the network
+    elsewhere: [motion]        # somebody else starts it, on any machine of the network
+    machines:                  # what each machine runs, by name; the same file on all of them
+      show: {address: 10.0.0.1, nodes: [camera, tracker, recorder]}
     notify: {webhook: URL}     # who is told what lasts
 
 Every scene has a recorder, named or not. `off` leaves out a node: recorder, or one of `include`.
@@ -19,6 +21,7 @@ Every scene has a recorder, named or not. `off` leaves out a node: recorder, or 
 
 import dataclasses
 import difflib
+import ipaddress
 import itertools
 import math
 import os
@@ -39,7 +42,7 @@ from eol_ros.yaml_text import Mistake, Place
 
 _KEYS = (
     'scene', 'include', 'network', 'domain', 'namespace', 'real_time', 'nodes', 'together',
-    'elsewhere', 'notify',
+    'elsewhere', 'machines', 'notify',
 )  # fmt: skip
 SECRET = frozenset(  # settings whose values are never shown
     f.name
@@ -48,6 +51,19 @@ SECRET = frozenset(  # settings whose values are never shown
     if f.metadata.get('secret')
 )
 _WORDS = {float: 'a number', int: 'a whole number', bool: 'true or false', str: 'text'}
+
+
+def machine_node(machine: str) -> str:
+    """Return the name on the graph of the node `machine` of a machine: there is one on each."""
+    return f'machine_{machine}'
+
+
+@dataclass(frozen=True)
+class Machine:
+    """One of several machines of a scene: its address on their network, and the nodes it runs."""
+
+    address: str
+    nodes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -59,7 +75,8 @@ class Scene:
     network: str = 'local'
     domain: int | None = None
     together: tuple[tuple[str, ...], ...] = ()
-    elsewhere: tuple[str, ...] = ()  # nodes of the graph that run on another machine
+    elsewhere: tuple[str, ...] = ()  # nodes of the graph that somebody else starts
+    machines: dict[str, Machine] = field(default_factory=dict)  # none: all on this one
     path: Path | None = None
     real_time: bool = False  # ask for real-time priority
     text: str = ''  # file and includes as recorded in a bag, without secrets
@@ -79,6 +96,16 @@ class Scene:
     def settings(self, name: str) -> Any:
         """Return the settings of node `name`; a node the scene does not name has its defaults."""
         return self.nodes[name] if name in self.nodes else NODES[name].settings()
+
+    def machine_of(self, node: str) -> str:
+        """Return the machine that runs `node`; '' where the scene names no machines."""
+        return next((name for name, one in self.machines.items() if node in one.nodes), '')
+
+    @property
+    def main(self) -> str:
+        """The machine whose clock stamps the images: that of their source, else the first."""
+        found = filter(None, map(self.machine_of, IMAGE_SOURCES))
+        return next(found, next(iter(self.machines), ''))
 
     @property
     def image_rate(self) -> float:
@@ -126,7 +153,7 @@ def _shown(path: Path) -> str:
     return str(path.with_name(given.rpartition('/')[2]))
 
 
-class _Reader(yaml_text.Reader):
+class Reader(yaml_text.Reader):
     """Reads one scene and gathers its mistakes."""
 
     def __init__(self) -> None:
@@ -350,6 +377,11 @@ def plain(scene: Scene) -> dict[str, Any]:
     data['together'] = [list(group) for group in scene.together]
     if scene.elsewhere:
         data['elsewhere'] = list(scene.elsewhere)
+    if scene.machines:
+        data['machines'] = {
+            name: {'address': one.address, 'nodes': list(one.nodes)}
+            for name, one in scene.machines.items()
+        }
     if scene.notify:
         data['notify'] = _plain(scene.notify)
     return data
@@ -411,7 +443,7 @@ def load(name: str | Path) -> Scene:
     60.0
     """
     path = find(str(name))
-    reader = _Reader()
+    reader = Reader()
     top = reader.read(path)
     values = top.value
     for key in values:
@@ -428,6 +460,13 @@ def load(name: str | Path) -> Scene:
     namespace = _namespace(reader, values.get('namespace'))
     title = values.get('scene')
     together = _together(reader, values.get('together'), nodes)
+    machines = _machines(reader, values.get('machines'), nodes, together, network)
+    if 'machine' in nodes and not machines:
+        place = top.value['nodes']
+        reader.wrong(place.keys['machine'], 'nodes.machine', 'runs where the scene has `machines`')
+    elif machines and 'machine' not in nodes:
+        nodes['machine'] = NODES['machine'].settings()
+        nodes = {name: nodes[name] for name in NODES if name in nodes}
     place = values.get('notify')
     notify = reader.settings('notify', NotifySettings, place) if place else None
     hidden = tuple({s for _, text in reader.texts for s in text.secrets() if s})
@@ -438,6 +477,7 @@ def load(name: str | Path) -> Scene:
         domain.value if domain else None,
         together,
         elsewhere,
+        machines,
         path.resolve(),
         real_time,
         '\n'.join(f'# {name}\n{text.masked(hidden)}' for name, text in reader.texts),
@@ -463,7 +503,7 @@ def check_namespace(text: str) -> str:
     return '/'.join(parts)
 
 
-def _namespace(reader: _Reader, place: Place | None) -> str:
+def _namespace(reader: Reader, place: Place | None) -> str:
     if place is None:
         return NAMESPACE
     try:
@@ -474,7 +514,7 @@ def _namespace(reader: _Reader, place: Place | None) -> str:
 
 
 def _choice(
-    reader: _Reader, values: dict[str, Place], key: str, valid: tuple[Any, ...], default: Any
+    reader: Reader, values: dict[str, Place], key: str, valid: tuple[Any, ...], default: Any
 ) -> Any:
     place = values.get(key)
     if place is None:
@@ -486,7 +526,7 @@ def _choice(
     return place.value
 
 
-def _nodes(reader: _Reader, top: Place, elsewhere: tuple[str, ...]) -> dict[str, Any]:
+def _nodes(reader: Reader, top: Place, elsewhere: tuple[str, ...]) -> dict[str, Any]:
     place = top.value.get('nodes')
     if place is None or not isinstance(place.value, dict) or not place.value:
         if place is not None and isinstance(place.value, list) and place.value:
@@ -507,7 +547,7 @@ def _nodes(reader: _Reader, top: Place, elsewhere: tuple[str, ...]) -> dict[str,
 
 
 def _check_together(
-    reader: _Reader, place: Place, nodes: dict[str, Any], elsewhere: tuple[str, ...]
+    reader: Reader, place: Place, nodes: dict[str, Any], elsewhere: tuple[str, ...]
 ) -> None:
     """Note where nodes that are right by themselves do not make a graph."""
     sources = [name for name in IMAGE_SOURCES if name in nodes]
@@ -532,7 +572,7 @@ def _check_together(
             reader.wrong(place.keys[name], f'nodes.{name}', what)
 
 
-def _elsewhere(reader: _Reader, top: Place) -> tuple[str, ...]:
+def _elsewhere(reader: Reader, top: Place) -> tuple[str, ...]:
     place = top.value.get('elsewhere')
     if place is None:
         return ()
@@ -546,13 +586,94 @@ def _elsewhere(reader: _Reader, top: Place) -> tuple[str, ...]:
     return tuple(names)
 
 
+def _machines(
+    reader: Reader,
+    place: Place | None,
+    nodes: dict[str, Any],
+    together: tuple[tuple[str, ...], ...],
+    network: str,
+) -> dict[str, Machine]:
+    """Return the machines of a scene; note each node that does not stand on exactly one."""
+    if place is None:
+        return {}
+    if not isinstance(place.value, dict) or not place.value:
+        what = 'not a mapping of machines, such as show: {address: 10.0.0.1, nodes: [camera]}'
+        reader.wrong(place, 'machines', what)
+        return {}
+    if network != 'lan':
+        what = f'several machines need `network: lan`; it is {network}'
+        reader.wrong(place, 'machines', what)
+    if 'replay' in nodes:
+        reader.wrong(place, 'machines', 'a replay runs on one machine: leave out `machines`')
+    found: dict[str, Machine] = {}
+    on: dict[str, str] = {}
+    for name, item in place.value.items():
+        where = f'machines.{name}'
+        if not re.fullmatch('[a-z][a-z0-9_]*', name):
+            reader.wrong(item, where, 'is not a name of small letters, digits and _')
+        one = _machine(reader, item, where)
+        if one.address in {other.address for other in found.values()}:
+            reader.wrong(item, where, f'{one.address} is the address of another machine here')
+        for node in one.nodes:
+            if node not in nodes or node == 'machine':
+                reader.wrong(item, where, f'{node}: not a node of this scene')
+            elif node in on:
+                reader.wrong(item, where, f'{node} runs on {on[node]} already')
+            on.setdefault(node, name)
+        found[name] = one
+    for node in nodes:
+        if node not in on and node != 'machine':
+            reader.wrong(place, 'machines', f'{node} runs on no machine')
+    for why, group in (*_NEAR, *(('together', group) for group in together)):
+        if len({on[node] for node in group if node in on}) > 1:
+            reader.wrong(place, 'machines', f'{" and ".join(group)} run on one machine: {why}')
+    _check_images(reader, place, nodes, on)
+    return found
+
+
+# What does not cross a network.
+_NEAR = (
+    ('the panel serves the pictures of the montage', ('montage', 'panel')),
+    ("the twin's blocks are on a serial line of its machine", ('twin', 'leds')),
+)
+
+
+def _machine(reader: Reader, item: Place, where: str) -> Machine:
+    values = item.bare()
+    keys = {'address', 'nodes'}
+    if not isinstance(values, dict) or set(values) != keys:
+        reader.wrong(item, where, 'is not {address: 10.0.0.1, nodes: [camera, tracker]}')
+        return Machine('', ())
+    address, nodes = values['address'], values['nodes']
+    try:
+        ipaddress.IPv4Address(str(address))
+    except ValueError:
+        reader.wrong(item.value['address'], where, f'{address!r} is not an IPv4 address')
+    if not isinstance(nodes, list) or not nodes or not all(isinstance(n, str) for n in nodes):
+        reader.wrong(item.value['nodes'], where, 'nodes is not a list such as [camera, tracker]')
+        nodes = []
+    return Machine(str(address), tuple(nodes))
+
+
+def _check_images(reader: Reader, place: Place, nodes: dict[str, Any], on: dict[str, str]) -> None:
+    """Note who subscribes to raw images on another machine than their source."""
+    sources = [name for name in IMAGE_SOURCES if name in on]
+    wants = {'tracker'} & set(on)
+    if 'recorder' in on and nodes['recorder'].images in ('all', 'around_slips'):
+        wants.add('recorder')
+    for name in wants if sources else ():
+        if on[name] != on[sources[0]]:
+            what = f'runs on {on[name]} and takes raw images of {on[sources[0]]}, 60 MB/s'
+            reader.wrong(place, 'machines', f'{name} {what}: let both run on one machine')
+
+
 def _off(place: Place) -> bool:
     """Whether the value is `off`, which YAML 1.1 reads as false."""
     return place.value is False or place.value == 'off'
 
 
 def _together(
-    reader: _Reader, place: Place | None, nodes: dict[str, Any]
+    reader: Reader, place: Place | None, nodes: dict[str, Any]
 ) -> tuple[tuple[str, ...], ...]:
     if place is None:
         return ()

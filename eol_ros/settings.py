@@ -863,6 +863,12 @@ class ProjectorsSettings:
 
 
 @dataclass(frozen=True)
+class MachineSettings:
+    name: str = setting('', 'name of this machine in `machines` of the scene; set by bringup')
+    digest: str = setting('', 'SHA-256 of the scene on this machine, hex; set by bringup')
+
+
+@dataclass(frozen=True)
 class PanelSettings:
     host: str = setting(
         '127.0.0.1', 'address on which the panel listens; 0.0.0.0 opens it to the network'

@@ -161,6 +161,56 @@ def test_elsewhere_is_a_list_of_nodes(tmp_path, value):
     assert scenes.load(right).elsewhere == ('motion',)
 
 
+SEVERAL = """
+network: lan
+nodes: {camera: {}, tracker: {}, motion: {}, sound: {}, grains: {}, montage: {}, panel: {}}
+machines:
+  show: {address: 10.0.0.1, nodes: [camera, tracker, motion, grains, recorder]}
+  audio: {address: 10.0.0.2, nodes: [sound]}
+  walls: {address: 10.0.0.3, nodes: [montage, panel]}
+"""
+
+
+def test_machines_say_what_runs_where(tmp_path):
+    scene = scenes.load(write(tmp_path, SEVERAL))
+    again = scenes.load(write(tmp_path, yaml.safe_dump(scenes.plain(scene), sort_keys=False)))
+    assert again.machines == scene.machines and list(again.nodes) == list(scene.nodes)
+    assert scene.machine_of('sound') == 'audio' and scene.main == 'show'
+    assert 'machine' in scene.nodes
+    assert 'machine' not in scenes.load('museum').nodes  # nothing more where all run on one
+
+
+@pytest.mark.parametrize(
+    ('right', 'wrong', 'what'),
+    [
+        ('network: lan', 'network: local', 'several machines need `network: lan`; it is local'),
+        ('[sound]', '[sound, grains]', 'grains runs on show already'),
+        ('grains, recorder]', 'grains]', 'recorder runs on no machine'),
+        ('[sound]', '[sound, hours]', 'hours: not a node of this scene'),
+        ('10.0.0.3', '10.0.0.2', '10.0.0.2 is the address of another machine here'),
+        ('10.0.0.3', 'walls.local', "'walls.local' is not an IPv4 address"),
+        ('[montage, panel]', 'panel', 'nodes is not a list such as [camera, tracker]'),
+        ('{address: 10.0.0.2, nodes: [sound]}', '[sound]', 'is not {address: 10.0.0.1, '),
+        ('audio:', '2nd:', 'is not a name of small letters, digits and _'),
+        ('camera: {}, tr', 'replay: {}, tr', 'a replay runs on one machine'),
+        ('tracker, motion, grains, recorder]}', 'motion, grains, recorder]}\n  see: '
+         '{address: 10.0.0.4, nodes: [tracker]}', 'runs on see and takes raw images of show'),
+        ('[sound]', '[sound, panel]', 'montage and panel run on one machine'),
+        ('network: lan', 'network: lan\ntogether: [[grains, sound]]', 'sound run on one machine'),
+    ],
+)  # fmt: skip
+def test_machines_that_make_no_graph(tmp_path, right, wrong, what):
+    text = SEVERAL.replace(right, wrong)
+    if what.startswith('montage'):
+        text = text.replace('[montage, panel]', '[montage]')
+    assert what in '\n'.join(said for *_, said in mistakes(write(tmp_path, text)))
+
+
+def test_the_node_machine_needs_machines(tmp_path):
+    path = write(tmp_path, 'nodes: {twin: {}, machine: {}}')
+    assert mistakes(path)[0][3] == 'runs where the scene has `machines`'
+
+
 @pytest.mark.parametrize('text', ['north', '/north', 'museum/_left2'])
 def test_a_namespace_is_taken_with_or_without_its_slash(tmp_path, text):
     scene = scenes.load(write(tmp_path, f'namespace: {text}\nnodes: {{twin: {{}}}}'))

@@ -135,7 +135,8 @@ class Child:
                 status = json.loads(line)
                 if 'percent' in status:
                     self.percent = int(status['percent'])
-                self.kept[status['node']] = status.pop('kept', {})
+                if 'kept' in status:  # not of a node of another machine
+                    self.kept[status['node']] = status.pop('kept')
                 self.status[status['node']] = status
                 found.append(status)
         # A status that reports a hung worker is no heartbeat.

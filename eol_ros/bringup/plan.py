@@ -2,6 +2,7 @@
 """Scene to processes: which run, in which order, with which environment. Pure."""
 
 import difflib
+import hashlib
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +12,7 @@ from eol_ros import compiled
 from eol_ros.bringup.ros_args import RosArgs
 from eol_ros.errors import UsageError
 from eol_ros.ros import network
-from eol_ros.scene import Scene
+from eol_ros.scene import Scene, machine_node
 from eol_ros.streams.graph import NAMESPACE, NODES
 
 # One thread for each library: the graph has its own processes, two cores are shared by all of them.
@@ -64,6 +65,26 @@ def only(scene: Scene, names: Sequence[str]) -> Scene:
     )
 
 
+def on_machine(scene: Scene, name: str | None) -> Scene:
+    """Return `scene` as the machine `name` runs it; None: the machine that has its address here.
+
+    Its node `machine` knows the name, and a digest of the file. Raises UsageError.
+    """
+    machines = scene.machines
+    if not machines:
+        raise UsageError(f'--machine {name}: scene {scene.name} names no machines')
+    if name is None:
+        here = network.addresses()
+        name = next((one for one in machines if machines[one].address in here), '')
+    if name not in machines:
+        known = ', '.join(f'{one} ({machine.address})' for one, machine in machines.items())
+        what = f'--machine {name}: no such machine' if name else 'no address of this machine is'
+        raise UsageError(f'{what} in scene {scene.name}: {known}; choose one with --machine')
+    digest = hashlib.sha256(scene.text.encode()).hexdigest()
+    mine = replace(scene.nodes['machine'], name=name, digest=digest)
+    return replace(scene, nodes={**scene.nodes, 'machine': mine})
+
+
 def processes(
     scene: Scene,
     file: Path,
@@ -109,6 +130,8 @@ def _ros_args(
 ) -> list[str]:
     """Return what a process is given, and told of time: two replays must not mix theirs."""
     found = given.of(nodes) if given else []
+    if 'machine' in nodes:  # one runs on each machine
+        found += ['-r', f'machine:__node:={machine_node(scene.nodes["machine"].name)}']
     found += ['-p', 'use_sim_time:=true'] if sim_time and 'replay' not in nodes else []
     if sim_time and scene.namespace != NAMESPACE:
         found += ['-r', f'/clock:=/{scene.namespace}/clock']

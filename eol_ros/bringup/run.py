@@ -31,6 +31,7 @@ EXAMPLES = [
     'python -m eol_ros.bringup museum',
     'python -m eol_ros.bringup my/scene.yaml --for 60 --bag /data/bags',
     'python -m eol_ros.bringup museum --only camera,tracker',
+    'python -m eol_ros.bringup museum --machine audio',
     'python -m eol_ros.bringup rehearsal --ros-args -r __ns:=/north',
     'python -m eol_ros.bringup rehearsal --ros-args -p grains:radius:=0.06 --params-file my.yaml',
 ]
@@ -53,6 +54,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--only',
         metavar='NODES',
         help='start these alone, parted by commas; the recorder too only if named',
+    )
+    parser.add_argument(
+        '--machine',
+        metavar='NAME',
+        help='run what `machines` of the scene says of this one (default: by its address)',
     )
     parser.add_argument(
         '--ros-args',
@@ -78,8 +84,18 @@ def run(args: argparse.Namespace) -> int:
         recorder = dataclasses.replace(scene.settings('recorder'), folder=bag)
         scene = dataclasses.replace(scene, nodes={**scene.nodes, 'recorder': recorder})
     unrecorded = '' if 'recorder' in scene.nodes else 'recorder is off in this scene'
-    if args.only:
-        scene = plan.only(scene, [name for name in args.only.split(',') if name])
+    told = scene  # to the nodes, which count on those of the other machines
+    if scene.machines or args.machine:
+        if args.only:
+            raise UsageError(f'--only {args.only}: `machines` of the scene say what runs where')
+        told = plan.on_machine(scene, args.machine)
+        name = told.nodes['machine'].name
+        scene = plan.only(told, (*told.machines[name].nodes, 'machine'))
+        notes += [f'this is machine {name} ({told.machines[name].address})']
+        if args.bag and 'recorder' not in scene.nodes:
+            raise UsageError(f'--bag {args.bag}: no recorder runs on machine {name}')
+    elif args.only:
+        told = scene = plan.only(scene, [name for name in args.only.split(',') if name])
         if 'recorder' not in scene.nodes:
             if args.bag:
                 raise UsageError(f'--bag {args.bag}: --only leaves the recorder out; name it there')
@@ -90,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
     thread_faults.install()
     server = status.listen(plan.domain(scene), scene.namespace)
     with (
-        _scene_file(scene) as file,
+        _scene_file(told) as file,
         server,
         Terminal() as terminal,
         EventLog(folders.state_path(), terminal.say) as events,

@@ -157,13 +157,14 @@ def table(status: dict[str, Any]) -> str:
     age += f'{rest // 3600:02d}:{rest % 3600 // 60:02d}:{rest % 60:02d}'
     worst = max((row['level'] for row in status['nodes']), default=0)
     words = 'all good' if worst == 0 else f'worst: {WORDS[worst]}'
+    wide = max(12, *(len(row['node']) + 2 for row in status['nodes']), 0)
     lines = [
         f'{status["scene"]}: {status["work"]["text"]}',
         f'{status["scene"]} in /{status["namespace"]}  running {age}  '
         f'restarts {status["restarts"]}  {words}',
-        f'{"NODE":12}{"STATE":10}{"RATE":>9}  NOTE',
+        f'{"NODE":{wide}}{"STATE":10}{"RATE":>9}  NOTE',
     ]
     for row in status['nodes']:
         rate = f'{row["rate"]:.1f} Hz' if row['rate'] else '-'
-        lines.append(f'{row["node"]:12}{WORDS[row["level"]]:10}{rate:>9}  {row["text"]}')
+        lines.append(f'{row["node"]:{wide}}{WORDS[row["level"]]:10}{rate:>9}  {row["text"]}')
     return '\n'.join(lines)

@@ -421,6 +421,7 @@ class Supervisor:
         red = ', for the third time within a minute' if child.policy.red() else ''
         if not child.left_out:
             self._note(f'{name} has died ({how}){red}; {again}')
+        child.status = {node: child.status[node] for node in child.process.nodes}
         for row in child.status.values():
             row.update(status.state(status.DOWN, clauses([how, again])), rate=0.0)
         for node in child.process.nodes:

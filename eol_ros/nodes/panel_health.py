@@ -7,6 +7,7 @@ from collections import deque
 from typing import Any
 
 from eol_ros.said import Said
+from eol_ros.scene import machine_node
 from eol_ros.streams.graph import NODES
 from eol_ros.streams.work_state import work_state
 from eol_ros.web import notices
@@ -18,6 +19,7 @@ class Health:
     """The newest state of each node, which the panel tells as soon as it is read."""
 
     def __init__(self, panel: Any):
+        self._known = {*NODES, *map(machine_node, panel.scene.machines)}
         self._panel, self._intake = panel, panel.intake('node_states', self._notice)
         self._unread: deque[tuple[float, float, bytes]] = deque(maxlen=UNREAD)
         self._roster = notices.Roster(panel.scene.nodes, time.monotonic())
@@ -40,7 +42,7 @@ class Health:
         return self._roster
 
     def _notice(self, state: Any) -> dict[str, Any] | None:
-        return self._roster.take(state, *self._heard_s) if state.node in NODES else None
+        return self._roster.take(state, *self._heard_s) if state.node in self._known else None
 
     def work(self) -> Said:
         """Return the state of the whole work."""

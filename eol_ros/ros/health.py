@@ -204,6 +204,11 @@ class Health:
             self._giving = give_back()
             self._node.resume(self._gives)
 
+    def relay(self, status: dict[str, Any]) -> None:
+        """Send bringup the status of a node of another machine."""
+        if self._pipe is not None:
+            self._pipe.send(status)
+
     def _give(self) -> None:
         if next(self._giving, DONE) is DONE:
             self._gives.cancel()
@@ -212,7 +217,8 @@ class Health:
         """Send the status all ways."""
         status = self.status()
         if self._pipe is not None:
-            self._pipe.send(status | {'kept': self.kept} | ({'hung': True} if self.hung else {}))
+            own = {'node': self._node.NAME, 'kept': self.kept}  # not as it was renamed
+            self._pipe.send(status | own | ({'hung': True} if self.hung else {}))
         header = Header(stamp=to_msg(self._node.now_ns()))
         typed = {name: parameter_messages(status[name]) for name in ('args', 'values')}
         self._states.publish(NodeState(header=header, **(status | typed)))

@@ -123,6 +123,7 @@ _NODES = (
              subscribes=('requests', 'request_results')),
     NodeSpec('projectors', settings.ProjectorsSettings, nice=3,
              on_request=_ANSWERS, subscribes=('requests',)),
+    NodeSpec('machine', settings.MachineSettings, nice=3, subscribes=('node_states',)),
     NodeSpec('panel', settings.PanelSettings, nice=3,
              publishes=('work_state', 'markers', 'block_poses', '/tf_static'),
              on_request=('rim_command', *_ANSWERS),

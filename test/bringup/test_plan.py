@@ -48,6 +48,37 @@ def test_only_names_that_the_scene_has():
         plan.only(scene, ['trakcer'])
 
 
+def test_a_machine_runs_its_nodes_and_tells_them_of_all(tmp_path, monkeypatch):
+    path = tmp_path / 's.yaml'
+    path.write_text(
+        'network: lan\nnodes: {twin: {}, tracker: {}, sound: {}, grains: {}, recorder: off}\n'
+        'machines:\n  show: {address: 10.0.0.1, nodes: [twin, tracker, grains]}\n'
+        '  audio: {address: 10.0.0.2, nodes: [sound]}\n'
+    )
+    scene = scenes.load(path)
+    monkeypatch.setattr(plan.network, 'addresses', lambda: {'127.0.0.1', '10.0.0.2'})
+    by_address, by_name = plan.on_machine(scene, None), plan.on_machine(scene, 'audio')
+    assert by_address == by_name and set(by_name.nodes) == set(scene.nodes)
+    mine = plan.only(by_name, (*by_name.machines['audio'].nodes, 'machine'))
+    sound, machine = plan.processes(mine, path)
+    assert sound.nodes == ('sound',)
+    assert machine.command[-2:] == ('-r', 'machine:__node:=machine_audio')
+    assert by_name.nodes['machine'].name == 'audio'
+    there = plan.on_machine(scene, 'show').nodes['machine']
+    assert there.digest == by_name.nodes['machine'].digest  # one file
+
+    path.write_text(path.read_text() + '# changed\n')
+    changed = plan.on_machine(scenes.load(path), 'show').nodes['machine']
+    assert changed.digest != there.digest
+    with pytest.raises(UsageError, match='--machine adio: no such machine in scene s: show'):
+        plan.on_machine(scene, 'adio')
+    monkeypatch.setattr(plan.network, 'addresses', lambda: {'127.0.0.1'})
+    with pytest.raises(UsageError, match='no address of this machine is in scene s'):
+        plan.on_machine(scene, None)
+    with pytest.raises(UsageError, match='scene museum names no machines'):
+        plan.on_machine(scenes.load('museum'), 'audio')
+
+
 def test_big_shared_memory_only_where_images_are_given():
     big = {
         process.name

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One table run by three machines: network namespaces on one cable, each with its own bringup."""
+
+import contextlib
+import json
+import signal
+import sys
+
+import pytest
+from support import needs
+from support.machines import Machines, ip
+from support.waiting import wait_until
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+SCENE = """
+network: lan
+nodes:
+  twin: {{fps: 20}}
+  tracker:
+  motion:
+  grains:
+  sound: {{device: wav, wav: {folder}/out.wav, latency_s: 0.5}}
+  montage:
+  panel: {{port: 0}}
+  recorder: {{folder: {folder}/bags}}
+machines:
+  show: {{address: {net}.1, nodes: [twin, tracker, motion, grains, recorder]}}
+  audio: {{address: {net}.2, nodes: [sound]}}
+  walls: {{address: {net}.3, nodes: [montage, panel]}}
+"""
+
+
+@pytest.fixture(scope='module')
+def machines(tmp_path_factory):
+    """Three machines, each with a state folder of its own."""
+    needs.system('iproute2')
+    with Machines('show', 'audio', 'walls') as found:
+        for name in found.names:
+            found.variables[name] = {'EOL_STATE': str(tmp_path_factory.mktemp(name))}
+        yield found
+
+
+@contextlib.contextmanager
+def running(machines, scene, *names):
+    """Run the scene on these machines; yield a function that returns the rows of one by node."""
+    ups = [
+        machines.run(name, sys.executable, '-m', 'eol_ros.bringup', str(scene)) for name in names
+    ]
+
+    def rows(name):
+        child = machines.run(name, sys.executable, '-m', 'eol_ros', 'status', '--json')
+        out, _ = child.communicate(timeout=60)
+        return {row['node']: row for row in json.loads(out)['nodes']} if out else {}
+
+    try:
+        yield rows
+    finally:
+        for up in ups:
+            up.send_signal(signal.SIGINT)
+        for name, up in zip(names, ups, strict=True):
+            _, said = up.communicate(timeout=60)
+            print(f'--- {name}\n{said}')
+
+
+def test_each_machine_lists_all_of_them_and_names_one_that_is_pulled(machines, tmp_path):
+    scene = tmp_path / 'scene.yaml'
+    scene.write_text(SCENE.format(folder=tmp_path, net=machines.net))
+    with running(machines, scene, *machines.names) as rows:
+        wait_until(lambda: _well(rows('show'), 11), 120)
+        wait_until(lambda: _well(rows('audio'), 11) and _well(rows('walls'), 11), 60)
+        found = rows('show')
+        assert set(found) == {
+            'twin', 'tracker', 'motion', 'grains', 'recorder', 'machine', 'audio/sound',
+            'audio/machine', 'walls/montage', 'walls/panel', 'walls/machine',
+        }  # fmt: skip
+        assert found['machine']['text'] == '2 other machines heard'
+        wait_until(lambda: rows('audio')['sound']['rate'] > 0, 60)  # triggers cross the cable
+        values = rows('audio')['machine']['values']
+        assert abs(values['offset_ms']) < 2 + values['offset_error_ms']  # one clock for all here
+
+        ip('-n', machines.names['show'], 'link', 'set', 'port0', 'down')  # of audio
+        for name in ('show', 'walls'):
+            wait_until(lambda name=name: rows(name)['audio/sound']['level'] == 2, 60)
+            text = rows(name)['machine']['text']
+            assert text.startswith('audio: not heard for ') and 'walls' not in text
+        text = rows('audio')['machine']['text']
+        assert 'show: not heard for' in text and 'walls: not heard for' in text
+        ip('-n', machines.names['show'], 'link', 'set', 'port0', 'up')
+        for name in machines.names:
+            wait_until(lambda name=name: _well(rows(name), 11), 60)
+
+
+def _well(rows, count):
+    return len(rows) == count and all(row['level'] < 2 for row in rows.values())
