@@ -13,6 +13,7 @@ import numpy as np
 
 from eol_ros.core import elementary
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
+from eol_ros.core.vision.appearance.squares import SQUARE
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import cover_light, scan, search
@@ -338,12 +339,16 @@ class Tracker:
         lattice, learning = self.lattice, self.learning
         assert learning is not None and self.calibration is not None
         good = bool(lattice.seen.all() and self.visibility.min() > 0.8 and lattice.rests())
-        blobs = self.blobs[lattice.index] if good else None
-        quarters = None
-        if blobs is not None and self.calibration.covers is not None:
-            self._predicted(stamp_s)
-            quarters = self.predicted[:, 4]
-        found = learning.add(image, blobs, quarters)
+        squares = None
+        if good:
+            blobs = self.blobs[lattice.index]
+            squares = np.zeros(N_BLOCKS, SQUARE)
+            for name in SQUARE.names or ():
+                squares[name] = blobs[name]
+            if self.calibration.covers is not None:
+                self._predicted(stamp_s)
+                squares['theta'] += self.predicted[:, 4] * (np.pi / 2)
+        found = learning.add(image, squares)
         if found is not None:
             lattice.move(found.to_table(self.calibration.to_pixels(lattice.xy)))
             self._take(found)

@@ -12,8 +12,6 @@ from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.calibration import calibrate
 from eol_ros.core.vision.calibration.charuco import Board, from_board
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect.blobs import BlobFinder
-from eol_ros.core.vision.detect.corners import corners
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.requests import CALIBRATE
@@ -123,13 +121,12 @@ def test_blocks_calibrate_a_camera_with_a_mirror():
     rng = np.random.default_rng(0)
     camera = clutter_calibration('ordinary')
     renderer = Renderer(RenderOptions(), camera, 11)
-    views = []
+    images = []
     for k in range(3):
         xy = rest_lattice() + rng.normal(0, 0.003, (25, 2))
         image = flipped(renderer.render(*xy.T, rng.normal(0, 0.05, 25), k))
-        blobs = BlobFinder().find(image)
-        views.append((calibrate.name_blocks(blobs, mirror=True), corners(image, blobs)))
-    solved = calibrate.from_blocks(views, calibrate.nominal(1280, 800))
+        images.append(image)
+    solved = calibrate.from_images(images, calibrate.nominal(1280, 800), mirror=True)
     truth = of_flipped(camera)
     assert solved.refusal() == ''
     assert solved.calibration.mirrored

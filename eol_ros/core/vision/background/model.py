@@ -9,13 +9,13 @@ The level of the empty platform stays, and with it the noise of a dark pixel.
 import cv2
 import numpy as np
 
-from eol_ros.core.vision.detect.blobs import BlobFinder
+from eol_ros.core.vision.appearance.squares import lattice
 from eol_ros.errors import ConfigError
 from eol_ros.said import said
 
 _EMPTY = 0.3  # share of the image that is certainly free of lamps: its level is the ambient light
 _PART = 8  # images of one average: noise below a grey level
-_BLOCKS_LIT = 3  # squares in a dark image that say it is not dark
+_BLOCKS_LIT = 3  # squares on a lattice in a dark image that say it is not dark
 
 
 class BackgroundModel:
@@ -86,7 +86,9 @@ class BackgroundLearner:
         if self._least is None:
             raise ConfigError(said('few_dark', images=self.images, needed=_PART))
         light = self._least
-        lit = len(BlobFinder().find(np.rint(light).astype(np.uint8)))
+        dark = np.rint(light).astype(np.uint8)
+        dark.flags.writeable = False  # as live images
+        lit = len(lattice(dark)[0])
         if lit >= _BLOCKS_LIT:
             raise ConfigError(said('still_lit', lit=lit))
         light = np.maximum(light - np.quantile(light[::4, ::4], _EMPTY), 0)

@@ -14,17 +14,14 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from eol_ros.core.geometry import (
     BLOCK_SIDE_M,
-    COLS,
     N_BLOCKS,
-    PITCH_M,
     PLATFORM_SIDE_M,
-    ROWS,
     rest_lattice,
 )
+from eol_ros.core.vision.appearance.squares import find_squares
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect import outline
-from eol_ros.core.vision.detect.blobs import BlobFinder
+from eol_ros.core.vision.detect import outline, scan
 from eol_ros.core.vision.detect.corners import corners
 from eol_ros.core.vision.detect.falling_light import NEAR_SHINE_PX, side_sigma
 from eol_ros.core.vision.image_health import Watch
@@ -35,7 +32,6 @@ REST_SIGMA_M = 0.004  # friction leaves blocks this far from the lattice when al
 MOST_PX = 0.5  # RMS residual, per axis, above which a calibration is refused
 MOST_CORNER_MM = 8.0  # and the standard deviation at a corner of the platform
 LENS_GAIN = 25.0  # of the misfit, for each number of the lens: five standard deviations
-_FEWEST = 20  # squares that say where the others are
 _RELIEF_ROUNDS = 3
 CORNER_SIGMA_PX = 0.05
 _RELIEF_SIGMA_PX = 0.13  # of lit covers' corners: each side is found 0.1 px more or less far out
@@ -112,59 +108,6 @@ def nominal(width: int, height: int, focal_px: float | None = None) -> Calibrati
     camera = ideal.camera_matrix.copy()
     camera[0, 0] = camera[1, 1] = focal_px
     return replace(ideal, camera_matrix=camera)
-
-
-def name_blocks(blobs: np.ndarray, mirror: bool = False, fewest: int = N_BLOCKS) -> np.ndarray:
-    """Return the block id (n,) of each of `fewest` to 25 BLOB squares that lie on their lattice.
-
-    Walks from square to square by one pitch; the rim is taken to be turned by less than 45 degrees
-    and the far edge of the table to be on top of the image. The lattice looks the same in a
-    mirror, so `mirror` must be said: columns then run to the left.
-
-    Raises:
-        ConfigError: not so many squares in 5 rows of 5, none of these empty.
-    """
-    if not fewest <= len(blobs) <= N_BLOCKS:
-        raise ConfigError(said('squares_seen', count=len(blobs), all=N_BLOCKS))
-    px = np.column_stack([blobs['u'], blobs['v']])
-    pitch = float(np.median(blobs['side_px'])) * PITCH_M / BLOCK_SIDE_M
-    place: dict[int, tuple[int, int]] = {int(np.hypot(*(px - px.mean(axis=0)).T).argmin()): (0, 0)}
-    turn = _lattice_angle(px, pitch)
-    steps = {
-        (1, 0): np.array([np.cos(turn), -np.sin(turn)]) * pitch,
-        (0, 1): np.array([-np.sin(turn), -np.cos(turn)]) * pitch,
-    }
-    queue = list(place)
-    while queue:
-        here = queue.pop(0)
-        for (dc, dr), step in list(steps.items()) + [((-a, -b), -s) for (a, b), s in steps.items()]:
-            far = np.hypot(*(px - px[here] - step).T)
-            there = int(far.argmin())
-            if far[there] < 0.4 * pitch and there not in place:
-                place[there] = (place[here][0] + dc, place[here][1] + dr)
-                queue.append(there)
-    cells = np.array([place.get(i, (99, 99)) for i in range(len(blobs))])
-    cells -= cells.min(axis=0)
-    columns = COLS - 1 - cells[:, 0] if mirror else cells[:, 0]
-    ids = cells[:, 1] * COLS + columns
-    spanned = cells.max(axis=0).tolist() == [COLS - 1, ROWS - 1]
-    if len(blobs) < N_BLOCKS and cells.max() < max(ROWS, COLS) and not spanned:
-        raise ConfigError(
-            f'{len(blobs)} squares seen, not {N_BLOCKS}, and a whole row or column is missing: '
-            'take the arms away, switch all blocks on, and let the camera see the whole table'
-        )
-    if not spanned or len(set(ids.tolist())) != len(blobs):
-        raise ConfigError(said('not_in_rows'))
-    return ids
-
-
-def _lattice_angle(px: np.ndarray, pitch: float) -> float:
-    """Return the angle of the lattice in (-pi/4, pi/4], from the directions of near neighbours."""
-    delta = px[None] - px[:, None]
-    far = np.hypot(delta[..., 0], delta[..., 1])
-    near = (far > 0.6 * pitch) & (far < 1.3 * pitch)
-    angle = np.arctan2(-delta[..., 1], delta[..., 0])[near]
-    return float(np.angle(np.exp(4j * angle).mean()) / 4) if near.any() else 0.0
 
 
 def from_blocks(
@@ -447,23 +390,21 @@ def from_squares(
     seen: list[tuple[np.ndarray, np.ndarray]],
     start: Calibration,
     lens: bool = True,
-    quarters: np.ndarray | None = None,
 ) -> Solution:
-    """Calibrate on images (h, w) uint8, each with its squares, a BLOB array (25,) in order of id.
+    """Calibrate on images (h, w) uint8, each with its squares, SQUARE (25,) in order of id.
 
     The lens: as many of k1 and k2 as these images plainly ask for; the others are held at what they
-    are in `start`, and that is said. quarters (25,): right angles from the squares' theta to the
-    blocks' x axes; None for none. Height and relief of the covers are those of `start`.
+    are in `start`, and that is said. Height and relief of the covers are those of `start`.
 
     Raises:
         ConfigError: as `from_blocks`.
     """
     ids, covers = np.arange(N_BLOCKS), start.covers
-    turns = 0 * ids if quarters is None else quarters
+    looks = [(image, *_upright(squares)) for image, squares in seen]
 
     def solved(camera: Calibration | None, lens: int) -> Solution:
         views = []
-        for image, blobs in seen:
+        for image, blobs, turns in looks:
             tables = None if camera is None else outline.tables(camera, blobs, turns, NEAR_SHINE_PX)
             views.append((ids, corners(image, blobs, tables=tables)))
         if covers is None:
@@ -471,7 +412,7 @@ def from_squares(
 
         def shifts(camera: Calibration) -> np.ndarray:
             return np.concatenate(
-                [outline.corner_shifts(camera, blobs, turns) for _, blobs in seen]
+                [outline.corner_shifts(camera, blobs, turns) for _, blobs, turns in looks]
             )
 
         return from_blocks(
@@ -500,35 +441,32 @@ def from_squares(
     return replace(best, note=note)
 
 
-def all_blocks(image: np.ndarray, start: Calibration, mirror: bool) -> np.ndarray:
-    """Return the 25 squares in `image` (h, w) as a BLOB array in order of id.
+def _upright(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return squares with angles within 45 degrees, and right angles (n,) to the blocks' x axes."""
+    quarters = np.rint(squares['theta'] / (np.pi / 2))
+    upright = squares.copy()
+    upright['theta'] -= quarters * (np.pi / 2)
+    return upright, quarters.astype(int) % 4
 
-    A cover that is not believed at first sight is looked for where the others say that it is.
+
+def all_blocks(image: np.ndarray, start: Calibration, mirror: bool) -> np.ndarray:
+    """Return the 25 squares in `image` (h, w) as a SQUARE array in order of id.
+
+    The rim is turned by less than 45 degrees and the far edge of the table is on top of the image;
+    in a mirror, which must be said, columns run to the left.
+
+    Raises:
+        ConfigError: the image cannot be used, or does not show 25 squares on their lattice.
     """
     fault = Watch(None).fault(0.0, image)
     if fault:
         raise ConfigError(fault)
-    finder = BlobFinder()
-    blobs = finder.find(image)
-    if start.covers is not None and len(blobs) >= 9:
-        scale = float(np.median(blobs['side_px'])) / BLOCK_SIDE_M
-        straight = Calibration.ideal(start.image_width, start.image_height, scale, mirror)
-        straight = replace(straight, cover_height_m=start.cover_height_m, covers=start.covers)
-        finder = BlobFinder(calibration=straight)
-        blobs = finder.find(image)
-    ids = name_blocks(blobs, mirror, _FEWEST)
-    if len(blobs) < N_BLOCKS:
-        px = np.column_stack([blobs['u'], blobs['v']])
-        to_px, _ = cv2.findHomography(rest_lattice()[ids], px)
-        if start.covers is not None:  # under a leaning camera some are larger, and seen to one side
-            finder = BlobFinder(calibration=replace(start, homography=to_px))
-        expected = np.zeros((N_BLOCKS, 5))
-        expected[:, :2] = cv2.perspectiveTransform(rest_lattice()[None], to_px)[0]
-        expected[:, 2] = np.angle(np.exp(4j * blobs['theta']).mean()) / 4
-        expected[ids, :2], expected[ids, 2] = px, blobs['theta']
-        blobs = finder.find(image, expected)
-        ids = name_blocks(blobs, mirror)
-    return blobs[np.argsort(ids)]
+    found = find_squares(scan.read_only(image), start, mirror)
+    if found.calibration is None:
+        raise ConfigError(found.why)
+    if not found.seen.all():
+        raise ConfigError(said('squares_seen', count=int(found.seen.sum()), all=N_BLOCKS))
+    return found.blocks
 
 
 def from_points(

@@ -9,9 +9,9 @@ covers, and refused where the blocks do not lie on their lattice.
 import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
+from eol_ros.core.vision.appearance.squares import SQUARE
 from eol_ros.core.vision.calibration.calibrate import from_squares
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect.blobs import BLOB
 from eol_ros.errors import ConfigError
 from eol_ros.said import clauses, said
 
@@ -37,16 +37,13 @@ class SelfCalibration:
         self.refused = False
         self.why: str = said('must_rest')
 
-    def add(
-        self, image: np.ndarray, blobs: np.ndarray | None, quarters: np.ndarray | None = None
-    ) -> Calibration | None:
-        """Take an image (h, w) uint8 with its 25 squares, a BLOB array in order of id.
+    def add(self, image: np.ndarray, squares: np.ndarray | None) -> Calibration | None:
+        """Take an image (h, w) uint8 with its 25 squares, a SQUARE array in order of id.
 
-        quarters (25,): right angles from theta to each block's x axis, where covers have relief.
-        blobs is None when not all blocks are seen whole and at rest. Returns the calibration once.
+        None when not all blocks are seen whole and at rest. Returns the calibration once.
         """
         self.wait = max(self.wait - 1, 0)
-        if blobs is None or self.wait:
+        if squares is None or self.wait:
             self.images = 0
             return None
         if not self.images:
@@ -57,14 +54,14 @@ class SelfCalibration:
             return None
         mean = np.rint(self.total / IMAGES).astype(np.uint8)
         self.images, self.wait, self.refused = 0, RETRY_IMAGES, True
-        squares = np.ascontiguousarray(blobs, BLOB)
+        squares = np.ascontiguousarray(squares, SQUARE)
         try:
-            solution = from_squares([(mean, squares)], self.start, quarters=quarters)
+            solution = from_squares([(mean, squares)], self.start)
         except ConfigError as error:
             self.why = str(error)
             return None
         found = solution.calibration
-        place = found.to_table(np.column_stack([blobs['u'], blobs['v']]))
+        place = found.to_table(np.column_stack([squares['u'], squares['v']]))
         off_mm = float(np.sqrt(((place - rest_lattice()) ** 2).mean()) * 1e3)
         if off_mm > MOST_MM:
             self.why = said('off_lattice', mm=f'{off_mm:.1f}')
