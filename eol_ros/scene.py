@@ -639,7 +639,7 @@ _NEAR = (
 
 
 def _machine(reader: Reader, item: Place, where: str) -> Machine:
-    values = item.bare()
+    values = item.bare
     keys = {'address', 'nodes'}
     if not isinstance(values, dict) or set(values) != keys:
         reader.wrong(item, where, 'is not {address: 10.0.0.1, nodes: [camera, tracker]}')

@@ -234,7 +234,7 @@ def cascade_law(areas: np.ndarray) -> CascadeLaw:
     >>> law.fit.x_max, law.rejected
     (25, False)
     """
-    areas = np.asarray(areas)
+    areas = np.asarray(areas, np.int64)  # logarithms of uint8 would be of half precision
     if len(areas) < FEWEST_CASCADES:
         raise TooFew(len(areas), 'cascade', 'a power law of areas', FEWEST_CASCADES)
     fits = candidates(histogram(areas), N_BLOCKS)
