@@ -14,11 +14,10 @@ from sensor_msgs.msg import CameraInfo, CompressedImage
 from std_msgs.msg import String
 
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.identity.cover_patterns import CoverPatterns
-from eol_ros.core.vision.identity.yaw_signature import Yaws
-from eol_ros.core.vision.requests import BACKGROUND, COVER_PATTERNS, THRESHOLD, YAW_OFFSETS
+from eol_ros.core.vision.requests import BACKGROUND, LEARNED, THRESHOLD, known
 from eol_ros.core.vision.states import STATES
-from eol_ros.core.vision.tracker import Tracked, Tracker
+from eol_ros.core.vision.tracker import Tracked
+from eol_ros.core.vision.trackers import tracker_for
 from eol_ros.devices.bag.selection import StampGaps
 from eol_ros.devices.camera.preview import Preview
 from eol_ros.devices.files import calibration_file
@@ -37,10 +36,6 @@ from eol_ros.streams.requests import Asked, for_tracker
 
 LEARNT_EVERY_S = 60.0  # between two looks at what was learnt of the blocks
 LENS_APART_PX = 1.0  # of two lenses, from which it is told: 1.8 mm on the table at 545 px/m
-LEARNT: dict[str, type[Yaws | CoverPatterns]] = {
-    YAW_OFFSETS: Yaws,
-    COVER_PATTERNS: CoverPatterns,
-}  # by the kind of request
 
 
 class TrackerNode(EolNode):
@@ -51,7 +46,7 @@ class TrackerNode(EolNode):
         super().__init__(settings, **kwargs)
         self.files = TrackerFiles(self.settings, keep=not self.sim_time)
         self.pending: dict[str, Asked] = {}  # by kind: what is not answered yet
-        self.learnt = {kind: self._learnt_before(kind) for kind in LEARNT}
+        self.learnt = {kind: self._learnt_before(kind) for kind in LEARNED}
         self.learnt_s = 0.0  # stamp
         self.told: Calibration | None = None
         self.restart()
@@ -73,7 +68,7 @@ class TrackerNode(EolNode):
         self.subscribe('block_taps', self.on_tap)
         self.requests.serve(
             calibrate=self.pend, darkness=self.pend, background=self.on_background,
-            yaw_offsets=self.on_learnt, cover_patterns=self.on_learnt,
+            **dict.fromkeys(LEARNED, self.on_learnt),
         )  # fmt: skip
         if self.jpeg:
             self.cost = ConversionCost(self)
@@ -87,7 +82,7 @@ class TrackerNode(EolNode):
             self.infos: Subscription | None = self.subscribe('camera/camera_info', self.on_lens)
 
     def restart(self) -> None:
-        self.tracker = Tracker(self.settings, self.files.calibration)
+        self.tracker = tracker_for(self.settings, self.files.calibration)
         self.images, self.stamp_ns = 0, 0
         self.lamps = self.files.lamps  # to begin with
         for asked in self.pending.values():
@@ -198,7 +193,9 @@ class TrackerNode(EolNode):
         """Return what was learnt of a kind before a restart; nothing where it is damaged."""
         try:
             learnt = base64.b64decode(self.resumed.get(kind, ''))
-            return LEARNT[kind].unpacked(learnt).packed() if learnt else b''
+            if learnt:
+                known(kind, learnt)
+            return learnt
         except (ConfigError, ValueError, TypeError) as error:
             self.get_logger().warning(f'what was learnt of the blocks before is lost: {error}')
             return b''
@@ -209,18 +206,13 @@ class TrackerNode(EolNode):
             self.requests.declare(kind, {}, self.stamp_ns, data)
 
     def _learn(self) -> None:
-        """Keep the yaw offset and the cover pattern of each block for a restart of this node."""
+        """Keep what was learned of the blocks for a restart of this node."""
         if self.sim_time or abs(self.stamp_ns * 1e-9 - self.learnt_s) < LEARNT_EVERY_S:
             return
         self.learnt_s = self.stamp_ns * 1e-9
-        found = {
-            YAW_OFFSETS: self.tracker.lattice.yaws,
-            COVER_PATTERNS: self.tracker.identity.covers,
-        }
-        for kind, learnt in found.items():
-            if learnt is not None and learnt.looks.any():
-                self.learnt[kind] = learnt.packed()
-                self.keep(**{kind: base64.b64encode(self.learnt[kind]).decode()})
+        for kind, learnt in self.tracker.learned().items():
+            self.learnt[kind] = learnt
+            self.keep(**{kind: base64.b64encode(learnt).decode()})
 
     def _packed(self, t: Tracked) -> bytes:
         rows = blocks.rows_of(t, self.writer.rows)

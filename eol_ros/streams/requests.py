@@ -185,6 +185,8 @@ KINDS: dict[str, Kind] = {
              ' known after darkness', ('tracker',), internal=True),
         Kind('cover_patterns', 'how each cover spreads its light, as learnt before, by which names'
              ' are known', ('tracker',), internal=True),
+        Kind('covers', 'how bright each cover is, place by place, as learned before, by which'
+             ' names are known', ('tracker',), internal=True),
         Kind('infrared', 'blocks whose infrared light is on, one bit each', ('twin',),
              (Number('mask', 0, _MASK, whole=True),), internal=True),
     )
@@ -212,7 +214,7 @@ PROVED = ('tracker', 'motion', 'grains')  # their results are recomputed from a 
 PEOPLE = ('sleep', 'wake', 'test')  # asked of the work, not of a machine or a room
 Columns = Mapping[str, np.ndarray] | np.ndarray  # of a table, by name
 _WRITING = ('move_grain', 'restore_grain')  # to files that are there when it is replayed
-LEARNT = ('yaw_offsets', 'cover_patterns')  # of the blocks, by the tracker
+LEARNT = ('yaw_offsets', 'cover_patterns', 'covers')  # of the blocks, by the tracker
 _KEPT = (SET, 'background', *LEARNT)  # hold until the next such request
 
 

@@ -51,7 +51,7 @@ def add_arguments(parser):
     )  # fmt: skip
     parser.add_argument(
         '--tracker', choices=('edges', 'appearance'), default='edges',
-        help='`edges`: by the edges of the covers, as in the node; `appearance`: by learned '
+        help='`edges`: by the edges of the covers; `appearance`: by learned '
              'faces, for fast rims and clutter',
     )  # fmt: skip
     parser.add_argument('-o', '--output', metavar='ANS.npz', help='where the answer goes')
@@ -64,7 +64,7 @@ def run(args) -> int:
     from eol_ros.core.motion.felt import Knock
     from eol_ros.core.motion.motion import Motion
     from eol_ros.core.vision.states import TRACKING
-    from eol_ros.core.vision.tracker import Tracker
+    from eol_ros.core.vision.trackers import tracker_for
     from eol_ros.devices.camera.image_sequence import open_source
     from eol_ros.settings import MotionSettings, TrackerSettings
     from eol_ros.verbs.progress import track
@@ -72,15 +72,9 @@ def run(args) -> int:
     source = open_source(args.frames, args.fps, args.stamps)
     if args.output and not Path(args.output).absolute().parent.is_dir():
         raise ConfigError(f'{args.output}: there is no such folder')
-    settings, calibration = (
-        TrackerSettings(mirror=args.mirror),
-        _calibration(args.calibration, args.mirror),
-    )
-    tracker: Any = (
-        Tracker(settings, calibration)
-        if args.tracker == 'edges'
-        else _appearance(settings, calibration)
-    )
+    calibration = _calibration(args.calibration, args.mirror)
+    settings = TrackerSettings(mirror=args.mirror, method=args.tracker)
+    tracker = tracker_for(settings, calibration)
     tracker.warm_up()
     motion = Motion(MotionSettings())
     for tap in source.taps:
@@ -123,12 +117,6 @@ def run(args) -> int:
     else:
         print('\n'.join(f'{k:10} {v}' for k, v in summary.items()))
     return 0
-
-
-def _appearance(settings, calibration):
-    from eol_ros.core.vision.appearance.tracker import AppearanceTracker
-
-    return AppearanceTracker(settings, calibration)
 
 
 def _check_size(tracker, image, path) -> None:

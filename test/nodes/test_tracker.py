@@ -12,7 +12,8 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from support.spinning import Nodes
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
+from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
+from eol_ros.core.vision.appearance import learnt
 from eol_ros.core.vision.background.model import BackgroundModel
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.identity.cover_patterns import CoverPatterns
@@ -134,9 +135,9 @@ def test_without_images_nothing_that_needs_them_is_begun(ros, monkeypatch):
     node.destroy_node()
 
 
-def life(monkeypatch, kept):
+def life(monkeypatch, kept, method='edges'):
     monkeypatch.setenv('EOL_KEPT', json.dumps({'tracker': kept}))
-    node = TrackerNode(TrackerSettings())
+    node = TrackerNode(TrackerSettings(method=method))
     told = []
     node.requests.publisher = types.SimpleNamespace(publish=told.append)
     for k, image in enumerate(pictures(3)):
@@ -170,6 +171,32 @@ def test_what_was_learnt_of_the_blocks_outlives_the_node(ros, monkeypatch):
     damaged = 'dGhpcyBpcyBub3RoaW5n'
     node, told = life(monkeypatch, {'yaw_offsets': damaged, 'cover_patterns': damaged})
     assert not told and node.tracker.lattice.yaws.looks.max() == 1
+    close(node)
+
+
+def test_what_the_appearance_tracker_learned_outlives_the_node(ros, monkeypatch):
+    node, told = life(monkeypatch, {}, 'appearance')
+    assert not told and not node.health.kept
+    for k, image in enumerate(pictures(20), 3):
+        node.on_image(images.Grey(START_NS + k * 16_666_667, image))
+    node.learnt_s = 0.0  # a minute has passed
+    node._learn()
+    kept, light = node.health.kept, node.tracker.follower.faces.light.copy()
+    assert sorted(kept) == ['covers']
+    close(node)
+
+    node, told = life(monkeypatch, kept, 'appearance')
+    (asked,) = map(request_from_msg, told)
+    # The bag has what this life began with, so that it can be proved.
+    assert (asked.kind, asked.from_ns) == ('covers', START_NS)
+    covers = learnt.check(asked.data, N_BLOCKS)
+    assert (covers['looks'] >= 12).all() and np.allclose(covers['light'], light, rtol=1e-3)
+    assert node.tracker.follower.blocks['known'].all()
+    assert np.allclose(node.tracker.follower.faces.light, light, rtol=0.02)
+    close(node)
+
+    node, told = life(monkeypatch, {'covers': 'dGhpcyBpcyBub3RoaW5n'}, 'appearance')
+    assert not told and not node.tracker.follower.blocks['known'].any()
     close(node)
 
 

@@ -62,9 +62,10 @@ def test_the_appearance_tracker_sees_the_same(stack, answer):
     assert [row['block'] for row in found['slips']] == [7]
 
 
-def test_the_appearance_tracker_needs_a_calibration(stack, capsys):
-    assert cli.main(['track', str(stack), '--tracker', 'appearance']) == 78
-    assert 'give --calibration' in capsys.readouterr().err
+def test_the_appearance_tracker_calibrates_by_the_blocks_too(stack, capsys):
+    assert cli.main(['track', str(stack), '--tracker', 'appearance', '--json']) == 0
+    states = json.loads(capsys.readouterr().out)['states']
+    assert set(states) <= {'calibrating', 'tracking'} and sum(states.values()) == COUNT
 
 
 def test_shapes_and_what_they_mean(answer):

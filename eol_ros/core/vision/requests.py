@@ -12,14 +12,16 @@ from typing import Any
 import cv2
 import numpy as np
 
+from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.background.model import BackgroundLearner, BackgroundModel
 from eol_ros.core.vision.identity.cover_patterns import CoverPatterns
 from eol_ros.core.vision.identity.yaw_signature import Yaws
 from eol_ros.errors import ConfigError
 
-THRESHOLD, BACKGROUND, DARKNESS, CALIBRATE, YAW_OFFSETS, COVER_PATTERNS = KINDS = (
-    'threshold', 'background', 'darkness', 'calibrate', 'yaw_offsets', 'cover_patterns',
+THRESHOLD, BACKGROUND, DARKNESS, CALIBRATE, YAW_OFFSETS, COVER_PATTERNS, COVERS = KINDS = (
+    'threshold', 'background', 'darkness', 'calibrate', 'yaw_offsets', 'cover_patterns', 'covers',
 )  # fmt: skip
+LEARNED = YAW_OFFSETS, COVER_PATTERNS, COVERS  # the first two by the tracker by edges
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,15 @@ def unpacked(png: bytes) -> BackgroundModel:
     return BackgroundModel(light)
 
 
+def known(kind: str, data: bytes) -> Any:
+    """Return what was learned, from the bytes of a request of LEARNED; raises ConfigError."""
+    if kind == COVERS:
+        from eol_ros.core.vision.appearance import learnt  # only with that tracker
+
+        return learnt.check(data, N_BLOCKS)
+    return Yaws.unpacked(data) if kind == YAW_OFFSETS else CoverPatterns.unpacked(data)
+
+
 class Requests:
     """Requests in order of their stamps, and the darkness in which lamps are learnt."""
 
@@ -62,6 +73,7 @@ class Requests:
         infrared light is off until the stamp `value` in ns. `calibrate`: by the blocks.
         `yaw_offsets`: how crooked each block stands, as it was learnt before (`Yaws.packed`).
         `cover_patterns`: how each cover spreads its light, likewise (`CoverPatterns.packed`).
+        `covers`: the same for the appearance tracker (`AppearanceTracker.learned`).
 
         Raises:
             ConfigError: another kind, no image, or nothing that was learnt.
@@ -70,10 +82,8 @@ class Requests:
             raise ConfigError(f'{kind} is nothing that a tracker can be asked for')
         if kind == BACKGROUND:
             value = unpacked(value) if value else None
-        elif kind == YAW_OFFSETS:
-            value = Yaws.unpacked(value)
-        elif kind == COVER_PATTERNS:
-            value = CoverPatterns.unpacked(value)
+        elif kind in LEARNED:
+            value = known(kind, value)
         self._waiting.append((from_ns * 1e-9, kind, value))
         self._waiting.sort(key=lambda request: request[0])
 

@@ -40,6 +40,7 @@ from eol_ros.said import clauses, said
 from eol_ros.settings import TrackerSettings
 
 if TYPE_CHECKING:
+    from eol_ros.core.vision.background.model import BackgroundModel
     from eol_ros.core.vision.calibration import self_calibration
 
 REST_S = 20.0  # for so long a calibration that was asked for waits for the blocks to rest
@@ -143,6 +144,16 @@ class Tracker:
     def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
         """Take a knock of a block's accelerometer: it counts a fixed time after its stamp."""
         self.identity.tap(stamp_s, block, sigma_s)
+
+    def learned(self) -> dict[str, bytes]:
+        """Return what was learned of the blocks, by the request that brings it back."""
+        found = {YAW_OFFSETS: self.lattice.yaws, COVER_PATTERNS: self.identity.covers}
+        return {k: v.packed() for k, v in found.items() if v is not None and v.looks.any()}
+
+    @property
+    def background(self) -> 'BackgroundModel | None':
+        """The light that is taken off each image."""
+        return self.finder.background
 
     def image_angles(self, tracked: Tracked) -> np.ndarray:
         """Return the angle (25,) of each block in the image, u right and v up, for overlays."""

@@ -12,7 +12,7 @@ from support.vision_bound import position_bound_px
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
-from eol_ros.core.vision.appearance import find, fit, model, neighbours, pixels
+from eol_ros.core.vision.appearance import find, fit, learnt, model, neighbours, pixels
 from eol_ros.core.vision.appearance.follow import Follower
 from eol_ros.core.vision.appearance.register import register
 from eol_ros.core.vision.appearance.tracker import AppearanceTracker
@@ -286,12 +286,15 @@ def test_variances_of_residuals_that_err_together_are_as_dense_algebra_has_them(
     rows = wide[side == 4, :7].T * w[side == 4]
     equations[4] = np.column_stack([rows @ wide[side == 4, :7], rows @ r[side == 4]])
     assert fit.solve(equations, -1, np.zeros(7), np.zeros(7), work)
-    place, turn = fit.covariance(px, starts, -1, kept, work, np.empty((24, 3)))
+    usual, found = rng.normal(0, 1e-3, (fit.INFLUENCES, 3)), np.empty((fit.INFLUENCES, 3))
+    place, turn = fit.covariance(px, starts, -1, kept, work, usual, found)
 
     full = (wide.T * w) @ wide + np.diag(np.r_[np.zeros(7), np.tile(prior, 4)])
     moves = np.linalg.inv(full)[:3] @ (wide.T * w * r)
     together = np.where(side < 4, side * 4 + part // 3, 16 + n // 8 % 8)
-    sums = np.stack([moves[:, together == c].sum(axis=1) for c in np.unique(together)])
+    sums = np.stack([moves[:, together == c].sum(axis=1) for c in range(fit.INFLUENCES)])
+    np.testing.assert_allclose(found, sums, atol=1e-3 * np.abs(sums).max())
+    sums -= usual
     assert place == pytest.approx((sums[:, :2] ** 2).sum(), rel=1e-3)
     assert turn == pytest.approx((sums[:, 2] ** 2).sum(), rel=1e-3)
 
@@ -576,9 +579,48 @@ def test_in_the_dark_the_lattice_is_not_sought_in_every_image(monkeypatch):
     assert found['seen'][-1].all()
 
 
-def test_what_it_does_not_know_it_refuses():
-    with pytest.raises(ConfigError, match='needs a calibration'):
-        AppearanceTracker(TrackerSettings(), None)
+def test_what_was_learned_is_known_to_the_next_tracker_in_its_first_image():
+    renderer, rng = Renderer(RenderOptions(noise='L2'), None, 2), np.random.default_rng(4)
+    camera = renderer.calibration
+    patterns = np.column_stack(
+        [rng.uniform(0.05, 0.2, 25), rng.uniform(0, 6, 25), rng.uniform(0.05, 0.2, 25),
+         rng.uniform(0, 6, 25)]
+    )  # fmt: skip
+
+    def image(k, angle):
+        at = turned(angle)
+        drawn = renderer.render(*at.T, np.full(25, angle), k)
+        return textured(drawn, camera, at, angle, patterns)
+
+    first = AppearanceTracker(TrackerSettings(), camera)
+    for k in range(30):
+        first.update(k / 60, image(k, 0.0))
+    learned = first.learned()
+    for quarters in (0, 1, 3):
+        after = AppearanceTracker(TrackerSettings(trust_start=False), camera)
+        for kind, data in learned.items():
+            after.requests.add(0, kind, data)
+        angle = quarters * math.pi / 2
+        found = after.update(1.0, image(40 + quarters, angle))
+        assert found.seen.all() and not found.symmetry_ambiguous
+        assert np.abs(found.world - turned(angle)).max() < 1e-3
+
+
+@pytest.mark.parametrize('spoil', ['short', 'nan', 'negative'])
+def test_damaged_covers_are_refused_in_one_line(spoil):
+    camera = Calibration.ideal()
+    follower = Follower(camera)
+    follower.blocks['known'], follower.blocks['gain'], follower.faces.looks[:] = True, 170.0, 40
+    data = learnt.pack(follower.faces, follower.blocks, follower.found)
+    covers = learnt.check(data, 25).copy()
+    assert (covers['looks'] == 40).all() and (covers['light'] == 1).all()
+    if spoil == 'nan':
+        covers['light'][3, 2, 1] = np.nan
+    elif spoil == 'negative':
+        covers['spread'][3, 2, 1] = -1.0
+    spoilt = covers.tobytes()[: -3 if spoil == 'short' else None]
+    with pytest.raises(ConfigError, match='learned covers'):
+        AppearanceTracker(TrackerSettings(), camera).requests.add(0, 'covers', spoilt)
 
 
 def test_twice_the_same_bits():

@@ -14,6 +14,7 @@ from eol_ros.core.vision.render import clutter as renderer_clutter
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.states import CALIBRATING, FAULT, LOST, SEARCHING, TRACKING
 from eol_ros.core.vision.tracker import Tracker
+from eol_ros.core.vision.trackers import tracker_for
 from eol_ros.settings import TrackerSettings
 
 pytestmark = pytest.mark.slow
@@ -32,8 +33,18 @@ def stills():
     return [renderer.render(x, y, np.zeros(25), k).copy() for k in range(70)]
 
 
+@pytest.fixture(params=['edges', 'appearance'])
+def method(request):
+    return request.param
+
+
 @pytest.fixture
-def tracker():
+def tracker(method):
+    return tracker_for(TrackerSettings(method=method), Calibration.ideal())
+
+
+@pytest.fixture
+def by_edges():
     return Tracker(TrackerSettings(), Calibration.ideal())
 
 
@@ -122,19 +133,19 @@ def test_stamps_that_stop_jump_and_run_backwards(tracker, stills):
 
 
 @pytest.mark.parametrize('scale', [0.4, 2.5])
-def test_a_calibration_of_another_camera_gives_no_pose(stills, scale):
+def test_a_calibration_of_another_camera_gives_no_pose(method, stills, scale):
     ideal = Calibration.ideal()
     other = dataclasses.replace(
         ideal, homography=ideal.homography @ np.diag([1 / scale, 1 / scale, 1])
     )
-    for tracked in feed(Tracker(TrackerSettings(), other), stills[:5]):
+    for tracked in feed(tracker_for(TrackerSettings(method=method), other), stills[:5]):
         assert tracked.state != TRACKING
         assert not tracked.seen.any()
         assert tracked.why
 
 
-def test_without_calibration_pixels_come_at_once_and_metres_after_rest(stills):
-    tracker = Tracker(TrackerSettings(), None)
+def test_without_calibration_pixels_come_at_once_and_metres_after_rest(method, stills):
+    tracker = tracker_for(TrackerSettings(method=method), None)
     answers = feed(tracker, stills)
     assert answers[0].state == CALIBRATING
     assert answers[0].seen.all()
@@ -145,11 +156,11 @@ def test_without_calibration_pixels_come_at_once_and_metres_after_rest(stills):
         assert np.allclose(tracked.px, Calibration.ideal().to_pixels(rest_lattice()), atol=0.03)
 
 
-def test_blocks_that_rest_off_their_lattice_are_no_measure():
+def test_blocks_that_rest_off_their_lattice_are_no_measure(method):
     xy = rest_lattice()
     xy[[3, 8, 11, 20]] += [[0.04, 0], [0.03, 0.02], [-0.03, 0.02], [0.02, 0.04]]
     renderer = Renderer(RenderOptions(), Calibration.ideal(), 2)
-    tracker = Tracker(TrackerSettings(), None)
+    tracker = tracker_for(TrackerSettings(method=method), None)
     images = [renderer.render(*xy.T, np.zeros(25), k).copy() for k in range(45)]
     last = feed(tracker, images)[-1]
     assert last.state == CALIBRATING
@@ -170,9 +181,9 @@ def test_darkness_then_light_says_that_the_turn_is_open(tracker, stills):
     assert np.allclose(again.world, rest_lattice(), atol=1e-4)
 
 
-def test_same_images_same_answer_to_the_bit(stills):
+def test_same_images_same_answer_to_the_bit(method, stills):
     def run():
-        tracker = Tracker(TrackerSettings(), Calibration.ideal())
+        tracker = tracker_for(TrackerSettings(method=method), Calibration.ideal())
         tracker.warm_up()
         answers = feed(tracker, stills[:20])
         return b''.join(
@@ -214,8 +225,8 @@ def test_lamps_are_learnt_in_a_commanded_darkness_and_the_turn_stays_known(track
     assert {a.state for a in answers} == {LOST}
     assert 'infrared' in answers[-1].why
     again = feed(tracker, lit[20:40], 50)
-    assert tracker.finder.background is not None
-    assert tracker.finder.background.light.max() > 10
+    assert tracker.background is not None
+    assert tracker.background.light.max() > 10
     assert 'background learnt' in tracker.outcome.text
     assert not tracker.outcome.refused
     assert again[-1].state == TRACKING
@@ -229,17 +240,17 @@ def test_lamps_are_not_learnt_while_blocks_are_lit(tracker, scattered):
     _, lit, _ = scattered
     tracker.requests.add(ns(5), 'darkness', ns(15))
     feed(tracker, lit[:20])
-    assert tracker.finder.background is None
+    assert tracker.background is None
     assert tracker.outcome.refused
     assert 'blocks are lit' in tracker.outcome.text
 
 
-def test_requests_written_down_make_the_same_answers_again(scattered):
+def test_requests_written_down_make_the_same_answers_again(method, scattered):
     _, lit, dark = scattered
     images = [*lit[:20], *dark, *lit[20:]]
 
     def run(ask):
-        tracker = Tracker(TrackerSettings(), Calibration.ideal())
+        tracker = tracker_for(TrackerSettings(method=method), Calibration.ideal())
         answers = []
         for k, image in enumerate(images):
             ask(tracker, k)
@@ -265,31 +276,31 @@ def test_requests_written_down_make_the_same_answers_again(scattered):
     assert run(live) != run(lambda tracker, k: None)
 
 
-def test_no_image_compiles_anything_again(tracker, stills):
+def test_no_image_compiles_anything_again(by_edges, stills):
     """After warm_up every kind of image finds its loops ready: also the first without lamps."""
-    tracker.warm_up()
+    by_edges.warm_up()
     loops = (search.at_predictions, scan.sample, mapping.glance)
     ready = [list(loop.signatures) for loop in loops]
     image = stills[0]
     over_the_wire = np.frombuffer(image.tobytes(), np.uint8).reshape(image.shape)
     for k, kind in enumerate((over_the_wire, image.copy(), np.asfortranarray(image))):
-        tracker.update(k / 60, kind)
-    tracker.finder.background = BackgroundModel(np.zeros_like(image))
-    assert tracker.update(0.1, image).seen.all()
+        by_edges.update(k / 60, kind)
+    by_edges.finder.background = BackgroundModel(np.zeros_like(image))
+    assert by_edges.update(0.1, image).seen.all()
     assert [list(loop.signatures) for loop in loops] == ready
 
 
-def test_a_threshold_leaves_dimmer_squares_out(tracker, stills):
-    feed(tracker, stills[:3])
-    tracker.requests.add(ns(3), 'threshold', 250.0)
-    assert not feed(tracker, stills[3:5], 3)[-1].seen.any()
-    tracker.requests.add(ns(5), 'threshold', 100.0)
-    assert feed(tracker, stills[5:12], 5)[-1].seen.all()
+def test_a_threshold_leaves_dimmer_squares_out(by_edges, stills):
+    feed(by_edges, stills[:3])
+    by_edges.requests.add(ns(3), 'threshold', 250.0)
+    assert not feed(by_edges, stills[3:5], 3)[-1].seen.any()
+    by_edges.requests.add(ns(5), 'threshold', 100.0)
+    assert feed(by_edges, stills[5:12], 5)[-1].seen.all()
 
 
-def test_a_calibration_asked_for_is_made_from_still_blocks(stills):
+def test_a_calibration_asked_for_is_made_from_still_blocks(method, stills):
     wrong = Calibration.ideal(px_per_m=535.0)
-    tracker = Tracker(TrackerSettings(), wrong)
+    tracker = tracker_for(TrackerSettings(method=method), wrong)
     before = feed(tracker, stills[:12])[-1]
     assert before.world[24, 0] > 0.353
     tracker.requests.add(ns(12), 'calibrate')
@@ -341,10 +352,10 @@ def test_only_blocks_that_were_others_are_learnt_again_when_names_change():
     assert tracker.brightness.contrast.max() < 500.0
 
 
-def half_hidden(images, flash=None, dimmed=1.0):
+def half_hidden(method, images, flash=None, dimmed=1.0):
     """Return what is made of block 12, hidden for a while and then half in sight again."""
     calibration, rest = Calibration.ideal(), rest_lattice()
-    tracker = Tracker(TrackerSettings(), calibration)
+    tracker = tracker_for(TrackerSettings(method=method), calibration)
     renderer = Renderer(RenderOptions(noise='L2'), calibration, 3)
     over = np.array([[rest[12, 0] - 0.07, -0.9, rest[12, 0] - 0.07, rest[12, 1], 0.0]])
     for k in range(images + 20):
@@ -362,21 +373,22 @@ def half_hidden(images, flash=None, dimmed=1.0):
     return tracked
 
 
-def test_a_half_hidden_block_is_known_again_after_a_flash_and_in_another_exposure():
+def test_a_half_hidden_block_is_known_again_after_a_flash_and_in_another_exposure(method):
     rest = rest_lattice()
     flash = 3.0 * np.eye(25)[12]
-    for tracked in (half_hidden(30), half_hidden(30, flash), half_hidden(30, None, 0.55)):
+    for changes in ((), (flash,), (None, 0.55)):
+        tracked = half_hidden(method, 30, *changes)
         assert tracked.seen[12]
         assert np.hypot(*(tracked.world[12] - rest[12])) < 2e-4
 
 
 @pytest.mark.parametrize('shift', [(0.0, 0.0), (0.09, -0.07)])
-def test_a_lattice_is_placed_by_blocks_of_which_arms_hide_half(shift):
+def test_a_lattice_is_placed_by_blocks_of_which_arms_hide_half(method, shift):
     """A border row and a column are half in sight: without them any of four places would do."""
     calibration, xy = Calibration.ideal(), rest_lattice() + shift
     right, bottom = xy[24, 0] + 0.06, xy[0, 1] - 0.06
     arms = np.array([[right, -0.9, right, 0.9, 0.055], [-0.9, bottom, 0.9, bottom, 0.055]])
-    tracker = Tracker(TrackerSettings(), calibration)
+    tracker = tracker_for(TrackerSettings(method=method), calibration)
     renderer = Renderer(RenderOptions(noise='L2'), calibration, 3)
     share = renderer.visible_share(*xy.T, np.zeros(25), 0, arms=arms)
     assert (abs(share[[1, 9]] - 0.5) < 0.1).all()

@@ -46,6 +46,13 @@ class Faces:
         for sums in (self._sum, self._squares, self._count, self.looks):
             sums[block] = 0
 
+    def recall(self, block: int, light: np.ndarray, spread: np.ndarray, looks: float) -> None:
+        """Take a face that was learned before, as the mean of so many looks."""
+        self.light[block], self.spread[block], self.looks[block] = light, spread, looks
+        self._count[block] = looks
+        self._sum[block] = looks * self.light[block]
+        self._squares[block] = looks * (self.light[block] ** 2 + self.spread[block])
+
     def turn(self, order: np.ndarray, quarters: int) -> None:
         """Give each block the face of block order (n,), turned back by quarters."""
         for maps in (self.light, self.spread, self._sum, self._squares, self._count):

@@ -63,6 +63,7 @@ OWN = 3  # of a side: gain and ground beside the block's, slope of the gain over
 COLUMNS = NUMBERS + 1  # of the equations of one side, the last is that slope
 SUMS = COLUMNS * (COLUMNS + 1) // 2
 APART_SUMS = 8  # sums of the covariance for pixels apart from the sides
+INFLUENCES = CLUSTERS + APART_SUMS
 
 
 @njit(inline='always', error_model='numpy')
@@ -373,13 +374,13 @@ def _influences(px, start, stop, by, apart, sums):
 
 
 @njit(cache=True)
-def covariance(px, starts, without, kept, m, sums):
+def covariance(px, starts, without, kept, m, usual, sums):
     """Return the variances of place, the sum of both axes in px^2, and of turn, in rad^2.
 
     Of the residuals themselves: those of TOGETHER parts of a side err together (Liang and Zeger,
     Biometrika 73, 1986), as lamps, arms and uneven light make them. Call it after solve, which
-    gives m and `kept`, and all_equations of every pixel. sums: scratch,
-    (CLUSTERS + APART_SUMS, 3).
+    gives m and `kept`, and all_equations of every pixel. usual (INFLUENCES, 3): influences that
+    last, which move no block from image to image. sums, as large: filled with those of this image.
     """
     by, at = np.empty((3, COLUMNS)), (3, 4, NUMBERS)
     sums[:] = 0.0
@@ -396,9 +397,9 @@ def covariance(px, starts, without, kept, m, sums):
         b = by.astype(np.float32)
         _influences(px, starts[side], starts[side + 1], b, side == 4, sums)
     place = turn = 0.0
-    for row in sums:
-        place += row[0] ** 2 + row[1] ** 2
-        turn += row[2] ** 2
+    for i in range(sums.shape[0]):
+        place += (sums[i, 0] - usual[i, 0]) ** 2 + (sums[i, 1] - usual[i, 1]) ** 2
+        turn += (sums[i, 2] - usual[i, 2]) ** 2
     return place, turn
 
 

@@ -54,18 +54,17 @@ class Follower:
         (25,) FOUND, of the last image.
     ambiguous : bool
         Whether the lattice may lie a quarter turn, or two or three, further round.
+    changed_s : ndarray
+        (25,) when a block was last found to have another cover, -inf for never.
     """
 
     def __init__(self, calibration: Calibration, trust_start: bool = True):
-        self.packed, self.px_per_m = calibration.packed(), calibration.px_per_m()
-        self.heights, covers = FLAT, calibration.covers
-        if covers is not None:
-            self.heights = covers.over(calibration.cover_height_m)
+        self._take_camera(calibration)
         self.rest = rest_lattice()
         n = len(self.rest)
         self.blocks, self.found = np.zeros(n, BLOCK), np.zeros(n, FOUND)
-        self._most_own = model.MOST_OWN[covers is not None]
         self.found['own'], self.found['side_usual'], self.found['more'] = self._most_own, 1.0, 1.0
+        self.found['edge_px'] = model.MODEL_PX
         self.blocks['x'], self.blocks['y'] = self.rest.T
         self.faces, self._patches = Faces(n), pixels.empty_patches(n)
         self.noise, self.quiet = np.ones(2), 1.0
@@ -77,6 +76,35 @@ class Follower:
         self._near = np.zeros((n, 4))
         self._all, self._turn, self._lost, self._images = np.arange(n), 0, 0, 0
         self._places, self._angles = np.zeros((2, 13, 13), np.float32)
+        self.changed_s = np.full(n, -math.inf)
+        self._stood, self._stands_s = np.full((n, 2), np.nan), math.inf  # where, and since when
+
+    def _take_camera(self, calibration: Calibration) -> None:
+        self._calibration = calibration
+        self.packed, self.px_per_m = calibration.packed(), calibration.px_per_m()
+        self.heights, covers = FLAT, calibration.covers
+        if covers is not None:
+            self.heights = covers.over(calibration.cover_height_m)
+        self._most_own = model.MOST_OWN[covers is not None]
+
+    def recalibrate(self, calibration: Calibration) -> None:
+        """Take another calibration of the same camera: blocks stay where they are in the image."""
+        before, blocks = self._calibration, self.blocks
+        xy = np.column_stack([blocks['x'], blocks['y']])
+        along = np.column_stack([elementary.cos(blocks['yaw']), elementary.sin(blocks['yaw'])])
+        there = calibration.to_table(before.to_pixels(xy))
+        ahead = calibration.to_table(before.to_pixels(xy + BLOCK_SIDE_M / 2 * along)) - there
+        self._take_camera(calibration)
+        turn = elementary.arctan2(ahead[:, 1], ahead[:, 0]) - blocks['yaw']
+        blocks['x'], blocks['y'] = there.T
+        blocks['yaw'] += (turn + math.pi) % math.tau - math.pi
+        for name in ('vx', 'vy', 'spin', 'right', 'up', 'yaw_offset'):
+            blocks[name] = 0.0
+        self._patches[0]['starts'] = 0
+
+    def rests(self) -> bool:
+        """Return whether all blocks in sight have stood still for REST_S."""
+        return self.last_s - self._stands_s > model.REST_S and bool(self.blocks['seen'].any())
 
     def lose(self) -> None:
         """Take no block to be in sight."""
@@ -106,7 +134,7 @@ class Follower:
             for _ in range(min(model.SEEKS, len(blocks) - good.sum())):
                 lost = np.flatnonzero(~good)
                 self._turn += 1
-                if self._seek(image, lost[self._turn % len(lost)], good):
+                if self._seek(stamp_s, image, lost[self._turn % len(lost)], good):
                     break
         if self.lattice:
             _take(blocks, found, self._near, good, passed_s)
@@ -114,6 +142,9 @@ class Follower:
             self._lost = 0 if good.sum() >= model.SEEN_BLOCKS else self._lost + 1
             if good.sum() >= model.LEAST:
                 self._seen_s = stamp_s
+        xy, seen = np.column_stack([blocks['x'], blocks['y']]), blocks['seen']
+        if not (seen.any() and np.abs(xy - self._stood)[seen].max() <= model.REST_M):
+            self._stood, self._stands_s = xy, stamp_s
         self.last_s = stamp_s
         return blocks
 
@@ -121,7 +152,8 @@ class Follower:
         blocks = self.blocks
         known = blocks['known'] & (not fresh)
         self.found['expected'] = np.where(known, blocks['gain'] * self.exposure, 0)
-        faces, close = self.faces, ~known | ((self._all + self._images) % model.CLOSELY == 0)
+        faces = self.faces
+        close = ~known | ~blocks['seen'] | ((self._all + self._images) % model.CLOSELY == 0)
         register(
             image, self.packed, self.heights, BLOCK_SIDE_M / 2, self.blur_px, self.noise,
             faces.light, faces.spread, ~known, close, which, self.found, faces.own, faces.own_px,
@@ -138,7 +170,7 @@ class Follower:
         _accept(blocks, self.found, self._near, which, fresh, usual, first, self.px_per_m, good)
         return good
 
-    def _seek(self, image: np.ndarray, block: int, good: np.ndarray) -> bool:
+    def _seek(self, stamp_s: float, image: np.ndarray, block: int, good: np.ndarray) -> bool:
         """Search for a block where its neighbours predict it; return whether a square is there."""
         near, found, one = self._near[block], self.found[block : block + 1], np.array([block])
         if near[3] < 3:
@@ -163,6 +195,7 @@ class Follower:
             self.blocks['fresh'][block] += 1
             if self.blocks['fresh'][block] >= model.RELEARN:
                 self._forget(block)
+                self.changed_s[block] = stamp_s
             else:
                 good[block] = False
         else:
@@ -173,6 +206,7 @@ class Follower:
         self.faces.forget(block)
         self._patches[0]['starts'][block] = 0
         self.found['own'][block], self.found['usual'][block] = self._most_own, 0.0
+        self.found['lasting'][block] = 0.0
         self.found['side_usual'][block] = 1.0
         for name in ('known', 'gain', 'fresh'):
             self.blocks[name][block] = 0
@@ -201,7 +235,7 @@ class Follower:
         self._near[:] = np.column_stack(
             [nodes[:, :2], np.full(len(nodes), turn), np.full(len(nodes), len(nodes))]
         )
-        again = self.lattice
+        again = self.lattice or bool(blocks['known'].any())
         for start_px in (5.0, 3.0, 2.0, 1.0):  # while the width of edges settles
             found['start_px'] = start_px
             self._register(image, self._all, fresh=again)
@@ -210,8 +244,8 @@ class Follower:
         self.lose()
         blocks['right'] = blocks['up'] = 0.0
         blocks['sure_px'] = model.LOST_PX
-        if again:
-            self._turn_by_faces(stamp_s)
+        if again:  # faces are known
+            self._orient(stamp_s)
             found['start_px'] = 1.0
             self._register(image, self._all)
         good = self._judge(self._all)
@@ -219,8 +253,8 @@ class Follower:
             self._sought_s = stamp_s
         return good
 
-    def _turn_by_faces(self, stamp_s: float) -> None:
-        """Turn the ids as the covers say; else the turn is open, if it was long enough dark."""
+    def _orient(self, stamp_s: float) -> None:
+        """Turn the ids as covers or places say; else the turn is open, if it was dark for long."""
         found = self.found
         clear = (found['visible'] > 0.8) & (found['nats'] > model.ACCEPT_NATS)
         noise = self.quiet / max(float(np.median(found['gain'])), 1.0) ** 2
@@ -228,8 +262,28 @@ class Follower:
         best = int(nats.argmax())
         if nats[best] - np.delete(nats, best).max() > model.TURN_NATS:
             self.turn(best, faces=False)
-        elif stamp_s - self._seen_s > model.SAME_S:
+            return
+        same = np.array([self._same(clear, quarters) for quarters in range(4)])
+        best = int(same.argmax())
+        if same[best] >= model.SAME_BLOCKS and 2 * np.delete(same, best).max() <= same[best]:
+            self.turn(best, faces=False)
+        elif model.SAME_S < stamp_s - self._seen_s < math.inf:
             self.ambiguous = True
+
+    def _same(self, clear: np.ndarray, quarters: int) -> int:
+        """Return how many blocks stand where they stood, turned by quarters about their middle.
+
+        Of those `clear` (25,) to see. Blocks stand off their lattice by millimetres: nobody who
+        turns the table by a quarter puts them so.
+        """
+        order, places = UNTURNED[quarters], np.column_stack([self.blocks['x'], self.blocks['y']])
+        middle, (c, s) = places.mean(axis=0), ((1, 0), (0, 1), (-1, 0), (0, -1))[quarters]
+        x, y = (places - middle).T
+        found = self.found[order]
+        far = elementary.hypot(
+            found['x'] - middle[0] - c * x + s * y, found['y'] - middle[1] - s * x - c * y
+        )
+        return int((far[clear[order]] < model.SAME_M).sum())
 
     def turn(self, quarters: int, faces: bool = True) -> None:
         """Rename all blocks: the lattice really stands quarters x 90 degrees further round.
@@ -307,6 +361,7 @@ class Follower:
                 f['own'] + rate * (f['off'] - f['own']), model.LEAST_OWN, self._most_own
             )
             f['usual'] += rate * (f['sides'] - f['usual'])
+            f['lasting'] += rate * (f['influence'] - f['lasting'])
             if known[block]:
                 rate = 1 / min(faces.looks[block] - YOUNG + 1, model.OWN_LOOKS)
                 misfit = np.minimum(f['side_misfit'], model.SIDE_MISFIT * f['side_usual'])
@@ -333,6 +388,12 @@ class Follower:
             )
 
 
+@njit(inline='always')
+def _edge_px(way_px):
+    moved = model.MOVING_SHARE * way_px
+    return math.sqrt(model.MODEL_PX**2 + moved * moved)
+
+
 @njit(cache=True)
 def _predict(blocks, found, near, rest, ahead_s, px_per_m):
     """Set the starts of `found` by velocity, or for blocks out of sight by their neighbours."""
@@ -348,6 +409,7 @@ def _predict(blocks, found, near, rest, ahead_s, px_per_m):
         if b.seen:
             way_px = math.sqrt(b.vx * b.vx + b.vy * b.vy) * ahead_s * px_per_m
             b.sure_px = model.PREDICTED_PX + model.PREDICTED_SHARE * way_px
+            f.edge_px = _edge_px(way_px)
         elif near[i, 3] >= 3:
             cs, sn = cos(near[i, 2]), sin(near[i, 2])
             f.x = near[i, 0] + cs * b.right - sn * b.up
@@ -355,6 +417,7 @@ def _predict(blocks, found, near, rest, ahead_s, px_per_m):
             f.yaw = near[i, 2] + b.yaw_offset
             way_px = math.sqrt((f.x - b.x) ** 2 + (f.y - b.y) ** 2) * px_per_m
             b.sure_px += model.UNSEEN_PX + model.PREDICTED_SHARE * way_px
+            f.edge_px = _edge_px(way_px)
             b.x, b.y, b.yaw = f.x, f.y, f.yaw
         b.sure_px = min(b.sure_px, model.LOST_PX)
         f.start_px = b.sure_px

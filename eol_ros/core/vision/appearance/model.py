@@ -31,6 +31,7 @@ UNEVEN = 2.0  # variance in that of the noise alone, of 24 parts: 3 standard dev
 BESIDE = 2.0  # times sigma: what hides or lights part of a block also errs where it looks like it
 SETTLED = 1.0  # of the standard deviation of a pose: a smaller step ends the iteration
 MODEL_PX = 0.012  # what the edge function leaves of a real edge
+MOVING_SHARE = 0.05  # and of one that moves, of its way in an image: 3 ms of exposure at 60 Hz
 JUDGED_PX = 0.03  # a pose that was taken to be less sure is fitted once more
 TOGETHER = 3  # adjacent parts of a side whose errors are correlated
 PARTS = 12  # of a side, each trusted by itself: 3.8 px at 545 px/m
@@ -60,7 +61,7 @@ ALIKE, MISFIT = 0.97, 1.5  # visible less, or misfit more, is not as usual
 AGREE = 12.0  # variances; chi squared of one pixel exceeds it with probability 5e-4
 WIDEN = 3.0  # residuals may exceed their variance by so much while a pose is sought
 WIDEN_JUDGED = 1.5  # and when it is judged
-MIN_VISIBLE = 0.5  # of a cover
+MIN_VISIBLE = 0.4  # of a cover
 MIN_VISIBLE_YOUNG = 0.9
 MIN_RING, MIN_RING_YOUNG = 0.45, 0.55  # of the ground beside the edges that is explained
 MIN_RATIO = 1.2  # nats a pixel for the cover against flat ground
@@ -88,6 +89,7 @@ RELEARN = 5  # images that show another face in a block's place
 CELLS_ALIKE = 8.0  # cells of a face that err together: as one
 COVER_SIGMA = 0.03  # of a cell beside what its spread says: lamps, warmth
 TURN_NATS = 12.0  # as symmetry.ERROR: a wrong turn has a probability of e^-12
+SAME_M, SAME_BLOCKS = 1e-3, 20  # so many blocks that stand where they stood tell the turn
 SAME_S = 0.3  # lost for less, the lattice has not turned by 45 degrees: 150 degrees a second
 
 # Motion
@@ -107,6 +109,10 @@ SEEN_BLOCKS, LOST_IMAGES = 8, 6  # with fewer blocks for longer, the lattice is 
 SEEKS = 3  # blocks that are looked for in one image
 LEARN_PX = 4.0  # in one image: a cell of a face; faster blocks are not learned from
 STILL_PX = 1.0  # slower ones show the width of edges
+
+# At rest: blocks that stay within REST_M for REST_S; told for so long that a cover was changed
+REST_S, REST_M = 0.1, 6e-4
+CHANGED_S = 600.0
 
 # Search
 SEEK_S = 0.08  # between two searches for the lattice

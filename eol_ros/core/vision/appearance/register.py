@@ -19,6 +19,7 @@ FOUND = np.dtype(
     [
         ('x', 'f8'), ('y', 'f8'), ('yaw', 'f8'),  # m and rad; the start, then what was found
         ('start_px', 'f8'),  # standard deviation of the start
+        ('edge_px', 'f8'),  # what the edge function leaves of an edge that moves so fast
         ('gain', 'f8'), ('ground', 'f8', 3),  # grey levels
         ('expected', 'f8'),  # gain, or 0
         # numbers of its sides, gains: as usual, their variances, in this image, and squared
@@ -26,6 +27,8 @@ FOUND = np.dtype(
         ('usual', 'f8', (4, fit.OWN)), ('own', 'f8', fit.OWN),
         ('sides', 'f8', (4, fit.OWN)), ('off', 'f8', fit.OWN),
         ('sigma_m', 'f8'), ('sigma_rad', 'f8'),
+        # influence of clusters of residuals on the pose, as usual and in this image
+        ('lasting', 'f8', (fit.INFLUENCES, 3)), ('influence', 'f8', (fit.INFLUENCES, 3)),
         ('more', 'f8', 2),  # variance of place and turn, in that of the noise alone
         ('visible', 'f8'),  # share of the cover that looks as it should
         ('ring', 'f8'),  # and of the ground beside its edges
@@ -77,7 +80,7 @@ def register(
         half = half_m * patch.scale
         if not judged:
             fit.all_residuals(
-                px, patch.starts, 1, half, blur_px, noise, room.z, room.own, m.MODEL_PX**2
+                px, patch.starts, 1, half, blur_px, noise, room.z, room.own, f.edge_px**2
             )
         widen = fit.widen_of(px, patch.starts, 1, m.WIDEN_JUDGED, room.few)
         _judge(px, patch.starts, noise, room.z, widen, f)
@@ -104,7 +107,7 @@ def register(
 
 Room = namedtuple(
     'Room',
-    'z own equations kept work prior towards own_prior rows sums matrix bins few clusters'
+    'z own equations kept work prior towards own_prior rows sums matrix bins few'
     ' side_sums sides usual at its_own',
 )
 
@@ -119,7 +122,6 @@ def _room():
         np.empty((fit.COLUMNS + 3, pixels.GROUPS * LANES), np.float32),
         np.empty(fit.SUMS + fit.COLUMNS), np.empty((fit.COLUMNS, fit.COLUMNS + 1)),
         np.empty((4, m.PARTS, 2)), np.empty(m.MOST_PX, np.float32),
-        np.empty((pixels.CLUSTERS + fit.APART_SUMS, 3)),
         np.empty((4, 11)), np.empty(4), np.empty(4), np.empty(n), np.empty((5, own)),
     )  # fmt: skip
 
@@ -198,7 +200,7 @@ def _fit(camera, looks, f, patch, kept, at, px, room):
             fit.restore(room.kept[side], work[:, 7], z[3], own[side])
         sure_px = math.sqrt(max(work[0, 8], 0.0))
         least_px = m.JUDGED_PX if rests else m.SETTLED * sure_px
-        judged = sigma_px <= max(m.JUDGED_PX, 2 * sure_px) and f.step_px < least_px
+        judged = sigma_px <= max(m.JUDGED_PX, 2 * sure_px, 2.5 * f.edge_px) and f.step_px < least_px
         begins = rests and not (judged and abs(work[3, 7]) < m.STEADY * z[3])
         if judged and not begins and (not fresh or it > 4):
             if fresh or odd:
@@ -216,7 +218,7 @@ def _fit(camera, looks, f, patch, kept, at, px, room):
         if begins:  # it does not rest
             rests, sigma_px = False, f.start_px
         else:
-            sigma_px = min(0.4 * sigma_px, 0.5 * f.step_px + m.MODEL_PX)
+            sigma_px = min(0.4 * sigma_px, 0.5 * f.step_px + f.edge_px)
     return True, judged, widen, without
 
 
@@ -271,7 +273,7 @@ def _tell_sigma(f, patch, moved_px, without, px, room):
     """
     place, turn = (room.work[0, 8] + room.work[1, 9]) / 2, room.work[2, 10]
     if f.close or moved_px**2 > 4 * place * f.more[0]:
-        by = fit.covariance(px, patch.starts, without, room.kept, room.work, room.clusters)
+        by = fit.covariance(px, patch.starts, without, room.kept, room.work, f.lasting, f.influence)
         f.more[0], f.more[1] = max(by[0] / (2 * place), 1.0), max(by[1] / turn, 1.0)
     beside = m.BESIDE if without >= 0 or _unlike(f) or f.more[0] > m.UNEVEN else 1.0
     f.sigma_m = beside * math.sqrt(place * f.more[0]) / patch.scale

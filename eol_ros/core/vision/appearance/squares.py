@@ -37,6 +37,7 @@ _LONG = 1.4  # mean of a shape's two squared axes, in their product's root: 1.04
 _CORNERS = 0.02  # fourth harmonic of a shape's radius: 0.06 of a square, none of a disc
 _NEAR = 0.35  # pitches between a square and where its neighbour predicts it
 _FEWEST = 9  # squares from which the others are predicted
+_ASTRAY = 3.0  # of the median distance of squares from their nodes
 _CELLS = 9  # places along each axis that are searched about a node
 
 
@@ -75,14 +76,20 @@ def find_squares(image: np.ndarray, start: Calibration, mirror: bool) -> Squares
         0.01, image
     )  # again: some lack a side until the width of edges is known
     seen[:] = found['seen']
+    return Squares(squares_of(camera, found), seen, camera, '')
+
+
+def squares_of(camera: Calibration, found: np.ndarray) -> np.ndarray:
+    """Return the squares (n,) SQUARE that blocks (n,) with x, y and yaw look like."""
     xy, yaw = np.column_stack([found['x'], found['y']]), found['yaw']
     half = BLOCK_SIDE_M / 2 * np.stack([elementary.cos(yaw), elementary.sin(yaw)], axis=1)
     across = half[:, ::-1] * [-1.0, 1.0]
     sides = camera.to_pixels(np.concatenate([xy + half, xy + across, xy - half, xy - across]))
+    px, blocks = camera.to_pixels(xy), np.zeros(len(xy), SQUARE)
     blocks['u'], blocks['v'] = sides.reshape(4, -1, 2).mean(axis=0).T
-    blocks['theta'] = camera.yaw_to_image(camera.to_pixels(xy), yaw)
-    blocks['side_px'] = camera.side_px(camera.to_pixels(xy), BLOCK_SIDE_M)
-    return Squares(blocks, seen, camera, '')
+    blocks['theta'] = camera.yaw_to_image(px, yaw)
+    blocks['side_px'] = camera.side_px(px, BLOCK_SIDE_M)
+    return blocks
 
 
 def lattice(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -132,13 +139,18 @@ def _camera(
     mine = (np.arange(len(y))[:, None] - j) // ROWS == 0
     mine = (mine & ((np.arange(len(x)) - i) // COLS == 0)).ravel()
     there, response, rest = there[mine], response[mine], rest_lattice()
-    for _ in range(2):
+    nodes = nodes[mine]
+    for _ in range(4):
         good = response > model.MIN_RESPONSE
+        far = elementary.hypot(*(camera.to_pixels(nodes) - there).T)
+        # blocks that somebody has pushed lie far from where the others put them
+        good &= far <= _ASTRAY * np.median(far[good]) if good.any() else good
         if good.sum() < _FEWEST:
             return None
         camera = _solved(rest[good], there[good], start)
         if camera is None:
             return None
+        nodes = rest
         there, response = _search(image, camera, rest, noise)
     return camera
 
