@@ -271,7 +271,7 @@ export class TableDrawing {
     }
     if (!calm.matches) {
       for (const wave of this.waves) {
-        const t = age(wave);
+        const t = Math.max(age(wave), 0); // one that is told ahead of its time has no size yet
         brush.globalAlpha = (1 - t) ** 2 * 0.6;
         brush.lineWidth = 0.0025;
         brush.beginPath();
