@@ -339,6 +339,7 @@ def test_core_is_pure():
 SAME_BITS = (
     'core/motion', 'core/light', 'core/montage', 'core/sound', 'core/vision/background',
     'core/vision/detect', 'core/vision/identity', 'core/vision/tracker.py',
+    'core/vision/tracker_base.py',
     'core/vision/calibration/mapping.py', 'core/vision/calibration/model.py',
     'lab/automaton', 'core/algebra.py', 'core/elementary.py',
     'core/elementary_kernels.py',

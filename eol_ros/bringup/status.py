@@ -18,7 +18,6 @@ from eol_ros.scene import check_namespace
 from eol_ros.streams.graph import NAMESPACE
 
 WORDS = ('ok', 'WARN', 'ERROR', 'starting', 'down')
-DOWN = 4
 
 
 def _address(domain: int, namespace: str) -> str:

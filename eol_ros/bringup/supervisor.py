@@ -29,7 +29,7 @@ from eol_ros.bringup.policy import (
 from eol_ros.bringup.service_manager import ServiceManager
 from eol_ros.said import Said, clauses, said
 from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE, NODES, providers
-from eol_ros.streams.work_state import work_state
+from eol_ros.streams.work_state import DOWN, work_state
 
 if TYPE_CHECKING:
     from eol_ros.bringup.notify import Notifier
@@ -423,9 +423,9 @@ class Supervisor:
             self._note(f'{name} has died ({how}){red}; {again}')
         child.status = {node: child.status[node] for node in child.process.nodes}
         for row in child.status.values():
-            row.update(status.state(status.DOWN, clauses([how, again])), rate=0.0)
+            row.update(status.state(DOWN, clauses([how, again])), rate=0.0)
         for node in child.process.nodes:
-            self._told[node] = (status.DOWN, '')
+            self._told[node] = (DOWN, '')
         child.start_at_s = now + wait
         return None
 

@@ -8,12 +8,12 @@ import time
 from eol_msgs.msg import NodeState
 
 from eol_ros.core.clock_offset import Offset, OneWay, offset
-from eol_ros.ros.health import ERROR, STARTING
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.said import clauses, code_and_args, from_message, said
 from eol_ros.scene import machine_node
 from eol_ros.streams.requests import values_of
+from eol_ros.streams.work_state import ERROR, STARTING
 
 SILENT_S = 3.0  # of nodes that report once a second
 FAR_S = 0.02  # of clocks so far apart sound and light are plainly out of time

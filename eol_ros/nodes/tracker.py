@@ -16,7 +16,7 @@ from std_msgs.msg import String
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.requests import BACKGROUND, LEARNED, THRESHOLD, known
 from eol_ros.core.vision.states import STATES
-from eol_ros.core.vision.tracker import Tracked
+from eol_ros.core.vision.tracker_base import Tracked
 from eol_ros.core.vision.trackers import tracker_for
 from eol_ros.devices.bag.selection import StampGaps
 from eol_ros.devices.camera.preview import Preview

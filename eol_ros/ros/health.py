@@ -25,11 +25,11 @@ from eol_ros.ros.requests import parameter_messages
 from eol_ros.ros.stamps import to_msg
 from eol_ros.said import Said, clauses, code_and_args, said
 from eol_ros.streams.graph import status_name
+from eol_ros.streams.work_state import ERROR, OK, STARTING, WARN
 
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
 
-OK, WARN, ERROR, STARTING = 0, 1, 2, 3
 PERIOD_S = 1.0
 DONE = object()
 STARTS = said('starting')

@@ -105,12 +105,13 @@ def _running(namespace: str) -> set[str]:
     """Return the nodes that the supervisor of a graph says run; none where it is not here."""
     from eol_ros.bringup import status
     from eol_ros.ros import network
+    from eol_ros.streams.work_state import DOWN
 
     try:
         rows = status.ask(network.domain(), namespace=namespace)['nodes']
     except (DeviceMissing, SupervisorSilent):
         return set()
-    return {row['node'] for row in rows if row['level'] < status.DOWN and row['text'] != 'finished'}
+    return {row['node'] for row in rows if row['level'] < DOWN and row['text'] != 'finished'}
 
 
 def _measure(visit, rows) -> None:

@@ -23,6 +23,7 @@ from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.supervisor import Around, Supervisor
 from eol_ros.errors import UsageError
+from eol_ros.streams.work_state import DOWN
 
 BEAT = """
 import json, os, signal, sys, time
@@ -627,7 +628,7 @@ def test_the_others_go_on_without_what_cannot_start(start, tmp_path):
 
     def plug():
         all_ok(supervisor)
-        assert supervisor.describe()['nodes'][-1]['level'] == status.DOWN
+        assert supervisor.describe()['nodes'][-1]['level'] == DOWN
         (tmp_path / 'card').touch()
         wait_until(lambda: supervisor.children[-1].well())
 

@@ -6,10 +6,10 @@ from eol_msgs.msg import NodeState
 from rclpy.serialization import serialize_message
 
 from eol_ros.nodes.machine import MachineNode
-from eol_ros.ros.health import ERROR, OK, STARTING, WARN
 from eol_ros.ros.requests import parameter_messages
 from eol_ros.scene import Machine, Scene
 from eol_ros.settings import CameraSettings, MachineSettings, MontageSettings, SoundSettings
+from eol_ros.streams.work_state import ERROR, OK, STARTING, WARN
 
 MS = 1_000_000
 SCENE = Scene(

@@ -8,6 +8,7 @@ import pytest
 from eol_ros.bringup import status
 from eol_ros.errors import DeviceMissing
 from eol_ros.streams.requests import KINDS
+from eol_ros.streams.work_state import DOWN
 from eol_ros.verbs import reach
 from eol_ros.verbs.call import _types, _values, value_of
 
@@ -48,7 +49,7 @@ def test_the_types_are_those_of_the_settings_and_requests():
     ],
 )
 def test_of_a_node_that_cannot_be_asked_the_supervisor_tells(monkeypatch, node, lan, words):
-    down = {'node': 'sound', 'level': status.DOWN, 'text': 'exit code 69; again in 8 s'}
+    down = {'node': 'sound', 'level': DOWN, 'text': 'exit code 69; again in 8 s'}
     found = {'scene': 'lights', 'nodes': [down]}
     monkeypatch.setattr(status, 'ask', lambda domain, namespace: found)
     args = argparse.Namespace(lan=lan, secure=False, namespace=None)

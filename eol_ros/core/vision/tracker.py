@@ -7,13 +7,12 @@ hangs in the museum, to the bit.
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from eol_ros.core import elementary
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
-from eol_ros.core.vision.appearance.squares import SQUARE
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect import cover_light, scan, search
@@ -23,62 +22,35 @@ from eol_ros.core.vision.detect.homes import Homes
 from eol_ros.core.vision.detect.lasting_misfit import LastingMisfit
 from eol_ros.core.vision.identity.blink import Blink
 from eol_ros.core.vision.identity.identity import Identity
-from eol_ros.core.vision.image_health import Watch
 from eol_ros.core.vision.requests import (
     BACKGROUND,
     CALIBRATE,
     COVER_PATTERNS,
-    DARKNESS,
     THRESHOLD,
     YAW_OFFSETS,
-    Outcome,
-    Requests,
 )
 from eol_ros.core.vision.states import CALIBRATING, FAULT, LOST, SEARCHING, TRACKING
-from eol_ros.errors import ConfigError
-from eol_ros.said import clauses, said
+from eol_ros.core.vision.tracker_base import (
+    M_STEP,
+    PX_STEP,
+    RAD_STEP,
+    SIGMA_STEPS,
+    BaseTracker,
+    Tracked,
+)  # fmt: skip
+from eol_ros.said import said
 from eol_ros.settings import TrackerSettings
 
 if TYPE_CHECKING:
     from eol_ros.core.vision.background.model import BackgroundModel
-    from eol_ros.core.vision.calibration import self_calibration
 
-REST_S = 20.0  # for so long a calibration that was asked for waits for the blocks to rest
-SETTLE_S = 0.3  # after a new calibration; longer than any rest that motion compares with
-LAMP_LEVEL = 5  # grey levels
 # By more no block goes or turns from image to image: it is another one that has its id now.
 GOES_M, TURNS = 0.02, math.radians(45)
-# Answers lie on grids far finer than any noise (1 um, 0.001 px, 15 urad; a sigma to 2 %), so that a
-# bag packs them well: what is rounded off adds less than 0.1 % to the variance of a still block.
-M_STEP, PX_STEP, RAD_STEP = 2.0**-20, 2.0**-10, 2.0**-16
-SIGMA_STEPS = 64
 STEPS = np.array([M_STEP, PX_STEP])
 NOWHERE = np.full((2, N_BLOCKS, 2), np.nan)
 
 
-class Tracked(NamedTuple):
-    """All blocks in one image, as in eol_msgs/Blocks; arrays by block id.
-
-    px (25, 2) and world (25, 2) in m hold for hidden blocks too (`seen` false), carried by their
-    fellows; both are NaN while the state is searching or fault, world also while calibrating. yaw
-    (25,) rad, unwrapped. sigma_m, visibility (25,). why: one line when the state is not tracking.
-    changed: blocks whose covers were lately found to be others than before.
-    """
-
-    stamp_s: float
-    px: np.ndarray
-    yaw: np.ndarray
-    world: np.ndarray
-    seen: np.ndarray
-    sigma_m: np.ndarray
-    visibility: np.ndarray
-    state: int
-    symmetry_ambiguous: bool
-    why: str = ''
-    changed: tuple[int, ...] = ()
-
-
-class Tracker:
+class Tracker(BaseTracker):
     """Keeps the 25 blocks of one camera.
 
     Parameters
@@ -112,8 +84,7 @@ class Tracker:
         calibration: Calibration | None,
         finder: BlobFinder | None = None,
     ):
-        self.settings = settings
-        self.watch = Watch(calibration)
+        super().__init__(settings, calibration)
         self._take(calibration)
         self.predicted = np.zeros((N_BLOCKS, 8))
         self.finder = finder or BlobFinder(calibration, settings.threshold)
@@ -129,11 +100,6 @@ class Tracker:
         self.last_s = -np.inf
         self._image, self._xy = np.zeros((0, 0), np.uint8), np.zeros((0, 2))  # of the last one
         self.blobs = np.zeros(0, BLOB)  # of the last image, for overlays
-        self.learning: self_calibration.SelfCalibration | None = None
-        self.requests = Requests()
-        self.outcome: Outcome | None = None  # of the last request
-        self.asked_s = np.inf  # when a new calibration was asked for
-        self.settled_s = -np.inf  # until then metres are new, and nobody should compare
 
     def _take(self, calibration: Calibration | None) -> None:
         self.calibration = calibration
@@ -155,11 +121,9 @@ class Tracker:
         """The light that is taken off each image."""
         return self.finder.background
 
-    def image_angles(self, tracked: Tracked) -> np.ndarray:
-        """Return the angle (25,) of each block in the image, u right and v up, for overlays."""
-        if self.calibration is None:
-            return tracked.yaw
-        return self.calibration.yaw_to_image(tracked.px, tracked.yaw)
+    @background.setter
+    def background(self, light: 'BackgroundModel | None') -> None:
+        self.finder.background = light
 
     def side_px(self) -> float:
         """Return the side of a block in the middle of the last image, 0 when none was found."""
@@ -170,10 +134,6 @@ class Tracker:
         seen, sides = self.lattice.seen, np.zeros(N_BLOCKS)
         sides[seen] = self.blobs['side_px'][self.lattice.index[seen]]
         return sides
-
-    def cover_height_m(self) -> float:
-        """Return the height of what is measured above the platform."""
-        return self.calibration.cover_height_m if self.calibration is not None else 0.0
 
     def warm_up(self) -> None:
         """Compile or load all compiled code, on throw-away state, before the first image comes.
@@ -273,14 +233,9 @@ class Tracker:
         self.misfit.learn(stamp_s - self.last_s, lattice.index, blobs)
         self.homes.learn(stamp_s - self.last_s, lattice.xy, seen, self.visibility)
         self.last_s = stamp_s
+        if lattice.state == TRACKING:
+            return self._answer(stamp_s, *self._state(stamp_s, image))
         why = {SEARCHING: said('no_lattice', count=len(blobs)), LOST: said('out_of_sight')}
-        if self.learning is not None and lattice.state == TRACKING:
-            learning = self.learning
-            self._learn(stamp_s, image)
-            if self.learning is not None and np.isinf(self.asked_s):
-                return self._answer(stamp_s, CALIBRATING, learning.why)
-        if lattice.state == TRACKING and stamp_s < self.settled_s:
-            return self._answer(stamp_s, CALIBRATING, 'metres are new')
         return self._answer(stamp_s, lattice.state, why.get(lattice.state, ''))
 
     def _glance(self, detections: np.ndarray, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -303,77 +258,48 @@ class Tracker:
         if kind == THRESHOLD:
             self.finder.threshold = value
         elif kind == BACKGROUND:
-            self.finder.background = value
+            self.background = value
         elif kind == YAW_OFFSETS:
             self.lattice.yaws = value
         elif kind == COVER_PATTERNS:
             if self.identity.covers is not None:
                 self.identity.covers = value
-        elif kind == CALIBRATE and self.calibration is None:
-            self._tell(CALIBRATE, said('not_calibrated', why=said('no_squares')), True)
-        elif kind == CALIBRATE and self.learning is not None:
-            if np.isinf(self.asked_s):
-                self._tell(CALIBRATE, said('not_calibrated', why=said('learns_scale')), True)
         elif kind == CALIBRATE:
-            assert self.calibration is not None
-            from eol_ros.core.vision.calibration import self_calibration
+            self._ask(stamp_s)
 
-            shape = self.calibration.image_height, self.calibration.image_width
-            side_px = self.calibration.px_per_m() * BLOCK_SIDE_M
-            start = self_calibration.nominal(shape, side_px, self.calibration.mirrored)
-            start = replace(
-                start,
-                cover_height_m=self.calibration.cover_height_m,
-                covers=self.calibration.covers,
-                distortion_coefficients=self.calibration.distortion_coefficients,
-            )
-            self.learning = self_calibration.SelfCalibration(start)
-            self.asked_s = stamp_s
+    def _start(self) -> Calibration:
+        """Return a straight camera with the scale, covers and lens of the calibration."""
+        from eol_ros.core.vision.calibration import self_calibration
 
-    def _enlighten(self) -> None:
-        """Use what was learnt in a darkness that is over."""
-        try:
-            background = self.requests.learnt()
-        except ConfigError as error:
-            self._tell(DARKNESS, str(error), True)
-        else:
-            if background is not None:
-                self.finder.background = background
-                share = 100 * float((background.light > LAMP_LEVEL).mean())
-                self._tell(DARKNESS, said('background_learnt', percent=f'{share:.1f}'), False)
+        known = super()._start()
+        shape = known.image_height, known.image_width
+        start = self_calibration.nominal(shape, known.px_per_m() * BLOCK_SIDE_M, known.mirrored)
+        return replace(
+            start,
+            cover_height_m=known.cover_height_m,
+            covers=known.covers,
+            distortion_coefficients=known.distortion_coefficients,
+        )
 
-    def _tell(self, kind: str, text: str, refused: bool) -> None:
-        self.outcome = Outcome(kind, refused, text)
+    def _squares(self, stamp_s: float) -> np.ndarray | None:
+        from eol_ros.core.vision.appearance.squares import SQUARE
 
-    def _learn(self, stamp_s: float, image: np.ndarray) -> None:
-        """Calibrate by the blocks themselves, as soon as all of them rest in full view."""
-        lattice, learning = self.lattice, self.learning
-        assert learning is not None and self.calibration is not None
-        good = bool(lattice.seen.all() and self.visibility.min() > 0.8 and lattice.rests())
-        squares = None
-        if good:
-            blobs = self.blobs[lattice.index]
-            squares = np.zeros(N_BLOCKS, SQUARE)
-            for name in SQUARE.names or ():
-                squares[name] = blobs[name]
-            if self.calibration.covers is not None:
-                self._predicted(stamp_s)
-                squares['theta'] += self.predicted[:, 4] * (np.pi / 2)
-        found = learning.add(image, squares)
-        if found is not None:
-            lattice.move(found.to_table(self.calibration.to_pixels(lattice.xy)))
-            self._take(found)
-            self.finder.calibration = found
-            left = {'px': f'{found.residual_px:.3f}', 'mm': f'{found.residual_mm:.2f}'}
-            self._tell(CALIBRATE, clauses([said('calibrated', **left), learning.note]), False)
-            self.learning = None
-            if np.isfinite(self.asked_s):
-                self.settled_s = stamp_s + SETTLE_S
-        elif np.isfinite(self.asked_s) and (learning.refused or stamp_s - self.asked_s > REST_S):
-            self._tell(CALIBRATE, said('not_calibrated', why=learning.why), True)
-            self.learning = None
-        if self.learning is None:
-            self.asked_s = np.inf
+        lattice = self.lattice
+        if not (lattice.seen.all() and self.visibility.min() > 0.8 and lattice.rests()):
+            return None
+        blobs, squares = self.blobs[lattice.index], np.zeros(N_BLOCKS, SQUARE)
+        for name in SQUARE.names or ():
+            squares[name] = blobs[name]
+        if self.calibration is not None and self.calibration.covers is not None:
+            self._predicted(stamp_s)
+            squares['theta'] += self.predicted[:, 4] * (np.pi / 2)
+        return squares
+
+    def _recalibrate(self, found: Calibration) -> None:
+        assert self.calibration is not None
+        self.lattice.move(found.to_table(self.calibration.to_pixels(self.lattice.xy)))
+        self._take(found)
+        self.finder.calibration = found
 
     def _predicted(self, stamp_s: float) -> np.ndarray | None:
         """Where squares are expected, (n, 6), for the finder; see BlobFinder.find."""

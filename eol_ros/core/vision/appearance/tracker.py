@@ -15,38 +15,32 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect.scan import read_only
 from eol_ros.core.vision.identity.blink import Blink
 from eol_ros.core.vision.identity.turn_by_taps import TurnByTaps
-from eol_ros.core.vision.image_health import Watch
 from eol_ros.core.vision.requests import (
     BACKGROUND,
     CALIBRATE,
     COVERS,
-    DARKNESS,
-    Outcome,
-    Requests,
 )
-from eol_ros.core.vision.states import CALIBRATING, FAULT, LOST, SEARCHING, TRACKING
-from eol_ros.core.vision.tracker import (
-    LAMP_LEVEL,
+from eol_ros.core.vision.states import CALIBRATING, FAULT, LOST, SEARCHING
+from eol_ros.core.vision.tracker_base import (
     M_STEP,
     PX_STEP,
     RAD_STEP,
-    REST_S,
-    SETTLE_S,
     SIGMA_STEPS,
+    BaseTracker,
     Tracked,
-)
+)  # fmt: skip
 from eol_ros.errors import ConfigError
-from eol_ros.said import clauses, said
+from eol_ros.said import said
 from eol_ros.settings import TrackerSettings
 
 if TYPE_CHECKING:
-    from eol_ros.core.vision.calibration import self_calibration
+    pass
 
 SEEK_S = 0.5  # between two searches for squares whose size is not known
 WHOLE = 0.8  # visible of each block when the camera is calibrated by the blocks
 
 
-class AppearanceTracker:
+class AppearanceTracker(BaseTracker):
     """Keeps the 25 blocks of one camera by the faces of their covers.
 
     Of the settings `threshold` and `know_covers` are those of the tracker by edges.
@@ -74,8 +68,8 @@ class AppearanceTracker:
     """
 
     def __init__(self, settings: TrackerSettings, calibration: Calibration | None):
-        self.settings, self.calibration = settings, calibration
-        self.watch, self.turn = Watch(calibration), TurnByTaps()
+        super().__init__(settings, calibration)
+        self.turn = TurnByTaps()
         self.follower: Follower | None = None
         if calibration is not None:
             self.follower = Follower(calibration, settings.trust_start)
@@ -83,11 +77,6 @@ class AppearanceTracker:
         if settings.blink_block >= 0:
             self.blink = Blink(settings.blink_block, settings.blink_period_s, settings.blink_off_s)
         self.background: BackgroundModel | None = None
-        self.requests = Requests()
-        self.outcome: Outcome | None = None  # of the last request
-        self.learning: self_calibration.SelfCalibration | None = None
-        self.asked_s = math.inf  # when a new calibration was asked for
-        self.settled_s = -math.inf  # until then metres are new, and nobody should compare
         self._sought_s = -math.inf
         self._covers: np.ndarray | None = None  # learned before, until there is a follower
 
@@ -102,12 +91,6 @@ class AppearanceTracker:
             return {}
         return {COVERS: learnt.pack(follower.faces, follower.blocks, follower.found)}
 
-    def image_angles(self, tracked: Tracked) -> np.ndarray:
-        """Return the angle (25,) of each block in the image, u right and v up, for overlays."""
-        if self.calibration is None:
-            return tracked.yaw
-        return self.calibration.yaw_to_image(tracked.px, tracked.yaw)
-
     def sides_px(self) -> np.ndarray:
         """Return the side (25,) of each block in the last image, 0 where it was not seen."""
         if self.follower is None:
@@ -118,10 +101,6 @@ class AppearanceTracker:
         """Return the side of a block in the middle of the last image, 0 when none was found."""
         sides = self.sides_px()
         return float(np.median(sides[sides > 0])) if sides.any() else 0.0
-
-    def cover_height_m(self) -> float:
-        """Return the height of what is measured above the platform."""
-        return self.calibration.cover_height_m if self.calibration is not None else 0.0
 
     def warm_up(self) -> None:
         """Compile or load all compiled code, on throw-away state, before the first image comes."""
@@ -167,14 +146,7 @@ class AppearanceTracker:
             return self._answer(stamp_s, LOST, said('out_of_sight'))
         self._orient(stamp_s)
         self.watch.rests(follower.rests())
-        if self.learning is not None:
-            learning = self.learning
-            self._learn(stamp_s, image)
-            if self.learning is not None and math.isinf(self.asked_s):
-                return self._answer(stamp_s, CALIBRATING, learning.why)
-        if stamp_s < self.settled_s:
-            return self._answer(stamp_s, CALIBRATING, 'metres are new')
-        return self._answer(stamp_s, TRACKING, '')
+        return self._answer(stamp_s, *self._state(stamp_s, image))
 
     def _lose(self, stamp_s: float, state: int, why: str) -> Tracked:
         if self.follower is not None:
@@ -211,11 +183,10 @@ class AppearanceTracker:
         """Turn the ids, where the blink of a block or taps tell how."""
         follower, turn = self.follower, self.turn
         assert follower is not None
-        blocks, known = follower.blocks, not follower.ambiguous
+        blocks, quarters, known = follower.blocks, None, True
         xy, seen = np.column_stack([blocks['x'], blocks['y']]), blocks['seen']
-        quarters = None
         if self.blink is not None and not turn.confirmed:
-            quarters, known = self.blink.update(stamp_s, xy, seen), True
+            quarters = self.blink.update(stamp_s, xy, seen)
         if quarters is None:
             known = not follower.ambiguous
             quarters = turn.update(stamp_s, xy, seen, follower.found['sigma_m'], known)
@@ -232,58 +203,23 @@ class AppearanceTracker:
             self.background = value
         elif kind == COVERS:
             self._recall(value)
-        elif kind == CALIBRATE and self.calibration is None:
-            self._tell(CALIBRATE, said('not_calibrated', why=said('no_squares')), True)
-        elif kind == CALIBRATE and self.learning is not None:
-            if math.isinf(self.asked_s):
-                self._tell(CALIBRATE, said('not_calibrated', why=said('learns_scale')), True)
         elif kind == CALIBRATE:
-            assert self.calibration is not None
-            from eol_ros.core.vision.calibration import self_calibration
+            self._ask(stamp_s)
 
-            self.learning = self_calibration.SelfCalibration(self.calibration)
-            self.asked_s = stamp_s
+    def _squares(self, stamp_s: float) -> np.ndarray | None:
+        from eol_ros.core.vision.appearance.squares import squares_of
 
-    def _enlighten(self) -> None:
-        """Use what was learnt in a darkness that is over."""
-        try:
-            background = self.requests.learnt()
-        except ConfigError as error:
-            self._tell(DARKNESS, str(error), True)
-        else:
-            if background is not None:
-                self.background = background
-                share = 100 * float((background.light > LAMP_LEVEL).mean())
-                self._tell(DARKNESS, said('background_learnt', percent=f'{share:.1f}'), False)
-
-    def _tell(self, kind: str, text: str, refused: bool) -> None:
-        self.outcome = Outcome(kind, refused, text)
-
-    def _learn(self, stamp_s: float, image: np.ndarray) -> None:
-        """Calibrate by the blocks themselves, as soon as all of them rest in full view."""
-        follower, learning = self.follower, self.learning
-        assert follower is not None and learning is not None and self.calibration is not None
+        follower, calibration = self.follower, self.calibration
+        assert follower is not None and calibration is not None
         blocks, visible = follower.blocks, follower.found['visible']
-        whole = bool(blocks['seen'].all() and visible.min() > WHOLE and follower.rests())
-        squares = None
-        if whole:
-            from eol_ros.core.vision.appearance.squares import squares_of
+        if not (blocks['seen'].all() and visible.min() > WHOLE and follower.rests()):
+            return None
+        return squares_of(calibration, blocks)
 
-            squares = squares_of(self.calibration, blocks)
-        found = learning.add(image, squares)
-        if found is not None:
-            follower.recalibrate(found)
-            self.calibration = self.watch.calibration = found
-            left = {'px': f'{found.residual_px:.3f}', 'mm': f'{found.residual_mm:.2f}'}
-            self._tell(CALIBRATE, clauses([said('calibrated', **left), learning.note]), False)
-            self.learning = None
-            if math.isfinite(self.asked_s):
-                self.settled_s = stamp_s + SETTLE_S
-        elif math.isfinite(self.asked_s) and (learning.refused or stamp_s - self.asked_s > REST_S):
-            self._tell(CALIBRATE, said('not_calibrated', why=learning.why), True)
-            self.learning = None
-        if self.learning is None:
-            self.asked_s = math.inf
+    def _recalibrate(self, found: Calibration) -> None:
+        assert self.follower is not None
+        self.follower.recalibrate(found)
+        self.calibration = self.watch.calibration = found
 
     def _answer(self, stamp_s: float, state: int, why: str) -> Tracked:
         yaw, sigma = np.zeros((2, N_BLOCKS))

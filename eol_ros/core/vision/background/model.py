@@ -9,7 +9,6 @@ The level of the empty platform stays, and with it the noise of a dark pixel.
 import cv2
 import numpy as np
 
-from eol_ros.core.vision.appearance.squares import lattice
 from eol_ros.errors import ConfigError
 from eol_ros.said import said
 
@@ -83,6 +82,8 @@ class BackgroundLearner:
         Raises:
             ConfigError: too few images were taken, or blocks were lit in them.
         """
+        from eol_ros.core.vision.appearance.squares import lattice  # only after a darkness
+
         if self._least is None:
             raise ConfigError(said('few_dark', images=self.images, needed=_PART))
         light = self._least
