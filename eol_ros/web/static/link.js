@@ -98,7 +98,11 @@ export class Link extends EventTarget {
 
   // The state of the whole work in words, the same on every page; '' before anything is known.
   workWords(stale) {
-    if (!stale || this.work.code === 'stopped') return sentence(this.work);
+    return stale && this.work.code !== 'stopped' ? this.silence() : sentence(this.work);
+  }
+
+  // For how long nothing has come, in words.
+  silence() {
     return this.viewer ? say('no_data', { seconds: this.age().toFixed(0) }) : say('no_connection');
   }
 

@@ -152,6 +152,7 @@ function sayState(stale) {
   const hands = known('twin', nodes.values('twin').hands);
   write($('work-state'), stale ? '' : link.workWords(false)); // else the bar above says it
   $('work-state').classList.toggle('loud', link.work.code !== 'awake');
+  $('live').dataset.asleep = Boolean(sleeps);
   press('sleep', 'wake', sleeps);
   press('mute', 'unmute', muted);
   press('plays_itself', 'people_only', hands ? hands === 'visitors' : null);
@@ -277,7 +278,7 @@ setInterval(() => {
   $('stalebar').hidden = !stale;
   $('live').hidden = stale;
   sayState(stale);
-  if (stale) $('stalebar').textContent = link.workWords(stale);
+  if (stale) $('stalebar').textContent = [...new Set([link.workWords(stale), link.silence()])].join(': ');
   for (const card of document.querySelectorAll('.card')) {
     const kinds = (STREAMS[card.id] || []).filter((kind) => kind !== 'image' || camera.view !== 'off');
     const ages = kinds.map((kind) => link.age(kind));
