@@ -25,7 +25,6 @@ IMAGES, INFO, SAMPLES = 'camera/image_raw', 'camera/camera_info', 'sound_samples
 PREVIEW, MARKERS, POSES = 'camera/image_raw/compressed', 'markers', 'block_poses'
 FRAMES = '/tf_static'
 RHYTHM = (IMAGES, 'blocks', 'truth')  # topics with a message for every image
-READER_DEPTH = 600  # small messages of ten seconds: nobody waits for a recorder without a processor
 DISK_HUNG_S = 60.0  # a thread may wait up to this for a slow disk
 EARLY = 1000  # messages kept until a replay tells its time
 DROPS_TOLD_S = 20.0  # after the last; the count stays in the values and in the bag
@@ -46,9 +45,8 @@ class RecorderNode(EolNode):
         self._early: deque[BagMessage] = deque(maxlen=EARLY)  # before a log time was known
         self._slips, self._states = self.intake('slips'), self.intake('/diagnostics')
         for topic, bag_topic in self.described.items():
-            depth = READER_DEPTH if TOPICS[topic].qos == 'stream' else None
             callback = self._callback(topic, bag_topic)
-            self.subscribe(topic, callback, raw=True, depth=depth, with_info=True)
+            self.subscribe(topic, callback, raw=True, with_info=True)
         self.health.watches('bag-writer', lambda: self.recording.rounds(), hung_s=DISK_HUNG_S)
         self.health.watches(
             'bag-housekeeper', lambda: self.recording.housekeeping(), DISK_HUNG_S, math.inf

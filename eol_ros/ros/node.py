@@ -255,7 +255,6 @@ class EolNode(Node):
         topic: str,
         callback: Callable[..., None],
         raw: bool = False,
-        depth: int | None = None,
         with_info: bool = False,
         read: Callable[[Any], Any] | None = None,
     ) -> Subscription:
@@ -263,12 +262,11 @@ class EolNode(Node):
 
         `callback` gets what `intake` returns, or with `raw` the CDR bytes, which may be anything.
         `with_info`, for `raw`, hands over after them when DDS received and when the publisher
-        sent them, in ns of the system clock, and the publisher's number of them. `depth` keeps more
-        messages, or fewer, than the table says; no writer needs to know.
+        sent them, in ns of the system clock, and the publisher's number of them.
         """
         if not raw:
             callback = _checked(self.intake(topic, read), callback)
-        return self.qos.subscription(topic, informed(callback) if with_info else callback, depth)
+        return self.qos.subscription(topic, informed(callback) if with_info else callback)
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
         """Destroy a subscription, or what was made in its place."""

@@ -80,16 +80,14 @@ class NodeQoS:
         made: Publisher = self._make(end, callbacks, create, kind, topic)
         return made
 
-    def subscription(
-        self, topic: str, callback: Callable[..., None], depth: int | None
-    ) -> Subscription:
+    def subscription(self, topic: str, callback: Callable[..., None]) -> Subscription:
         """Return a subscription to the CDR bytes of a topic of the table.
 
         A topic whose row says `sensor` is subscribed to again, best effort, where a
         publisher offers no more: as camera drivers do (SensorDataQoS, REP 2003).
         """
         row = graph.TOPICS[topic]
-        end = _End(topic, with_depth(QOS[row.qos], depth))
+        end = _End(topic, QOS[row.qos])
         kind = message_class(row.type_name)
         overridden = self._overridden.get(self._key(end), ())
         adapts = row.sensor and _RELIABILITY not in overridden

@@ -141,8 +141,10 @@ def run(args) -> int:
 
 def _blocks(args, images):
     from eol_ros.core.vision.calibration.calibrate import from_images
+    from eol_ros.verbs import compile
     from eol_ros.verbs.progress import track
 
+    compile.ensure(['appearance'])
     return from_images(
         track(_usable(images), 'finding blocks'),
         _start(args, images[0].shape),

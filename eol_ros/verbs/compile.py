@@ -175,6 +175,22 @@ def _tracker():
         tracker.update(k / 60, renderer.render(x, y, np.zeros(N_BLOCKS), k))
 
 
+def _appearance():
+    import numpy as np
+
+    from eol_ros.core.geometry import N_BLOCKS, rest_lattice
+    from eol_ros.core.vision.appearance.tracker import AppearanceTracker
+    from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+    from eol_ros.settings import TrackerSettings
+
+    renderer = Renderer(RenderOptions(), None, 0)
+    tracker = AppearanceTracker(TrackerSettings(), None)
+    tracker.warm_up()
+    for k in range(30):  # it calibrates itself, from blocks at rest
+        x, y = rest_lattice().T
+        tracker.update(k / 60, renderer.render(x, y, np.zeros(N_BLOCKS), k))
+
+
 def _sound():
     import numpy as np
 
@@ -224,6 +240,7 @@ def _simulate():
 
 WORK = {
     'tracker': _tracker,
+    'appearance': _appearance,
     'twin': _twin,
     'sound': _sound,
     'ice': _ice,
@@ -232,14 +249,16 @@ WORK = {
 # To tell how far it is: how many functions each of them compiles or loads (numba's own events), and
 # how many seconds of a processor that took, cold, where it was measured.
 FUNCTIONS = {
-    'tracker': 235,
+    'tracker': 263,
+    'appearance': 255,
     'twin': 80,
     'sound': 103,
     'ice': 1,
     'simulate': 141,
 }
 SECONDS = {
-    'tracker': 76,
+    'tracker': 65,
+    'appearance': 52,
     'twin': 49,
     'sound': 45,
     'ice': 10,

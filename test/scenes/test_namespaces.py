@@ -133,4 +133,4 @@ def test_the_command_line_means_one_of_them(run):
     assert '/eol/blocks' not in rows
     assert said['status'].returncode == 2
     assert '--namespace north or south' in said['status'].stderr
-    assert said['south'].stdout.startswith('south in /south'), said['south'].stderr
+    assert said['south'].stdout.startswith('south: awake\nsouth in /south'), said['south'].stderr
