@@ -54,7 +54,8 @@ _unstored: list[str] = []  # why objects of this process are not in the cache
 
 def cold(parts: Iterable[str]) -> list[str]:
     """Return those of `parts` (names of nodes; others need nothing) that must be compiled."""
-    return [part for part in PARTS if part in set(parts) and not _is_warm(part)]
+    wanted = set(parts)
+    return [part for part in PARTS if part in wanted and not _is_warm(part)]
 
 
 @contextlib.contextmanager
