@@ -1353,7 +1353,7 @@ def test_what_a_frozen_node_said_is_old_and_nothing_else(graph, browser):
         assert run(browser, 'return document.querySelector("#camera").className') == 'card'
         until_page(browser, '/^0 /.test(document.getElementById("moving-count").textContent)')
         row = status(address)['motion']
-        assert row['age_s'] > 3 or row['pid'] != str(motion)  # it was replaced while pages waited
+        assert row['age_s'] > 3 or int(row['pid']) != motion  # it was replaced while pages waited
     finally:
         with contextlib.suppress(ProcessLookupError):  # its supervisor may have ended it
             os.kill(motion, signal.SIGCONT)
