@@ -101,9 +101,9 @@ class Rescan:
 def automaton(count: int = 1500) -> Curve:
     """The lattice at alpha 0.20 and 0.25: events that are not those of exact arithmetic."""
     curve = Curve(
-        'automaton', 'exact fractions, event by event', '% of events otherwise',
+        'automaton', 'exact fractions, event by event', '% of events that differ',
         '1000 topplings', 'L 128, 0.20', 'exact: 0',
-        'sites that tie exactly: the last bit decides who is first',
+        'exact ties between sites: the last bit decides',
     )  # fmt: skip
     baseline = Rescan()
     for alpha, sides in ((Fraction(1, 5), (16, 35, 128)), (Fraction(1, 4), (16, 35))):
@@ -201,9 +201,9 @@ def selection(images: int = 150) -> Curve:
     places, seen = _walk(images)
     still = np.zeros(25)
     curve = Curve(
-        'choice of grains', 'the rule in loops, block by block and grain by grain',
-        '% of triggers otherwise', 'image', '2048 grains', 'exact: 0',
-        'distances are of all moving blocks to all grains: time goes with both',
+        'grain selection', 'the rule in plain loops',
+        '% of triggers that differ', 'image', '2048 grains', 'exact: 0',
+        'time grows with moving blocks times grains',
     )  # fmt: skip
     for count in (128, 512, 2048, 8192):
         corpus = _corpus(count)
@@ -236,9 +236,9 @@ def mixer() -> Curve:
 
     rate, pace, seconds, voices = 48_000, 1.37, 2, 64
     curve = Curve(
-        'mixer, at another rate', 'formula: the tone, 1.37 times as high', '% beside the tone',
+        'mixer, resampled', 'formula: tone, 1.37 times as high', '% distortion',
         'second of a voice', 'cubic, 1000 Hz', 'float32: 1e-5 %',
-        'above a quarter of the sample rate no four samples know the tone',
+        'tones above a quarter of the sample rate',
     )  # fmt: skip
 
     def beside(out: np.ndarray, hz: float) -> float:

@@ -80,10 +80,10 @@ def board_clock(seconds: float = 600.0) -> Curve:
         return found
 
     curve = Curve(
-        'board clock', 'truth in code: 40 ppm, a drift of 20 ppm, delays of 0.1 ms and more',
+        'board clock', 'simulation: 40 ppm, drift 20 ppm, delays from 0.1 ms',
         'µs RMS', 'exchange', 'window 64',
-        'half the quickest round trip is what nobody can tell apart: 100 µs',
-        'delays that differ one way from the other by always the same',
+        'half the shortest round trip: 100 µs',
+        'constant asymmetry of the delays',
     )  # fmt: skip
     for window in (2, 4, 16, 64, 256):
         took = milliseconds(lambda w=window: ours(w), 2) / len(sent)
@@ -121,9 +121,9 @@ def replay_clock() -> Curve:
         return found
 
     curve = Curve(
-        'clock of a replay', 'truth in code: delays of 1.5 ms by chance, 2 % of them 20 ms more',
-        'ms RMS', 'message', '64 messages', 'the least delay of five: 0.3 ms',
-        'a replay that changes its pace by less than 25 ms shows it late',
+        'replay clock', 'simulation: random delays of 1.5 ms, 2 % with 20 ms more',
+        'ms RMS', 'message', '64 messages', 'smallest delay of five: 0.3 ms',
+        'changes of pace below 25 ms are found late',
     )  # fmt: skip
     curve.points.append(('64 messages', milliseconds(ours, 2) / len(recorded), rms(ours()) * 1e-6))
     for name, work in (('newest message', newest), ('least squares of 64', line)):
@@ -149,10 +149,10 @@ def onsets(count: int = 400) -> Curve:
         return np.broadcast_to(times, path.shape).copy(), path + noise
 
     curve = Curve(
-        'onset of a slip', 'truth in code: springs of 40 N/m, 20 µm of noise, 60 images a second',
+        'slip onset', 'simulation: 40 N/m, 20 µm noise, 60 images/s',
         'ms RMS', 'slip', '3 images',
-        'an image that crosses a threshold: period / sqrt(12) = 4.8 ms',
-        'slips that begin while the rim pushes harder than friction falls',
+        'threshold on images: period/sqrt(12) = 4.8 ms',
+        'slips that begin while the rim adds force faster than friction drops',
     )  # fmt: skip
     noise = np.full(count, sigma)
     for after in (1, 2, 3, 4, 6, 10):
@@ -212,10 +212,9 @@ def calibration() -> Curve:
         return rms(found.to_table(truth.to_pixels(grid)) - grid) * 1e3
 
     curve = Curve(
-        'calibration from blocks', 'truth in code: a tilted camera with a lens, blocks 4 mm off',
-        'mm RMS', 'solution', '4 images',
-        'blocks set 4 mm off tell the frame to 4 mm / sqrt(25 n)',
-        'one image does not tell the lens; covers with relief need their heights',
+        'calibration from blocks', 'simulation: tilted camera, lens, blocks 4 mm off',
+        'mm RMS', 'solution', '4 images', '4 mm/sqrt(25 n)',
+        'one image does not determine the lens; relief covers need heights',
     )  # fmt: skip
     for count in (1, 2, 4, 8):
         errors, took = [], []
@@ -250,9 +249,9 @@ def grain_layout(n: int = 2048) -> Curve:
 
     before = layout.EXACT_UP_TO
     curve = Curve(
-        f'layout of {n} grains', 'the exact assignment (SciPy)',
-        '% further than must be', 'layout', 'parts of 2048',
-        'the exact assignment, n^3', 'more than 2048 grains are halved: the row of 1024 tells how',
+        f'layout of {n} grains', 'exact assignment (SciPy)',
+        '% excess distance', 'layout', 'parts of 2048',
+        'exact assignment, n^3', 'larger corpora are halved: see parts of 1024 in the plot',
     )  # fmt: skip
     try:
         exact = moved(layout.even(places))
@@ -294,9 +293,9 @@ def pitch() -> Curve:
 
     lags = descriptors.yin(frames, rate)[1]
     curve = Curve(
-        'pitch of a grain (YIN)', 'formula: the tones that were made',
-        'cents, median', 'frame', 'YIN', '0.05 cents: Cramer-Rao of the first partial',
-        'two tones at once have none; below 50 Hz a frame is too short',
+        'pitch (YIN)', 'formula: synthetic tones',
+        'cents, median', 'frame', 'YIN', 'Cramer-Rao, first partial: 0.05 cents',
+        'two simultaneous tones; below 50 Hz',
     )  # fmt: skip
     took = milliseconds(lambda: descriptors.yin(frames, rate)) / count
     curve.points.append(('YIN', took, float(np.nanmedian(abs(cents(rate / lags))))))
@@ -335,8 +334,8 @@ def tail() -> Curve:
         return -float(np.polyfit(np.log(size), np.log(histogram[size]), 1)[0])
 
     curve = Curve(
-        'power-law fit', 'truth in code: tau = 1.6 on 1 to 25', 'RMS of tau', 'fit',
-        '1000 sizes', 'Fisher: 0.035 for 1000 sizes', 'sizes that hang together: blocks of them',
+        'power-law fit', 'simulation: tau 1.6, sizes 1 to 25', 'RMS of tau', 'fit',
+        '1000 sizes', 'Fisher information: 0.035', 'correlated sizes need the effective n',
     )  # fmt: skip
     for n in counts:
         found = [powerlaw.fit(h, 1, 25).tau - tau for h in drawn[n]]
@@ -369,9 +368,9 @@ def limiter() -> Curve:
         return render_all(Mixer(rate, governor_db=0, gain_db=0), trigger, bank, 2 * rate)[:, 0]
 
     curve = Curve(
-        'limiter', 'formula: the tone that went in', '% beside the tone', 'second of stereo',
-        '12 dB over', 'a gain that does not change: 0',
-        'a ceiling for samples: between them a peak may be higher',
+        'limiter', 'formula: input tone', '% distortion', 'second of stereo',
+        '12 dB over', 'constant gain: 0',
+        'limits samples, not true peaks between them',
     )  # fmt: skip
     for db in (6, 12, 18):
         out = render(db)
@@ -408,9 +407,9 @@ def spectral_slope(trials: int = 40) -> Curve:
         return -float(np.polyfit(np.log(hz[inside]), np.log(power[inside]), 1)[0])
 
     curve = Curve(
-        'slope of a spectrum', 'truth in code: 1/f noise', 'RMS of beta', 'series', '600 s',
-        'the interval that it states: 95 % of them hold',
-        'what has a slope and is no 1/f: `eol bench spectra`',
+        'slope of a spectrum', 'simulation: 1/f noise', 'RMS of beta', 'series', '600 s',
+        '95 % of its 95 % intervals hold',
+        'spectra with a slope that are not 1/f: `eol bench spectra`',
     )  # fmt: skip
     for seconds, series in noise.items():
         error = rms([ours(values) - 1 for values in series])
@@ -429,9 +428,9 @@ def tone_loudness() -> Curve:
 
     printed = loudness.k_weighting(48_000)  # BS.1770 prints them for 48 kHz only
     curve = Curve(
-        'loudness', 'formula: ITU-R BS.1770, 997 Hz at -20 dBFS is -23.01 LUFS', 'LU',
-        'second of sound', '44100 Hz', 'the recommendation: 0.1 LU',
-        'frequencies near half the sample rate: the filter is warped there',
+        'loudness', 'formula: ITU-R BS.1770, 997 Hz', 'LU',
+        'second of sound', '44100 Hz', 'recommendation: 0.1 LU',
+        'frequencies near half the sample rate: warped filter',
     )  # fmt: skip
     for rate in (8_000, 22_050, 44_100, 48_000, 96_000, 192_000):
         tone = 0.1 * np.sin(2 * np.pi * 997 * np.arange(10 * rate) / rate)
@@ -544,12 +543,12 @@ def markdown(result: dict[str, Any]) -> str:
         if curve['peers']:
             label, peer_ms, peer_error = min(curve['peers'], key=lambda row: row[2])
             peer = f'{label}: {peer_error:.2g}, {peer_ms:.2g} ms'
-            ratio = f'error {peer_error / error:.2g}, time {peer_ms / ms:.2g}' if error else '-'
+            ratio = f'{peer_error / error:.2g}, {peer_ms / ms:.2g}' if error else '-'
         picture = f'../img/method_{name.replace("-", "_")}.png'
         lines.append(
-            f'| <a href="{picture}"><img src="{picture}" width="160"></a> | {curve["method"]} |'
+            f'| [`{name}`]({picture}) |'
             f' {curve["reference"]} | {error:.2g} {curve["unit"]} ({curve["default"]}) |'
-            f' {ms:.2g} ms each {curve["per"]} | {peer} | {ratio} | {curve["limit"]} |'
-            f' {curve["breaks"]} | `eol bench methods --part {name}` |'
+            f' {ms:.2g} ms per {curve["per"]} | {peer} | {ratio} | {curve["limit"]} |'
+            f' {curve["breaks"]} |'
         )
     return '\n'.join(lines)

@@ -24,7 +24,7 @@ def test_a_curve_has_its_default_and_a_peer(make):
     assert curve.default in errors
     assert all(ms > 0 and np.isfinite(error) for _, ms, error in curve.points + curve.peers)
     assert errors[curve.default] < max(error for *_, error in curve.peers)
-    assert row.count('|') == 11
+    assert row.count('|') == 9
 
 
 def test_the_automaton_in_c_has_the_same_events():
