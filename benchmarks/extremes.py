@@ -51,16 +51,14 @@ PEERS: dict[str, tuple[str, str, Callable[[Scene, np.ndarray], np.ndarray]]] = {
 INTRODUCTION = """
 # Stiff and extreme cases
 
-Made by `eol bench extremes --markdown`, on the machine named above. Times are processor time of
-one core, without energy ledger and compilation. *Error* is the largest displacement error against
-what shares no code with the solver: a formula, mpmath, or SciPy's DOP853 between events of its
-own (tolerance 3e-13; it stops blocks below 1e-8 m/s), on the first part of the run where that takes
-more than 60 s. *Covered* is that part, a fifth of the run at least; the rest has no reference. A
-peer stands beside on the same part, with its error, its time, and ours in brackets, or the row
-says that no peer was run. *Times ordinary* is the time in units of that of an ordinary table (S3G,
-5 s), measured before and after the rows. Each row is a test of its status
-(`test/bench/test_extremes.py`, the long ones in `make soak`): no NaN, no more steps than
-`eol simulate` allows, and what ends early says how far it came and what would let it go on."""
+Made by `eol bench extremes --markdown` on the machine named above. Times are processor time of one
+core, without energy ledger and compilation; *times ordinary* is in units of an ordinary table (S3G,
+5 s), measured before and after the rows. *Error* is the largest displacement error against a
+formula, mpmath, SciPy's DOP853 between its own events (tolerance 3e-13, stops below 1e-8 m/s) or
+our own stepping; none shares code with the solver. *Covered* is the part of the run that the
+reference covers, a fifth at least. A peer runs on the same part: its error, its time, ours in
+brackets. `test/bench/test_extremes.py` tests the status of each row: no NaN, no more steps than
+`eol simulate` allows, and a run that ends early says how far it came."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -277,6 +275,7 @@ def markdown(result: dict[str, Any]) -> str:
             continue
         lines += [
             f'\n## {title}\n',
+            conclusion(rows) + '\n',
             '| case | path | status | reached, s | events / steps | ms | times ordinary |'
             ' error, m | against | covered | peer: error, m; ms (ours on the same part) |'
             ' energy missed, J |',
@@ -297,8 +296,11 @@ def markdown(result: dict[str, Any]) -> str:
                 f' {_exponent(r.get("error_m"))} | {against} | {covered} | {peer} |'
                 f' {r["residual_J"]:.0e} of {r["of_J"]:.2g} |'
             )
-        told = [row for row in rows if row['notes']]
-        lines += ['', *(f'- **{row["case"]}**: {row["notes"]}.' for row in told)]
+        told: dict[str, list[str]] = {}
+        for row in rows:
+            told.setdefault(row['notes'], []).append(f'**{row["case"]}**')
+        told.pop('', None)
+        lines += ['', *(f'- {", ".join(cases)}: {note}.' for note, cases in told.items())]
     live = [row for row in result['rows'] if row['where'] == 'live']
     if live:
         lines += [
@@ -312,6 +314,19 @@ def markdown(result: dict[str, Any]) -> str:
             for r in live
         ]
     return '\n'.join(lines)
+
+
+def conclusion(rows: list[dict[str, Any]]) -> str:
+    """Return the line above a table: its largest error, longest row, and rows that end early."""
+    known = [row for row in rows if 'error_m' in row]
+    worst = max(known, key=lambda row: row['error_m'], default=None)
+    slowest = max(rows, key=lambda row: row['times_ordinary'])
+    early = [f'{row["case"]} ({row["status"]})' for row in rows if row['status'] != 'ok']
+    return (
+        (f'Largest error: {_exponent(worst["error_m"])} m ({worst["case"]}). ' if worst else '')
+        + f'Longest: {slowest["times_ordinary"]:.2g} ordinary tables ({slowest["case"]}). '
+        + f'Early end: {", ".join(early) or "none"}.'
+    )
 
 
 def covered_share(row: dict[str, Any]) -> float:

@@ -39,12 +39,10 @@ SETTLE_S = 4.0  # from all OK: the probe of each process waits a second
 INTRODUCTION = """
 # What a scene does not need
 
-Made by `eol bench lean --markdown`, on the machine named above. Memory is PSS: a page that
-processes share counts by its share. Modules are Python's; most threads are those of DDS, thirteen
-or so in each process that has a node. DDS entities are writers and readers, a service or a client
-counting two. The list of what must not be loaded is `test/support/lean.py`;
-`test/nodes/test_lean.py` holds each node and verb to it, and this benchmark each process of a
-running scene."""
+Made by `eol bench lean --markdown` on the machine named above. Memory is PSS: a page that
+processes share counts by its share. DDS entities: writers and readers; a service or client counts
+two. `test/support/lean.py` lists what must not be loaded; `test/nodes/test_lean.py` and this
+benchmark check it."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
