@@ -12,7 +12,7 @@ from eol_ros import interrupts
 HELP = """Run a table, plate, automaton or any scene over all combinations of parameters.
 
 The results are a table (Parquet, or CSV). The same command again computes only what is missing,
-and a sweep file with more values adds to it. docs/science.md explains the file and the columns."""
+and a sweep file with more values adds to it. --parameters MODEL lists its keys and columns."""
 EXAMPLES = [
     'eol sweep examples/sweeps/friction.yaml',
     'eol sweep examples/sweeps/friction.yaml --output friction.csv --workers 4',
