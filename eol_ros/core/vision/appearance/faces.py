@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How bright a block's cover is, place by place: learned over many looks.
 
-A face is a map of CELLS x CELLS over the square, as shares of its gain, and the variance that each
-cell shows over looks.
+A face is a map of CELLS x CELLS over the square, as shares of its gain, and the variance of pixels
+about it, within each cell and over looks.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ from eol_ros.core.vision.appearance.model import (
     SPREAD_LOOKS,
     YOUNG,
 )
-from eol_ros.core.vision.appearance.pixels import AREA, GREY, A, B
+from eol_ros.core.vision.appearance.pixels import AREA, GREY, LIGHT, A, B
 from eol_ros.core.vision.identity.symmetry import TURNED
 
 _LEAST, _MOST = model.SPREAD
@@ -28,22 +28,22 @@ _LEAST, _MOST = model.SPREAD
 class Faces:
     """The faces of n blocks.
 
-    light, spread (n, CELLS, CELLS): brightness and its variance. looks (n,): how often each was
-    looked at. own, own_px: brightness of the cover in the last image, and pixels in each cell.
+    light, spread (n, CELLS, CELLS): brightness, and by what variance pixels deviate from it. looks
+    (n,): how often each was looked at. own (n, 2, CELLS, CELLS): brightness of the cover in the
+    last image, and mean squared deviation of its pixels from the face. own_px: pixels in each cell.
     """
 
     def __init__(self, n: int):
         shape = (n, CELLS, CELLS)
         self.light, self.spread = np.ones(shape, np.float32), np.full(shape, _MOST, np.float32)
-        self.own, self.own_px, self._sum, self._squares, self._count = np.zeros(
-            (5, *shape), np.float32
-        )
+        self.own_px, self._sum, self._off, self._count = np.zeros((4, *shape), np.float32)
+        self.own = np.zeros((n, 2, CELLS, CELLS), np.float32)
         self.looks = np.zeros(n)
 
     def forget(self, block: int) -> None:
         """Begin again with a block whose cover is another one."""
         self.light[block], self.spread[block] = 1.0, _MOST
-        for sums in (self._sum, self._squares, self._count, self.looks):
+        for sums in (self._sum, self._off, self._count, self.looks):
             sums[block] = 0
 
     def recall(self, block: int, light: np.ndarray, spread: np.ndarray, looks: float) -> None:
@@ -51,11 +51,10 @@ class Faces:
         self.light[block], self.spread[block], self.looks[block] = light, spread, looks
         self._count[block] = looks
         self._sum[block] = looks * self.light[block]
-        self._squares[block] = looks * (self.light[block] ** 2 + self.spread[block])
 
     def turn(self, order: np.ndarray, quarters: int) -> None:
         """Give each block the face of block order (n,), turned back by quarters."""
-        for maps in (self.light, self.spread, self._sum, self._squares, self._count):
+        for maps in (self.light, self.spread, self._sum, self._off, self._count):
             maps[:] = np.rot90(maps[order], quarters, (1, 2))
         self.looks[:] = self.looks[order]
 
@@ -70,7 +69,7 @@ class Faces:
         for quarters in range(4):
             for block in np.flatnonzero(comparable):
                 true = TURNED[quarters, block]
-                own = np.rot90(self.own[block], quarters).astype(float)
+                own = np.rot90(self.own[block, 0], quarters).astype(float)
                 px = np.rot90(self.own_px[block], quarters)
                 there, face = px > 0, self.light[true]
                 off = own[there] * (face[there].sum() / own[there].sum()) - face[there]
@@ -87,7 +86,7 @@ class Faces:
         self.looks[block] += 1
         looks = round(self.looks[block])
         young = looks <= YOUNG
-        sums = self._sum[block], self._squares[block], self._count[block]
+        sums = self._sum[block], self._off[block], self._count[block]
         rate = 1 / min(looks, SPREAD_LOOKS)
         _add(
             self.light[block],
@@ -104,18 +103,19 @@ class Faces:
         if drawn:
             _draw(self.light[block], self.spread[block], *sums, looks == YOUNG)
             if looks >= model.MAX_LOOKS:
-                for kept in (self._sum, self._squares, self._count, self.looks):
+                for kept in (self._sum, self._count, self.looks):
                     kept[block] *= 0.75
         return drawn
 
 
 @njit(cache=True)
-def brightness(px, groups, half, blur, fit, light, counts):
-    """Set light (CELLS, CELLS) to the brightness of the cover that px shows, counts to its pixels.
+def brightness(px, groups, half, blur, fit, own, counts):
+    """Set own and counts of one block to what px shows of its cover; see Faces.
 
     Of pixels that lie so far inside that their edge function is 1.
     """
-    light[:] = 0.0
+    light, off = own
+    own[:] = 0.0
     counts[:] = 0.0
     per_cell = CELLS / (2 * half)
     cs, sn = cos(fit[2]), sin(fit[2])
@@ -129,12 +129,15 @@ def brightness(px, groups, half, blur, fit, light, counts):
         if abs(a) > safe or abs(b) > safe:
             continue
         p, q = int((a + half) * per_cell), int((b + half) * per_cell)
-        light[q, p] += px[k, z + GREY] - fit[4] - (fit[5] * a + fit[6] * b) / half
+        seen = (px[k, z + GREY] - fit[4] - (fit[5] * a + fit[6] * b) / half) / fit[3]
+        light[q, p] += seen
+        off[q, p] += (seen - px[k, z + LIGHT]) ** 2
         counts[q, p] += 1.0
     for q in range(CELLS):
         for p in range(CELLS):
             if counts[q, p] > 0.0:
-                light[q, p] = light[q, p] / counts[q, p] / fit[3]
+                light[q, p] /= counts[q, p]
+                off[q, p] /= counts[q, p]
 
 
 @njit(cache=True)
@@ -157,31 +160,31 @@ def fill(cells, counts, otherwise):
 
 
 @njit(cache=True)
-def _add(light, spread, total, squares, count, own, own_px, whole, young, noise, rate):
+def _add(light, spread, total, total_off, count, own, own_px, whole, young, noise, rate):
     for j in range(CELLS):
         for i in range(CELLS):
             if own_px[j, i] <= 0.0:
                 continue
-            r2, quiet = (own[j, i] - light[j, i]) ** 2, noise / own_px[j, i]
+            r2, quiet = (own[0, j, i] - light[j, i]) ** 2, noise / own_px[j, i]
             if whole or r2 < AGREE * (spread[j, i] + quiet):
-                total[j, i] += own[j, i]
-                squares[j, i] += own[j, i] ** 2
+                total[j, i] += own[0, j, i]
                 count[j, i] += 1.0
-            if not young:
-                v = min(max(r2 - quiet, 0.0), 20 * spread[j, i])
-                spread[j, i] = min(max(spread[j, i] + rate * (v - spread[j, i]), _LEAST), _MOST)
+            v = max(own[1, j, i] - noise, 0.0)
+            if young:
+                total_off[j, i] += v
+            else:
+                v = spread[j, i] + rate * (min(v, 20 * spread[j, i]) - spread[j, i])
+                spread[j, i] = min(max(v, _LEAST), _MOST)
 
 
 @njit(cache=True)
-def _draw(light, spread, total, squares, count, first):
+def _draw(light, spread, total, total_off, count, first):
     for j in range(CELLS):
         for i in range(CELLS):
             if count[j, i] > 0.0:
-                mean = total[j, i] / count[j, i]
-                light[j, i] = mean
+                light[j, i] = total[j, i] / count[j, i]
                 if first:
-                    v = squares[j, i] / count[j, i] - mean * mean
-                    spread[j, i] = min(max(v, _LEAST), _MOST)
+                    spread[j, i] = min(max(total_off[j, i] / count[j, i], _LEAST), _MOST)
     fill(light, count, 1.0)
     if first:
         fill(spread, count, _MOST)

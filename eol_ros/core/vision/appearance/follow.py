@@ -360,7 +360,7 @@ class Follower:
             f['own'] = np.clip(
                 f['own'] + rate * (f['off'] - f['own']), model.LEAST_OWN, self._most_own
             )
-            f['usual'] += rate * (f['sides'] - f['usual'])
+            f['usual'] += rate * (f['free'] - f['usual'])
             f['lasting'] += rate * (f['influence'] - f['lasting'])
             if known[block]:
                 rate = 1 / min(faces.looks[block] - YOUNG + 1, model.OWN_LOOKS)
@@ -379,7 +379,8 @@ class Follower:
     def _sharpen(self, good: np.ndarray) -> None:
         """Learn how blurred edges are, from blocks that are seen well."""
         good = good & self.found['close'] & (self.found['wider_weight'] > 0)
-        if good.sum() >= model.LEAST:
+        settled = self._calibration.covers is not None and self._blur_looks >= model.BLUR_LOOKS
+        if good.sum() >= model.LEAST and not settled:
             self._blur_looks = min(self._blur_looks + 1, 60)
             wider = np.median(self.found['wider'][good] / self.found['wider_weight'][good])
             low, high = model.BLUR_PX

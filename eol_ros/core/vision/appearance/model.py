@@ -10,17 +10,22 @@ Lengths in px are of the image.
 CELLS = 12  # of the brightness map, along each axis: 3.8 px at 545 px/m
 FIRST_BLUR_PX = 1.3  # standard deviation of an edge before the first image: lens and pixel
 BLUR_PX = 0.4, 4.0  # from a pixel's own to that of a lens far out of focus
+BLUR_LOOKS = (
+    24  # of printed covers: what their light does near the sides would widen edges on and on
+)
 YOUNG = 12  # looks; the mean of fewer is noisier than a third of one image
 REDRAWN = 16, 24  # looks after which the mean has changed enough to be used
 MAX_LOOKS = 60.0  # then older ones fade: a lamp's light on a cover must not be kept for its own
-SPREAD = 1e-5, 0.02  # variance of brightness over looks, shares squared: 0.3 % to 14 %
+SPREAD = 1e-5, 0.02  # variance of pixels about a face, shares squared: 0.3 % to 14 %
 SPREAD_LOOKS = 100.0  # over which it is averaged
 
 # Registration
 LANES = 8  # pixels of one vector of AVX2, whose records lie together
 MOST_PX = 16000  # pixels of one block: enough for one 200 px wide; what exceeds them is left out
 EVERY = 3  # row and column of the pixels that are read where light does not change
-DENSE = 2.6  # standard deviations of an edge, 99 % of its slope: within them every pixel is read
+# Standard deviations of an edge within which every pixel is read: of flat covers 99 % of its slope;
+# of printed ones, once known, 95 %: further in their light falls off in its own way
+DENSE = 2.6, 2.0
 MARGIN_PX = 0.5  # beyond that, for the rounding of a pose
 MOST_BENT_PX = 0.01  # greatest error of a block's border when its pixels are shifted
 OUTSIDE_PX = 3.0  # beyond that, for the ground around a block

@@ -26,6 +26,7 @@ FOUND = np.dtype(
         # deviations from what is usual, as expected of it
         ('usual', 'f8', (4, fit.OWN)), ('own', 'f8', fit.OWN),
         ('sides', 'f8', (4, fit.OWN)), ('off', 'f8', fit.OWN),
+        ('free', 'f8', (4, fit.OWN)),  # as if nothing were known of this side alone: see _free
         ('sigma_m', 'f8'), ('sigma_rad', 'f8'),
         # influence of clusters of residuals on the pose, as usual and in this image
         ('lasting', 'f8', (fit.INFLUENCES, 3)), ('influence', 'f8', (fit.INFLUENCES, 3)),
@@ -58,7 +59,7 @@ def register(
     of flat covers. blur_px: standard deviation of an edge. noise (2,): see fit.residuals.
     light, spread (n, CELLS, CELLS): their faces. fresh (n,): whether to take the face from this
     image. close (n,): whether to look closely, at sides and brightness; else these stay as they
-    were found last. own, own_px (n, CELLS, CELLS): brightness of each cover, and its pixels.
+    were found last. own, own_px: see Faces.
     patches, kept, places: of pixels.empty_patches(n), from image to image.
     """
     room, px, table = _room(), pixels.empty(), np.zeros(outline.SIZE, np.float32)
@@ -101,6 +102,7 @@ def register(
                 px, patch.starts[5], half, blur_px, noise, room.z, 2 * widen * m.AGREE
             )
             faces.brightness(px, patch.starts[5], half, blur_px, room.z, own[n], own_px[n])
+            _free(px, patch.starts, half, blur_px, noise, widen, without, flat, f, room)
         if fresh[n]:
             patch.starts[:] = 0  # of a face that is not kept
 
@@ -129,7 +131,7 @@ def _room():
 @njit(inline='always')
 def _unlike(f):
     """Return whether something hides part of a block, or shines on it."""
-    return f.visible < m.ALIKE or f.misfit > m.MISFIT
+    return f.visible < m.ALIKE or f.misfit > m.MISFIT * max(f.side_usual.mean(), 1.0)
 
 
 @njit(cache=True)
@@ -144,6 +146,7 @@ def _fit(camera, looks, f, patch, kept, at, px, room):
     face, spread, fresh, own_face, own_px = looks
     z, own, work, starts = room.z, room.own, room.work, patch.starts
     half, judged, widen, odd, without = 1.0, False, 1.0, False, -1
+    dense = m.DENSE[0 if flat or fresh else 1]
     doubtful = not fresh and _unlike(f)
     rests, begins = not (fresh or doubtful) and f.start_px < m.RESTS_PX, True
     sigma_px = m.JUDGED_PX if rests else f.start_px
@@ -151,7 +154,7 @@ def _fit(camera, looks, f, patch, kept, at, px, room):
         renew = fresh and (it == 2 or it == 4)
         moved = math.sqrt(z[0] ** 2 + z[1] ** 2) + abs(z[2]) * half
         if it == 0 or renew or moved > max(0.5 * sigma_px, 1.0):
-            near = m.DENSE * blur_px + m.MARGIN_PX + 0.5 * min(max(sigma_px, 0.7), 5.0)
+            near = dense * blur_px + m.MARGIN_PX + 0.5 * min(max(sigma_px, 0.7), 5.0)
             keep = not fresh and it == 0 and _lies_in(patch, c, f, half_m, near, image.shape, flat)
             if keep:
                 pixels.copy(kept, starts[5], px)
@@ -167,8 +170,8 @@ def _fit(camera, looks, f, patch, kept, at, px, room):
             if it == 0:
                 _levels(px, starts[5], half, blur_px, f, room)
             if renew:
-                face = own_face
-                faces.brightness(px, starts[5], half, blur_px, z, face, own_px)
+                faces.brightness(px, starts[5], half, blur_px, z, own_face, own_px)
+                face = own_face[0]
                 faces.fill(face, own_px, 1.0)
                 pixels.shade(px, starts[5], half, face, spread, flat)
             elif not keep:
@@ -262,6 +265,30 @@ def _tell(f, patch, half, room):
             f.sides[side, i] = room.own[side, i] / gain
             f.off[i] += (f.sides[side, i] - f.usual[side, i]) ** 2 / 4
             f.off[i] += room.kept[side, i, 8 + i] / (4 * gain**2)
+
+
+@njit(cache=True)
+def _free(px, starts, half, blur_px, noise, widen, without, flat, f, room):
+    """Set the numbers of sides that an image alone says, about what all four sides have in common.
+
+    Their mean over images is what is usual. An estimate about what is usual of its own side would
+    draw that mean along, image by image, to where no prior holds it, and the block with it.
+    """
+    gain, own, most = room.z[3], room.own, m.MOST_OWN[0 if flat else 1]
+    common = np.zeros((4, fit.OWN))
+    for i in range(fit.OWN):
+        common[:, i] = f.usual[:, i].mean()
+        room.own_prior[i] = 1.0 / (most[i] * gain**2)
+    fit.all_equations(
+        px, starts, 1, half, blur_px, noise, room.z, own, common, room.own_prior, f.edge_px**2,
+        widen, (room.rows, room.sums, room.matrix), room.kept, room.equations,
+    )  # fmt: skip
+    if not fit.solve(room.equations, without, room.prior, room.towards, room.work):
+        return
+    for side in range(4):
+        fit.restore(room.kept[side], room.work[:, 7], gain, own[side])
+        for i in range(fit.OWN):
+            f.free[side, i] = own[side, i] / gain
 
 
 @njit(cache=True)
