@@ -3,10 +3,10 @@
 
 import argparse
 import contextlib
-import difflib
 import errno
 import importlib
 import io
+import itertools
 import os
 import re
 import sys
@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NoReturn, TextIO
 
 from eol_ros import folders, interrupts
-from eol_ros.errors import BagDamaged, ConfigError, EolError, UsageError, warning_line
+from eol_ros.errors import BagDamaged, ConfigError, EolError, UsageError, nearest, warning_line
 
 WARNINGS_LOG, WARNINGS_MOST = 'warnings.log', 1_000_000  # bytes: then it begins again
 FULL = errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO  # of a disk, at a write
@@ -122,9 +122,7 @@ def _main(words: list[str]) -> int:
         return 0
     verb = words[0]
     if verb not in VERBS:
-        near = difflib.get_close_matches(verb, VERBS, 1, 0.5)
-        hint = f'Did you mean {near[0]}?' if near else f'There are {", ".join(VERBS)}.'
-        print(f'eol: {verb}: no such verb. {hint}', file=sys.stderr)
+        print(f'eol: {verb}: no such verb. {nearest(verb, VERBS)}', file=sys.stderr)
         return UsageError.exit_code
     # as in the graph: the last bits of a solved system depend on how many threads solved it
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
@@ -132,7 +130,18 @@ def _main(words: list[str]) -> int:
     return run_verb(module, f'eol {verb}', words[1:])
 
 
-_KINDS = {'float': 'a number', 'int': 'a whole number'}  # of Python, in words
+_SENTENCES = {  # what argparse says, and what we say
+    r'invalid float value: (.*)': r'\1 is not a number; units are left out',
+    r'invalid int value: (.*)': r'\1 is not a whole number; units are left out',
+    r'^unrecognized arguments: (-.*)': r'\1: no such option',
+    r'^unrecognized arguments: (.*)': r'\1: more words than it takes',
+    r': expected one argument': ' needs a value',
+    r': expected at least one argument': ' needs at least one value',
+    r': expected (\d+) arguments': r' needs \1 values',
+    r': not allowed with argument (.*)': r' and \1 exclude each other',
+    r'^one of the arguments (.*) is required': r'one of \1 is needed',
+    r'^the following arguments (are required: )': r'\1',
+}
 
 
 class Parser(argparse.ArgumentParser):
@@ -142,12 +151,32 @@ class Parser(argparse.ArgumentParser):
         super().__init__(allow_abbrev=False, **kwargs)
 
     def error(self, message: str) -> NoReturn:
-        """End with one line, in place of the whole usage and the name of a type of Python."""
-        for kind, words in _KINDS.items():
-            message = re.sub(
-                rf'invalid {kind} value: (.*)', rf'\1 is not {words}; units are left out', message
-            )
+        """End with one sentence, in place of the whole usage and of words of argparse."""
+        message = message.removeprefix('argument ')
+        for form, words in _SENTENCES.items():
+            message = re.sub(form, words, message)
+        head, _, names = message.partition('are required: ')
+        if not head:
+            message = '; '.join(self._missing(name) for name in names.split(', '))
+        given, unknown, _ = message.partition(': no such option')
+        if unknown:
+            nested = [a.choices.values() for a in self._actions if isinstance(a.choices, dict)]
+            actions = [a for p in (self, *itertools.chain(*nested)) for a in p._actions]
+            known = dict.fromkeys(name for a in actions for name in a.option_strings)
+            message += f'. {nearest(given.split()[0].partition("=")[0], known)}'
+        if found := re.search(r'invalid choice: (.*) \(choose from (.*)\)', message):
+            choices = found[2].replace("'", '').split(', ')
+            hint = nearest(found[1].strip("'"), choices)
+            message = f'{message[: found.start()]}no such choice as {found[1]}. {hint}'
         self.exit(UsageError.exit_code, f'{self.prog}: {message} (`{self.prog} --help` helps)\n')
+
+    def _missing(self, name: str) -> str:
+        """Return that an argument is missing, and what it is."""
+        for action in self._actions:
+            if name in (action.metavar, action.dest, '/'.join(action.option_strings)):
+                about = ', '.join(action.choices or ()) or (action.help or '').partition(';')[0]
+                return f'{name} is missing ({about})'
+        return f'{name} is missing'
 
 
 def within(low: float, high: float, kind: type = float) -> Callable[[str], Any]:

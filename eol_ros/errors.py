@@ -2,11 +2,14 @@
 """The errors a user can cause or meet: one line that says what, where, and what to do."""
 
 import contextlib
+import difflib
 import os
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+
+FEW_NAMES = 8  # are read at a glance (chosen); of more, only the nearest are named
 
 
 class EolError(Exception):
@@ -52,6 +55,21 @@ def writing(path: str | Path, option: str = '') -> Iterator[None]:
     except OSError as error:
         where = f'{option} {path}'.lstrip()
         raise ConfigError(f'{where}: cannot be written ({error.strerror or error})') from None
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return the sentence that ends a `no such ...`: the names of `known` that are nearest.
+
+    >>> nearest('musem', ['lights', 'museum'])
+    'Did you mean museum?'
+    """
+    names = list(known)
+    if near := difflib.get_close_matches(name, names, 1, 0.6):
+        return f'Did you mean {near[0]}?'
+    if len(names) <= FEW_NAMES:
+        return f'There are {", ".join(names)}.' if names else 'There is none.'
+    near = difflib.get_close_matches(name, names, 3, 0.0)
+    return f'Of {len(names)}, the nearest are {", ".join(near)}.'
 
 
 def pip_install(*packages: str) -> str:

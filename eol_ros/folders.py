@@ -10,10 +10,14 @@ from eol_ros.errors import ConfigError, writing
 def cache(name: str) -> Path:
     """Return the folder `name` for things made on first use: ice recording, images, analyses.
 
-    It lies in $EOL_CACHE, else in $XDG_CACHE_HOME/eol_ros, else in ~/.cache/eol_ros, and is made if
-    absent. Raises ConfigError where it cannot be.
+    It is made if absent. Raises ConfigError where it cannot be.
     """
-    return _made(_root('EOL_CACHE', 'XDG_CACHE_HOME', '~/.cache') / name, 'EOL_CACHE')
+    return _made(cache_path() / name, 'EOL_CACHE')
+
+
+def cache_path() -> Path:
+    """Return where these lie: $EOL_CACHE, else eol_ros in $XDG_CACHE_HOME or ~/.cache."""
+    return _root('EOL_CACHE', 'XDG_CACHE_HOME', '~/.cache')
 
 
 def state_path() -> Path:

@@ -33,7 +33,7 @@ from pathlib import Path
 from typing import Any
 
 from eol_ros import yaml_text
-from eol_ros.errors import ConfigError, EolError
+from eol_ros.errors import FEW_NAMES, ConfigError, EolError, nearest
 from eol_ros.said import said
 from eol_ros.scene_secrets import SceneText, without
 from eol_ros.settings import FORMS, MASK, NotifySettings, by_today, masked, renamed, secrets
@@ -87,6 +87,7 @@ class Scene:
     places: dict[str, tuple[str, int, int]] = field(default_factory=dict, repr=False, compare=False)
     # Secret values, parsed and as spelt in the files.
     hidden: tuple[str, ...] = field(default=(), repr=False, compare=False)
+    texts: dict[str, SceneText] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def alone(cls, *names: str) -> 'Scene':
@@ -134,7 +135,15 @@ class SceneError(yaml_text.Mistakes):
 
     def __init__(self, mistakes: list[Mistake], scene: Scene | None = None):
         self.scene = scene
-        super().__init__(mistakes, 'Nothing was started.')
+        quotes = {m: _quoted(scene, m) for m in mistakes} if scene else {}
+        super().__init__(mistakes, 'Nothing was started.', quotes)
+
+
+def _quoted(scene: Scene, mistake: Mistake) -> str:
+    text = scene.texts.get(mistake.file)
+    if text is None:
+        return ''
+    return yaml_text.quoted(*text.quoted(mistake.line, mistake.column, scene.hidden))
 
 
 def inherited(fd: int) -> Path:
@@ -158,7 +167,7 @@ class Reader(yaml_text.Reader):
 
     def __init__(self) -> None:
         super().__init__()
-        self.texts: list[tuple[str, SceneText]] = []
+        self.texts: dict[str, SceneText] = {}
         self.warnings: list[str] = []
         self.places: dict[str, tuple[str, int, int]] = {}
 
@@ -172,8 +181,8 @@ class Reader(yaml_text.Reader):
             self.wrong(start, '', f'{error.strerror}')
             return start
         top, tree, text = self.parse(data, name, '; `include` adds a scene')
-        if tree is not None:
-            self.texts.append((Path(name).name, SceneText(text, tree, SECRET)))
+        if tree is not None or not any(secret in text for secret in SECRET):  # else none is found
+            self.texts[name] = SceneText(text, tree, SECRET)
         if not isinstance(top.value, dict):
             self.wrong(top, '', 'a scene is a mapping with the keys ' + ', '.join(_KEYS))
             return start
@@ -199,19 +208,18 @@ class Reader(yaml_text.Reader):
             self.wrong(
                 place,
                 'include',
-                f'{place.value}: no such file beside {path.name}, and no'
-                f' shipped scene ({", ".join(shipped())})',
+                f'{place.value}: no such file beside {path.name}, and no shipped scene.'
+                f' {nearest(place.value, shipped())}',
             )
         else:
             _merge(top, self.read(other, seen))
 
     def unknown(self, place: Place, where: str, key: str, valid: typing.Iterable[str]) -> None:
-        near = difflib.get_close_matches(key, list(valid), 1, 0.6)
         owners = [f'nodes.{name}' for name, spec in NODES.items() if key in _names(spec.settings)]
         if owners:
             hint = f'; {" and ".join(owners)} {"has" if len(owners) == 1 else "have"} it'
         else:
-            hint = f'. Did you mean {near[0]}?' if near else f'; there are {", ".join(valid)}'
+            hint = f'. {nearest(key, valid)}'
         kind = 'node' if where.startswith('nodes.') else 'key'
         self.wrong(place.keys[key], where, f'no such {kind}{hint}')
 
@@ -332,9 +340,11 @@ def check_value(field_: dataclasses.Field[Any], value: Any) -> Any:
         words = _WORDS.get(kind, kind)  # type: ignore[arg-type]
         raise ConfigError(said('not_a_line', value=shown, shape=f'{words}{asked}'))
     if meta.get('choices') and value not in meta['choices']:
-        near = difflib.get_close_matches(str(value), meta['choices'], 1, 0.6)
-        hint = f'. Did you mean {near[0]}?' if near else ''
-        choices = ', '.join(meta['choices']) + hint
+        choices, hint = ', '.join(meta['choices']), nearest(str(value), meta['choices'])
+        if len(meta['choices']) > FEW_NAMES:
+            choices = f'{len(meta["choices"])} choices. {hint}'
+        elif hint.startswith('Did'):
+            choices += f'. {hint}'
         raise ConfigError(said('not_one_of', value=repr(value), choices=choices))
     if (form := meta.get('kind')) in FORMS and not re.fullmatch(FORMS[form], str(value)):
         raise ConfigError(said('not_a_line', value=f'{value!r}', shape=form))
@@ -359,7 +369,7 @@ def public(scene: Scene) -> Scene:
     nodes = {name: masked(settings) for name, settings in scene.nodes.items()}
     notify = masked(scene.notify) if scene.notify else None
     text = without_secrets(scene, scene.text)
-    return dataclasses.replace(scene, nodes=nodes, notify=notify, text=text, hidden=())
+    return dataclasses.replace(scene, nodes=nodes, notify=notify, text=text, hidden=(), texts={})
 
 
 def plain(scene: Scene) -> dict[str, Any]:
@@ -413,9 +423,7 @@ def find(name: str) -> Path:
         return ours[name]
     if path.is_dir():
         raise ConfigError(f'{name}: is a folder; name the YAML file of a scene in it')
-    near = difflib.get_close_matches(path.stem, ours, 1, 0.6)
-    hint = f'Did you mean {near[0]}?' if near else f'There ship {", ".join(ours)}.'
-    raise ConfigError(f'{name}: no such scene. {hint}')
+    raise ConfigError(f'{name}: no such scene. {nearest(path.stem, ours)}')
 
 
 def load(name: str | Path) -> Scene:
@@ -469,7 +477,7 @@ def load(name: str | Path) -> Scene:
         nodes = {name: nodes[name] for name in NODES if name in nodes}
     place = values.get('notify')
     notify = reader.settings('notify', NotifySettings, place) if place else None
-    hidden = tuple({s for _, text in reader.texts for s in text.secrets() if s})
+    hidden = tuple({s for text in reader.texts.values() for s in text.secrets() if s})
     scene = Scene(
         str(title.value) if title else path.stem,
         nodes,
@@ -480,12 +488,15 @@ def load(name: str | Path) -> Scene:
         machines,
         path.resolve(),
         real_time,
-        '\n'.join(f'# {name}\n{text.masked(hidden)}' for name, text in reader.texts),
+        '\n'.join(
+            f'# {Path(name).name}\n{text.masked(hidden)}' for name, text in reader.texts.items()
+        ),
         tuple(reader.warnings),
         namespace,
         notify,
         reader.places,
         hidden,
+        reader.texts,
     )
     if reader.mistakes:
         raise SceneError(reader.mistakes, scene)
@@ -534,11 +545,15 @@ def _nodes(reader: Reader, top: Place, elsewhere: tuple[str, ...]) -> dict[str, 
         elif not reader.mistakes:
             reader.wrong(place or top, 'nodes', 'names no node; a scene needs at least one')
         return {}
+    for given in [name for name in place.value if name not in NODES]:
+        reader.unknown(place, f'nodes.{given}', given, NODES)
+        item = place.value.pop(given)
+        near = difflib.get_close_matches(given, NODES, 1, 0.6)
+        if near and near[0] not in place.value:  # its settings are checked, too
+            place.value[near[0]], place.keys[near[0]] = item, place.keys[given]
     nodes = {}
     for name, item in place.value.items():
-        if name not in NODES:
-            reader.unknown(place, f'nodes.{name}', name, NODES)
-        elif not _off(item):
+        if not _off(item):
             nodes[name] = reader.settings(name, NODES[name].settings, item)
     if nodes and 'recorder' not in place.value:
         nodes['recorder'] = NODES['recorder'].settings()
@@ -582,7 +597,7 @@ def _elsewhere(reader: Reader, top: Place) -> tuple[str, ...]:
         return ()
     for name in names:
         if name not in NODES:
-            reader.wrong(place, 'elsewhere', f'{name}: no such node; there are {", ".join(NODES)}')
+            reader.wrong(place, 'elsewhere', f'{name}: no such node. {nearest(name, NODES)}')
     return tuple(names)
 
 

@@ -12,6 +12,7 @@ import yaml
 from eol_ros.settings import MASK
 
 _PROPERTIES = re.compile(r'(?:[&!]\S*\s+)*')  # an anchor or a tag before a scalar
+_CARET = '\0'  # no YAML has it
 _COMMENT = re.compile(r'(?:^|(?<=\s))#[^\n]*', re.MULTILINE)
 
 
@@ -56,10 +57,20 @@ class SceneText:
             spelt = self._spelt(node)
             yield from (node.value, spelt, spelt[1:-1] if spelt[:1] in ('"', "'") else '')
 
-    def masked(self, secrets: Collection[str]) -> str:
+    def quoted(self, line: int, column: int, secrets: Collection[str]) -> tuple[str, int]:
+        """Return a line without its secrets, and the index in it of `column`; both from 1."""
+        start = sum(map(len, self._text.splitlines(keepends=True)[: line - 1]))
+        before, _, after = self.masked(secrets, start + column - 1).partition(_CARET)
+        first = before.rpartition('\n')[2]
+        if any(s in first + after.partition('\n')[0] for s in secrets):  # not YAML: no mask
+            return '', 0
+        return first + after.partition('\n')[0], len(first)
+
+    def masked(self, secrets: Collection[str], caret: int | None = None) -> str:
         """Return the text with a mask in place of each secret value, and of each of `secrets`.
 
-        A comment that assigns a value to a secret name loses that value.
+        A comment that assigns a value to a secret name loses that value. `_CARET` stands at index
+        `caret`, or before the mask that covers it.
         """
         hidden = [node for node in self._scalars if any(s in node.value for s in secrets)]
         hidden = [n for n in hidden if not any(s in self._spelt(n) for s in secrets)]
@@ -71,6 +82,9 @@ class SceneText:
                 continue  # a part of a text
             if (found := assigned.search(self._text, comment.start(), comment.end())) is not None:
                 masks[found.end(), comment.end()] = MASK
+        if caret is not None:
+            caret = next((b for b, e in masks if b < caret < e), caret)
+            masks[caret, caret] = _CARET
         text = self._text
         for (begin, end), mask in sorted(masks.items(), reverse=True):
             text = text[:begin] + mask + text[end:]

@@ -2,6 +2,8 @@
 """YAML that people write: values with file, line and column, and every mistake at once."""
 
 import re
+import unicodedata
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,6 +12,7 @@ import yaml
 from eol_ros.errors import ConfigError
 
 MOST_VALUES = 100_000  # of a file with all that it includes
+WIDTH = 90  # characters of a line that is quoted: it fits a terminal (chosen)
 LONGEST = 1000  # characters of a message: it may quote a value
 _NO_BREAK = re.compile(r'^[ \t]*\xa0|^[^#\n"\']*:\xa0', re.M)
 _NUMBERS = {  # forms of numbers that YAML 1.1 reads as other numbers, or as text
@@ -38,6 +41,17 @@ class Mistake:
     def __str__(self) -> str:
         where = f'{self.where}: ' if self.where else ''
         return f'{self.file}:{self.line}:{self.column} error {where}{self.what}'
+
+
+def quoted(line: str, column: int) -> str:
+    """Return a line of a file, and below it a caret under the character of index `column`.
+
+    Of a long line only what is about the caret.
+    """
+    first = max(0, column - WIDTH // 2)
+    shown = ''.join(c if c.isprintable() else ' ' for c in line[first : first + WIDTH]).rstrip()
+    wide = (2 if unicodedata.east_asian_width(c) in 'WF' else 1 for c in line[first:column])
+    return f'    {shown}\n    {" " * sum(wide)}^'
 
 
 @dataclass
@@ -149,11 +163,11 @@ class Reader:
 
 
 class Mistakes(ConfigError):
-    """All mistakes of a file, sorted, and a last line that says what was not done."""
+    """All mistakes of a file, sorted, each with its line; then what was not done."""
 
-    def __init__(self, mistakes: list[Mistake], ending: str):
+    def __init__(self, mistakes: list[Mistake], ending: str, quotes: Mapping[Mistake, str]):
         self.mistakes = sorted(mistakes)
         count = len(mistakes)
-        lines = [str(m) for m in self.mistakes]
+        lines = [f'{m}\n{quotes.get(m, "")}'.rstrip() for m in self.mistakes]
         lines.append(f'{count} error{"s" if count > 1 else ""}. {ending}')
         super().__init__('\n'.join(lines))

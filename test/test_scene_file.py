@@ -67,7 +67,6 @@ include: other.yaml
         (3, 25, 'camera.exposure_us'),
         (3, 31, 'camera.widht'),
         (4, 3, 'nodes.trakcer'),
-        (5, 3, 'nodes.motion'),
         (6, 23, 'montage.period_s'),
         (6, 35, 'montage.pairs'),
         (7, 9, 'twin'),
@@ -91,6 +90,8 @@ def test_mistakes_come_with_file_and_count(tmp_path):
     assert caught.value.exit_code == 78
     assert str(caught.value) == (
         f"{path}:1:21 error twin.fps: 'high' is not a number (1 to 240 Hz)\n"
+        '    nodes: {twin: {fps: high}}\n'
+        '                        ^\n'
         '1 error. Nothing was started.'
     )
 
@@ -472,7 +473,7 @@ def test_a_broken_scene_is_told_in_a_line_and_nothing_is_started(name, verb, tmp
         assert cli.main([verb, str(path)]) == 78, said
         line, *count = capsys.readouterr().err.splitlines()
         assert said in line and str(path) in line
-        assert count in (['1 error. Nothing was started.'], [])
+        assert count[-1:] in (['1 error. Nothing was started.'], []) and len(count) in (0, 1, 3)
 
 
 def test_settings_renamed_since_the_last_release_are_read_everywhere(tmp_path):

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scene to processes: which run, in which order, with which environment. Pure."""
 
-import difflib
 import hashlib
 import sys
 from collections.abc import Sequence
@@ -11,7 +10,7 @@ from typing import Any
 
 from eol_ros import compiled
 from eol_ros.bringup.ros_args import RosArgs
-from eol_ros.errors import UsageError
+from eol_ros.errors import UsageError, nearest
 from eol_ros.ros import network
 from eol_ros.scene import Scene, machine_node
 from eol_ros.settings import TrackerSettings
@@ -55,8 +54,7 @@ def only(scene: Scene, names: Sequence[str]) -> Scene:
     """
     for name in names:
         if name not in scene.nodes:
-            near = difflib.get_close_matches(name, scene.nodes, 1, 0.5)
-            hint = f'Did you mean {near[0]}?' if near else f'It has {", ".join(scene.nodes)}.'
+            hint = nearest(name, scene.nodes)
             raise UsageError(f'--only {name}: scene {scene.name} has no such node. {hint}')
     groups = tuple(tuple(n for n in group if n in names) for group in scene.together)
     return replace(

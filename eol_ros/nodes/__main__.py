@@ -3,7 +3,7 @@
 
 import sys
 
-from eol_ros.errors import UsageError
+from eol_ros.errors import UsageError, nearest
 from eol_ros.ros.run import run
 from eol_ros.streams.graph import NODES
 
@@ -16,7 +16,7 @@ def main() -> int:
     wrong = [name for name in names if name not in NODES]
     if wrong or not names:
         what = f'{wrong[0]}: no such node' if wrong else 'no node named'
-        print(f'{what}; there are {", ".join(NODES)}', file=sys.stderr)
+        print(f'{what}. {nearest(wrong[0] if wrong else "", NODES)}', file=sys.stderr)
         return UsageError.exit_code
     return run(names, words[count:])
 

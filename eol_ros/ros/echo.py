@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import DeviceMissing, nearest
 from eol_ros.ros.topics import QOS, message_class
 from eol_ros.streams.graph import OF_ROS, topic_of
 
@@ -131,8 +131,8 @@ def type_of(node: Node, topic: str) -> str:
     if ours:
         return ours.type_name
     known = sorted({name for name, _ in node.get_topic_names_and_types()} - OF_ROS)
-    there = f'there are {", ".join(known)}' if known else 'no graph runs here'
-    raise DeviceMissing(f'{topic}: nothing publishes it; {there}')
+    there = nearest(topic, known) if known else 'No graph runs here.'
+    raise DeviceMissing(f'{topic}: nothing publishes it. {there}')
 
 
 def qos_for(node: Node, topic: str) -> QoSProfile:

@@ -2,11 +2,10 @@
 """The parameters of a running node, read and changed from the command line."""
 
 import dataclasses
-import difflib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from eol_ros.errors import ConfigError, DeviceMissing, EolError
+from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest
 from eol_ros.ros.session import Session
 from eol_ros.said import Said, said
 from eol_ros.scene import check_value
@@ -32,9 +31,7 @@ def checked_live(settings: type, node: str, values: Mapping[str, Any]) -> dict[s
 
 def no_setting(node: str, name: str, known: Iterable[str]) -> Said:
     """Return that `node` has no setting `name`, with the one of `known` that is nearest."""
-    near = difflib.get_close_matches(name, known, 1, 0.6)
-    hint = f'; did you mean {near[0]}?' if near else ''
-    return said('no_setting', node=node, name=f'{name}{hint}')
+    return said('no_setting', node=node, name=f'{name}. {nearest(name, known)}')
 
 
 def checked(settings: type, values: Mapping[str, Any]) -> dict[str, Any]:

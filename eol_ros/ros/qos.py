@@ -24,7 +24,7 @@ from rclpy.qos import (
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
-from eol_ros.errors import ConfigError
+from eol_ros.errors import ConfigError, nearest
 from eol_ros.ros.definitions import type_hash
 from eol_ros.ros.topics import PUBLISHER_QOS, QOS, message_class, with_depth
 from eol_ros.said import Said, clauses, said
@@ -64,8 +64,8 @@ class NodeQoS:
             if found := _OVERRIDE.fullmatch(name):
                 topic, end, policy = found.groups()
                 if policy not in _POLICIES:
-                    known = ', '.join(_POLICIES)
-                    raise ConfigError(f'parameter {name}: no such policy; there are {known}')
+                    hint = nearest(policy, _POLICIES)
+                    raise ConfigError(f'parameter {name}: no such policy. {hint}')
                 self._overridden.setdefault((topic, end), []).append(_POLICIES[policy])
 
     def publisher(self, topic: str, depth: int | None) -> Publisher:

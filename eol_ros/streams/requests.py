@@ -6,7 +6,6 @@ stamp from which it counts. Both are in the bag, so that what was asked while re
 again by a replay and by `eol report --retrack`, from the same image on.
 """
 
-import difflib
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -14,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from eol_ros.errors import UsageError
+from eol_ros.errors import UsageError, nearest
 from eol_ros.said import said
 from eol_ros.settings import live_fields
 from eol_ros.streams.graph import NODES
@@ -205,9 +204,7 @@ def server_of(nodes: Collection[str]) -> str:
 def no_request(kind: str) -> str:
     """Return that there is no request of `kind`, with the one that is nearest."""
     known = [name for name, row in KINDS.items() if not row.internal]
-    near = difflib.get_close_matches(kind, known, 1, 0.5)
-    hint = f'did you mean {near[0]}?' if near else f'there are {", ".join(known)}'
-    return f'{kind[:40]}: no such request; {hint}'
+    return f'{kind[:40]}: no such request. {nearest(kind[:40], known)}'
 
 
 PROVED = ('tracker', 'motion', 'grains')  # their results are recomputed from a bag

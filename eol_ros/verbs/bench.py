@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from eol_ros import cli
-from eol_ros.errors import UsageError
+from eol_ros.errors import UsageError, nearest
 
 HELP = 'Measure error against run time, and speed against peers; `eol bench NAME --help` says more.'
 EXAMPLES = ['eol bench graph --seconds 30', 'eol bench physics --json > physics.json']
@@ -36,7 +36,7 @@ def run(args):
             ' `eol bench` from its own environment (make setup)'
         )
     if args.name not in known:
-        raise UsageError(f'{args.name}: no such benchmark; there are {", ".join(known)}')
+        raise UsageError(f'{args.name}: no such benchmark. {nearest(args.name, known)}')
     if str(ROOT) not in sys.path:
         sys.path.insert(0, str(ROOT))
     # some measure in processes of their own

@@ -6,6 +6,7 @@ import dataclasses
 import datetime
 import functools
 import json
+import re
 import shutil
 import sys
 import tempfile
@@ -96,13 +97,34 @@ def _checked(name: str) -> Scene:
             raise
         scene, wrong = error.scene, error.mistakes
     # a default replaces each wrong value: what depends on one of these is not checked
-    values = [m.where.partition('.')[2] or m.where for m in wrong]
-    for found in _refused(scene, _settings(scene)):
-        if not any(v and v in f'{found.where} {found.what}' for v in values):
-            wrong.append(found)
+    values = [m.where for m in wrong if m.where in scene.places]
+    found = [*_refused(scene, _settings(scene)), *_unwritable()]
+    wrong += [m for m in found if not any(_depends(m, value) for value in values)]
     if wrong:
-        raise scenes.SceneError(wrong)
+        raise scenes.SceneError(wrong, scene)
     return scene
+
+
+def _depends(mistake: Mistake, value: str) -> bool:
+    """Return whether a mistake is about a setting, such as `leds.port`, or compares with it."""
+    node, _, key = value.partition('.')
+    own = mistake.where.partition('.')[0] == node
+    named = re.escape(key if own and key else value)
+    return mistake.where in (node, value) or bool(re.search(rf'\b{named}\b', mistake.what))
+
+
+def _unwritable() -> list[Mistake]:
+    """Return which of the folders that every scene writes to cannot be written."""
+    wrong = []
+    for variable, folder in (
+        ('EOL_STATE', folders.state_path()),
+        ('EOL_CACHE', folders.cache_path()),
+    ):
+        try:
+            _writable(folder, f'set {variable} to')
+        except EolError as error:
+            wrong.append(Mistake(str(folder), 1, 1, variable, str(error)))
+    return wrong
 
 
 def _mistakes(error: ConfigError, name: str) -> list[Mistake]:
@@ -297,7 +319,7 @@ _NODES: dict[str, Callable[[Any], Iterator[Check]]] = {
 }
 
 
-def _writable(folder: Path) -> None:
+def _writable(folder: Path, remedy: str = 'name') -> None:
     """Raise EolError unless `folder` can be written, or made."""
     there = folders.nearest(folder)
     try:  # the rights alone do not tell: root has all of them, also where nothing can be made
@@ -305,7 +327,7 @@ def _writable(folder: Path) -> None:
             pass
     except OSError as error:
         raise EolError(
-            f'nothing can be written in {there} ({error.strerror}); name another folder'
+            f'nothing can be written in {there} ({error.strerror}); {remedy} another folder'
         ) from None
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from typing import IO
 
 from eol_ros import compiled, parent_death
-from eol_ros.errors import EolError, UsageError
+from eol_ros.errors import EolError, UsageError, nearest
 from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.verbs.progress import track
 
@@ -43,7 +43,7 @@ def run(args):
     parts = args.parts.split(',')
     for part in parts:
         if part not in compiled.PARTS:
-            raise UsageError(f'--parts {part}: not one of {", ".join(compiled.PARTS)}')
+            raise UsageError(f'--parts {part}: no such part. {nearest(part, compiled.PARTS)}')
     if args.here:
         return _here(parts)
     if args.force:

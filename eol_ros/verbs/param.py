@@ -4,7 +4,7 @@
 import dataclasses
 import json
 
-from eol_ros.errors import UsageError
+from eol_ros.errors import UsageError, nearest
 from eol_ros.verbs import reach
 
 HELP = 'List, read and change the settings of a running node.'
@@ -31,12 +31,13 @@ def run(args):
     from eol_ros.streams.graph import NODES
 
     if args.node not in NODES:
-        raise UsageError(f'{args.node}: no such node; there are {", ".join(NODES)}')
+        raise UsageError(f'{args.node}: no such node. {nearest(args.node, NODES)}')
     fields = {f.name: f for f in dataclasses.fields(NODES[args.node].settings)}
     if args.action != 'list' and not args.name:
         raise UsageError(f'{args.action} {args.node}: name a setting')
     if args.name and args.name not in fields:
-        raise UsageError(f'{args.node} has no setting {args.name}; it has {", ".join(fields)}')
+        hint = nearest(args.name, fields)
+        raise UsageError(f'{args.node} has no setting {args.name}. {hint}')
     if args.action == 'set':
         return _set(args, fields[args.name])
     from eol_ros.ros.parameters import read

@@ -115,11 +115,13 @@ def run(args: argparse.Namespace) -> int:
 def _scene(given: str):
     from eol_ros.core.physics.scene import from_mapping
     from eol_ros.devices.files.physics_file import load_scene
-    from eol_ros.errors import DeviceMissing
+    from eol_ros.errors import DeviceMissing, nearest
     from eol_ros.lab.presets import NAMED, scene
 
     if given in NAMED:
         return from_mapping(scene(given))
     if not Path(given).exists():
-        raise DeviceMissing(f'{given}: no such scene; give a JSON file, or {", ".join(NAMED)}')
+        raise DeviceMissing(
+            f'{given}: no such scene; give a JSON file or a name. {nearest(given, NAMED)}'
+        )
     return load_scene(given)

@@ -118,7 +118,7 @@ def test_overrides_are_honoured_or_told(ros):
 @pytest.mark.parametrize(
     ('policy', 'value', 'words'),
     [
-        ('reliabilty', 'reliable', 'reliabilty: no such policy; there are .*reliability'),
+        ('reliabilty', 'reliable', 'reliabilty: no such policy. Did you mean reliability'),
         ('reliability', 'sometimes', '/eol/slips.publisher: .*sometimes'),
         ('depth', 'many', '/eol/slips.publisher: .*depth'),
         ('depth', -1, '/eol/slips.publisher: '),
@@ -133,4 +133,4 @@ def test_an_override_that_cannot_be_is_refused(ros, policy, value, words):
 def test_a_parameter_that_is_not_declared_is_a_warning_with_the_nearest_name(ros, capfd):
     probe = Probe(Parameter('perod_s', value=3.0), Parameter('period_s', value=2.0))
     assert probe.settings.period_s == 2.0 and not probe.has_parameter('perod_s')
-    assert 'probe has no setting perod_s; did you mean period_s?' in capfd.readouterr().err
+    assert 'probe has no setting perod_s. Did you mean period_s?' in capfd.readouterr().err

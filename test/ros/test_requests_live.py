@@ -69,7 +69,7 @@ def test_a_setting_is_changed_or_refused_with_the_reason(rig):
     for values, words in (
         ({'stop_mps': 7.0}, 'stop_mps: 7 is out of range'),
         ({'stop_mps': 'slow'}, "stop_mps: 'slow' is not a number"),
-        ({'stop_mqs': 0.1}, 'motion has no setting stop_mqs; did you mean stop_mps?'),
+        ({'stop_mqs': 0.1}, 'motion has no setting stop_mqs. Did you mean stop_mps?'),
         ({}, 'names no setting'),
     ):
         refused = rig.answer('set', 'motion', values)
@@ -80,7 +80,7 @@ def test_a_setting_is_changed_or_refused_with_the_reason(rig):
     ]  # fmt: skip
     refused = rig.answer('dance', 'motion')
     assert not refused.accepted and refused.reason.endswith('; motion is asked for set')
-    assert refused.reason.startswith('dance: no such request; there are set, sleep')
+    assert refused.reason.startswith('dance: no such request. Of 14, the nearest are ')
     assert rig.node.settings.stop_mps == 0.002
 
 
@@ -168,7 +168,7 @@ def test_the_rate_of_a_replay_is_changed_while_it_plays(ros, capfd):
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
-        (['call', 'dance'], 'no such request; there are set, sleep'),
+        (['call', 'dance'], 'no such request. Of 14, the nearest are '),
         (['call', 'darkness', 'until_ns=3'], 'no such request'),
         (['call'], 'name what to ask for'),
         (['call', 'set', 'radius=1'], 'whose settings?'),

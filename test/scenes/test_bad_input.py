@@ -38,7 +38,7 @@ def scene(folder, nodes):
         (['lights', '--only', 'trakcer'], 2, 'Did you mean tracker?'),
         (['lights', '--only', 'camera', '--bag', '/tmp'], 2, '--only leaves the recorder out'),
         (['--for', '-3'], 2, '-3 is outside'),
-        (['--fro', '3'], 2, 'unrecognized arguments'),
+        (['--fro', '3'], 2, 'no such option. Did you mean --for?'),
     ],
 )
 def test_command_line(words, code, hint):

@@ -147,6 +147,46 @@ def test_a_wrong_value_hides_no_other_mistake(check):
     assert words.splitlines()[-1] == '6 errors. Nothing was started.'
 
 
+def test_a_typo_hides_nothing_that_a_node_would_refuse(check):
+    """Nor does a misspelt node hide its own settings, or seem to be missing to the others."""
+    code, _, words = check(
+        '  twin: {}\n'
+        '  trackr: {background: gone.png, treshold: 1}\n'
+        '  motion: {}\n'
+        '  panel: {hos: x, host: 0.0.0.0}\n',
+        head='network: wan\n',
+    )
+
+    lines = [line.split(' error ')[1] for line in words.splitlines() if ' error ' in line]
+    assert code == 78 and len(lines) == 6, words
+    for what, line in zip(
+        ('network: ', 'nodes.trackr: ', 'tracker.background: gone.png: no such', 'tracker.treshold',
+         'panel.hos: no such key. Did you mean host', 'panel.host: 0.0.0.0 opens'),
+        lines, strict=True,
+    ):  # fmt: skip
+        assert line.startswith(what)
+
+
+def test_each_mistake_shows_its_line_and_a_caret(check):
+    words = check("  panel: {pin: 'geheim', hos: 1}  # 地 \n  twin: {夢: 1, fpss: 3}\n")[2]
+    lines = words.splitlines()
+    assert 'geheim' not in words
+    for found in ('hos: 1', '夢: 1', 'fpss: 3'):
+        at = next(k for k, line in enumerate(lines) if line.startswith(' ') and found in line)
+        below = [line.index('^') for line in lines[at + 1 :: 3] if line.strip() == '^']
+        begin = lines[at].index(found) + lines[at][: lines[at].index(found)].count('夢')
+        assert begin in below, (found, words)
+
+
+@pytest.mark.parametrize('variable', ['EOL_STATE', 'EOL_CACHE'])
+def test_a_folder_that_every_scene_writes_to_cannot_be_written(check, monkeypatch, variable):
+    monkeypatch.setenv(variable, '/proc/nothing')
+    code, _, words = check('  twin: {}\n')
+    assert code == 78
+    assert f'error {variable}: nothing can be written in /proc' in words
+    assert f'set {variable} to another folder' in words
+
+
 def test_programs_get_the_mistakes_as_json(check):
     code, out, _ = check('  panel: {host: 0.0.0.0}\n', '--json')
 

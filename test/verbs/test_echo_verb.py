@@ -172,7 +172,7 @@ def test_what_nobody_publishes_is_said(graph):
     code, out, err = end(eol('echo', '/no/such', '--once'))
     assert (code, out) == (69, '')
     assert err.count('\n') == 1
-    assert '/no/such: nothing publishes it; there are /' in err and '/rosout' not in err
+    assert '/no/such: nothing publishes it. ' in err and ' /' in err and '/rosout' not in err
     code, out, err = end(eol('echo', 'wall', '--once', '--timeout', '1'))
     assert (code, out) == (69, '')
     assert 'no message for 1 s' in err
@@ -191,7 +191,7 @@ def test_listening_without_a_graph_says_so_once_and_goes_on(start, monkeypatch):
         assert end(child) == (0, '', '')
     code, out, err = end(eol('echo', '/no/such'))
     assert (code, out) == (69, '')
-    assert err.endswith('/no/such: nothing publishes it; no graph runs here\n')
+    assert err.endswith('/no/such: nothing publishes it. No graph runs here.\n')
 
 
 @pytest.mark.slow

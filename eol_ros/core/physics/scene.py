@@ -8,13 +8,12 @@ in the rest lattice between the points where they are fixed, `L0` their natural 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
 
 from eol_ros.core.physics.drive import LARGEST, Drive
-from eol_ros.errors import ConfigError
+from eol_ros.errors import ConfigError, nearest
 
 KEYS = (
     'n',
@@ -205,9 +204,8 @@ def _keys(where: str, given: Any, wanted: Sequence[str], optional: Sequence[str]
             raise ConfigError(f"{where} lacks the key '{key}'; it wants {', '.join(wanted)}")
     for key in given:
         if key not in wanted and key not in optional:
-            near = get_close_matches(str(key), [*wanted, *optional], 1)
-            hint = f"; did you mean '{near[0]}'?" if near else ''
-            raise ConfigError(f"{where} has the unknown key '{key}'{hint}")
+            hint = nearest(str(key), [*wanted, *optional])
+            raise ConfigError(f"{where} has the unknown key '{key}'. {hint}")
 
 
 def _show(value: Any) -> str:

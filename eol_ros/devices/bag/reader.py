@@ -20,7 +20,7 @@ from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.scan import MAGIC
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, REPLAY_OF, RUN_METADATA, SAMPLE
 from eol_ros.devices.files.names import natural, visible
-from eol_ros.errors import ConfigError, DeviceMissing, EolError
+from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest
 from eol_ros.streams.graph import TOPICS, full_name, namespace_of
 
 if TYPE_CHECKING:
@@ -155,9 +155,8 @@ class BagReader:
         for candidate in (name, f'/{name}', self.name(name)):
             if candidate in self.topics:
                 return candidate
-        raise ConfigError(
-            f'{self.path}: no topic {name} in this bag; there are ' + ', '.join(sorted(self.topics))
-        )
+        hint = nearest(name, sorted(self.topics))
+        raise ConfigError(f'{self.path}: no topic {name} in this bag. {hint}')
 
     def messages(
         self,

@@ -21,7 +21,7 @@ from eol_ros.core.sound.corpus import AXES, COLUMNS, Corpus, Source, grain_dtype
 from eol_ros.devices.files import text_table
 from eol_ros.devices.files.names import find, visible
 from eol_ros.disk import DISK, read
-from eol_ros.errors import ConfigError, DeviceMissing, EolError, writing
+from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest, writing
 from eol_ros.said import said
 from eol_ros.settings import MAP_AXES, MORE_DESCRIPTORS, PROJECTIONS, GrainsSettings
 
@@ -279,7 +279,8 @@ def loads(content: bytes, path: Path, trusted: bool = False) -> Corpus:
     names = [data.get(key, axis) for key, axis in zip(('x_name', 'y_name'), AXES, strict=True)]
     for name in names:
         if not isinstance(name, str) or name not in MAP_AXES:
-            raise ConfigError(f'{path}: {name!r} is no descriptor; there are {", ".join(MAP_AXES)}')
+            hint = nearest(str(name), MAP_AXES)
+            raise ConfigError(f'{path}: {name!r} is no descriptor. {hint}')
     key, notes = str(data.get('digest', '')), told
     if not trusted:
         key = hashlib.sha256(content).hexdigest()

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The time zones that this system knows, by name, and whether its clock was ever set."""
 
-import difflib
 import zoneinfo
 
 from eol_ros.core.opening_hours import CLOCK_SET_S
-from eol_ros.errors import ConfigError, pip_install
+from eol_ros.errors import ConfigError, nearest, pip_install
 
 
 def load(name: str) -> zoneinfo.ZoneInfo:
@@ -21,10 +20,7 @@ def load(name: str) -> zoneinfo.ZoneInfo:
         )
     if not name:
         raise ConfigError('names no time zone; such as Europe/Vienna')
-    near = difflib.get_close_matches(name, known, 1, 0.6)
-    raise ConfigError(
-        f'{name!r}: no such time zone' + (f'. Did you mean {near[0]}?' if near else '')
-    )
+    raise ConfigError(f'{name!r}: no such time zone. {nearest(name, known)}')
 
 
 def clock_is_set(now_s: float) -> bool:

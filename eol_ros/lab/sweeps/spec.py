@@ -13,7 +13,6 @@ What is named in neither has its default.
 """
 
 import dataclasses
-import difflib
 import hashlib
 import itertools
 import json
@@ -29,7 +28,7 @@ import numpy as np
 
 from eol_ros import yaml_text
 from eol_ros.devices.files.physics_file import load_scene
-from eol_ros.errors import ConfigError, DeviceMissing, EolError
+from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest
 from eol_ros.lab.presets import NAMED
 from eol_ros.lab.science.sweep import MODELS, Plain
 from eol_ros.scene import check_value
@@ -85,14 +84,16 @@ def load(path: str | Path) -> Spec:
 class _Reader(yaml_text.Reader):
     def __init__(self, path: Path) -> None:
         super().__init__()
-        self.path = path
+        self.path, self.text = path, ''
 
     def fail(self) -> None:
         if self.mistakes:
-            raise SpecError(self.mistakes, 'Nothing was computed.')
+            lines = [*self.text.splitlines(), '']
+            quotes = {m: yaml_text.quoted(lines[m.line - 1], m.column - 1) for m in self.mistakes}
+            raise SpecError(self.mistakes, 'Nothing was computed.', quotes)
 
     def spec(self, data: bytes) -> Spec:
-        whole, _, text = self.parse(data, str(self.path))
+        whole, _, self.text = self.parse(data, str(self.path))
         self.fail()
         top = self._top(whole)
         model = self._model(top['model'])
@@ -112,7 +113,7 @@ class _Reader(yaml_text.Reader):
                 varied[name] = self._values(place, f'vary.{name}', fields[name])
                 places[name] = place
         self.fail()
-        found = Spec(model, fixed, varied, text=text)
+        found = Spec(model, fixed, varied, text=self.text)
         if len(found) > MOST_TASKS:
             self.wrong(top['vary'], 'vary', f'{len(found)} tasks; {MOST_TASKS} are the most')
         if model == 'scene':
@@ -261,5 +262,4 @@ def _number(text: str) -> float | str:
 
 
 def _hint(name: str, there: tuple[str, ...]) -> str:
-    near = difflib.get_close_matches(name, there, 1, 0.6)
-    return f'. Did you mean {near[0]}?' if near else f'; there are {", ".join(there)}'
+    return f'. {nearest(name, there)}'
