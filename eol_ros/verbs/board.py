@@ -11,6 +11,7 @@ import time
 
 from eol_ros.cli import within
 from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.verdict import Verdict
 from eol_ros.errors import DeviceMissing, UsageError
 
 HELP = 'List the blocks with battery and firmware; find them, let them test themselves, write them.'
@@ -210,7 +211,7 @@ def _self_test(board, blocks, tested: list[int], as_json: bool) -> int:
     from eol_ros.core.serial_protocol import LINKED
     from eol_ros.devices.board.self_test import faults
 
-    failed = False
+    poor: list[int] = []
     for number in tested:
         status, found, wrong = blocks.get(number), None, []
         if status is None or not status.flags & LINKED:
@@ -226,13 +227,19 @@ def _self_test(board, blocks, tested: list[int], as_json: bool) -> int:
             while (found := board.tests.get(number)) is None and time.monotonic() < end:
                 time.sleep(0.01)
             wrong = faults(found) if found else [f'no answer within {TESTED_S:g} s']
-        failed |= bool(wrong)
         if as_json:
             row = {'block': number, **(dataclasses.asdict(found) if found else {}), 'faults': wrong}
             print(json.dumps(row), flush=True)
         else:
             print(f'block {number:2}  {"; ".join(wrong) or _measured(found)}', flush=True)
-    return 1 if failed else 0
+        poor += [number] if wrong else []
+    if not as_json:
+        verdict = Verdict('good', f'{len(tested)} of {len(tested)} blocks passed, none may fail')
+        if poor:
+            named = f'of {len(tested)} tested, failed: {", ".join(map(str, poor))}; none may fail'
+            verdict = Verdict('poor', named, 'repair these blocks as their lines say')
+        print(verdict)
+    return 1 if poor else 0
 
 
 def _measured(test) -> str:

@@ -130,7 +130,9 @@ def run(args) -> int:
         calibration_picture.save(args.picture, solution, image)
     refusal = solution.refusal()
     if refusal:
-        raise ConfigError(f'calibration refused: {refusal}')
+        raise ConfigError(f'calibration refused, poor: {refusal}')
+    if not args.json:
+        print(solution.verdict())
     if args.output:
         from eol_ros.devices.files import calibration_file
 
@@ -325,6 +327,7 @@ def _tell(args, solution) -> None:
                     'residual_mm': done.residual_mm,
                     'refused': solution.refusal(),
                     'note': solution.note,
+                    'verdict': solution.verdict()._asdict(),
                     'points': len(solution.px),
                     'mirror': done.mirrored,
                     'corner_sigma_mm': [_or_none(s) for s in solution.corner_mm],
@@ -351,5 +354,3 @@ def _tell(args, solution) -> None:
                 f'places on the platform known to {solution.platform_mm:.2f} mm RMS, but for where '
                 'the frame lies and how it is turned'
             )
-    else:
-        print('four points fit any table: give more to know how far this can be trusted')

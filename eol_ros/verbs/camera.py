@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from eol_ros.cli import within
+from eol_ros.core.verdict import Verdict, judged, worst
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError
 
 HELP = (
@@ -33,6 +34,9 @@ EVERY_S = 0.25  # from number to number
 OPEN_S = 20.0  # in which a camera must give its first image
 BAR = 30
 FAILED = ('lost', 'wrong')
+# sound.latency_s (25 ms) less the mixer's 8.3 is for camera, tracker, two nodes: half of it, all
+LATE_MS = 8.3, 16.7
+LOST = 0.01, 0.1  # share of images: `eol bench vision --hard dropped` loses one in ten
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,20 +71,20 @@ def run(args: argparse.Namespace) -> int:
     from eol_ros.devices.camera.camera import Camera
 
     meter: Any = {'focus': Focus, 'expose': Expose, 'latency': Latency}[args.show](source)
-    arrivals, view = Arrivals(), None
+    arrivals, view, found = Arrivals(), None, None
     camera = Camera(source, arrivals.take, loop=False)
     if args.view is not None:
         from eol_ros.devices.camera.live_view import LiveView
 
         view = LiveView(args.view)
         print(f'picture at {view.url}', file=sys.stderr)
+    end = '\r' if sys.stdout.isatty() and not args.json else '\n'
     try:
         camera.start()
         _wait(camera, arrivals)
         print(camera.state.text, file=sys.stderr)
         endless = args.seconds is None and args.show != 'latency'
         quiet = args.show == 'latency' and args.json
-        end = '\r' if sys.stdout.isatty() and not args.json else '\n'
         seconds = math.inf if endless else args.seconds or 10.0
         for found, image in _measured(camera, arrivals, meter, seconds):
             line = meter.line(found)
@@ -91,7 +95,9 @@ def run(args: argparse.Namespace) -> int:
         if args.show == 'latency':
             found = meter.summary(camera)
             print(json.dumps(found) if args.json else meter.text(found))
-    finally:
+    finally:  # Ctrl-C ends it as well
+        if found and 'verdict' in found and not args.json:
+            print(f'\n{meter.verdict}' if end == '\r' else meter.verdict)
         camera.close()
         if view:
             view.close()
@@ -164,14 +170,17 @@ def _wait(camera: Any, arrivals: Arrivals) -> None:
 class Focus:
     """The blur of edges, and the best of it so far."""
 
+    verdict: Verdict
+
     def __init__(self, source: Any) -> None:
         self._best = math.inf
 
     def take(self, times: list, images: list[np.ndarray]) -> dict[str, Any]:
         """Return the figures of two images."""
-        from eol_ros.core.vision.lens import edge_blur
+        from eol_ros.core.vision.lens import edge_blur, focus_verdict
 
         blur = edge_blur(images[0], images[-1])
+        self.verdict = focus_verdict(blur)
         if math.isfinite(blur.px):
             self._best = min(self._best, blur.px)
         best = self._best if math.isfinite(self._best) else math.nan
@@ -179,6 +188,7 @@ class Focus:
             'blur_px': _number(blur.px, 3),
             'best_px': _number(best, 3),
             'tiles_px': [[_number(v, 3) for v in row] for row in blur.tiles],
+            'verdict': self.verdict._asdict(),
         }
 
     def line(self, found: dict[str, Any]) -> str:
@@ -191,12 +201,15 @@ class Focus:
         ]
         return (
             f'blur {found["blur_px"]:.2f} px  best {found["best_px"]:.2f}  '
-            f'|{"#" * filled:{BAR}}|  middle {middle}  corners {nw} {ne} {sw} {se}'
+            f'|{"#" * filled:{BAR}}|  middle {middle}  corners {nw} {ne} {sw} {se}  '
+            f'{found["verdict"]["grade"]}'
         )
 
 
 class Expose:
     """Brightness, saturation and what to change."""
+
+    verdict: Verdict
 
     def __init__(self, source: Any) -> None:
         self._source = source
@@ -204,19 +217,21 @@ class Expose:
 
     def take(self, times: list, images: list[np.ndarray]) -> dict[str, Any]:
         """Return the figures of the last image."""
-        from eol_ros.core.vision.lens import advice, light
+        from eol_ros.core.vision.lens import exposure_verdict, light
 
         seen = light(images[-1])
         self._levels.append(seen.level - seen.dark)
         flicker = float(np.std(self._levels)) / max(float(np.mean(self._levels)), 1.0)
         exposure_us = self._source.exposure_us if self._source.live else None
+        self.verdict = exposure_verdict(seen, exposure_us, flicker)
         return {
             'block_level': seen.level,
             'ground_level': seen.dark,
             'saturated': round(seen.saturated, 5),
             'flicker': round(flicker, 4),
             'exposure_us': exposure_us,
-            'advice': advice(seen, exposure_us, flicker),
+            'advice': self.verdict.do,
+            'verdict': self.verdict._asdict(),
         }
 
     def line(self, found: dict[str, Any]) -> str:
@@ -224,12 +239,14 @@ class Expose:
         return (
             f'blocks {found["block_level"]:.0f} of 255  ground {found["ground_level"]:.0f}  '
             f'saturated {found["saturated"]:.1%}  flicker {found["flicker"]:.1%}  '
-            f'{found["advice"] or "good"}'
+            f'{self.verdict.grade}{self.verdict.do and ": "}{self.verdict.do}'
         )
 
 
 class Latency:
     """From the middle of the exposure to the arrival here, how even, and what is lost."""
+
+    verdict: Verdict
 
     def __init__(self, source: Any) -> None:
         self._source = source
@@ -269,16 +286,33 @@ class Latency:
         """Return the figures of the whole run."""
         if not self._times:
             raise DeviceMissing(f'{self._source.name} gave no image in this time')
+        figures = self._figures(self._times)
+        lost = figures.get('not_arrived', 0) + camera.dropped
+        self.verdict = worst(
+            [
+                judged(
+                    'p99', figures['p99_ms'], 'ms', LATE_MS,
+                    'sound.latency_s leaves 16.7 ms for camera, tracker and nodes',
+                    'take a faster mode or port of the camera, or raise sound.latency_s',
+                ),
+                judged(
+                    'lost images', 100 * lost / (figures['images'] + lost), '%',
+                    (100 * LOST[0], 100 * LOST[1]), 'slips are timed by single images',
+                    'give the camera a USB port of its own, and the machine nothing else to do',
+                ),
+            ]
+        )  # fmt: skip
         return {
             'camera': self._source.name,
-            **self._figures(self._times),
+            **figures,
             'dropped_here': camera.dropped,
             **self._source.values,
+            'verdict': self.verdict._asdict(),
         }
 
     def text(self, found: dict[str, Any]) -> str:
         """Return the summary, a figure a line."""
-        return '\n'.join(f'{name:15} {value}' for name, value in found.items())
+        return '\n'.join(f'{name:15} {value}' for name, value in found.items() if name != 'verdict')
 
 
 def _number(value: float, digits: int) -> float | None:

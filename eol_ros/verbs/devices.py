@@ -5,6 +5,8 @@ import dataclasses
 import json
 import sys
 
+from eol_ros.core.verdict import Verdict
+
 HELP = 'List cameras, boards, sound cards and screens, with the line that a scene wants.'
 EXAMPLES = ['eol devices', 'eol devices --json']
 
@@ -21,7 +23,8 @@ def run(args):
     found, remarks = find_all()
     if args.json:
         rows = [dataclasses.asdict(f) for f in found]
-        print(json.dumps({'devices': rows, 'remarks': remarks}, indent=2))
+        verdict = _verdict({f.kind for f in found})._asdict()
+        print(json.dumps({'devices': rows, 'remarks': remarks, 'verdict': verdict}, indent=2))
         return 0
     for kind in KINDS:
         of_kind = [f for f in found if f.kind == kind]
@@ -32,4 +35,20 @@ def run(args):
                 print(f'      {device.scene_line}')
     for remark in remarks:
         print(remark, file=sys.stderr)
+    print(_verdict({f.kind for f in found}))
     return 0
+
+
+def _verdict(kinds: set[str]) -> Verdict:
+    """Return which scenes the kinds of devices that are plugged in are enough for."""
+    from eol_ros.devices.inventory import KINDS
+
+    missing = [kind for kind in KINDS if kind not in kinds]
+    if not missing:
+        return Verdict('good', 'all that the scene museum needs is plugged in')
+    absent = ' and '.join(f'no {kind}' for kind in missing)
+    if 'camera' in missing:
+        return Verdict('poor', f'{absent}: only rehearsal and playback run', 'plug in a camera')
+    return Verdict(
+        'usable', f'{absent}: the scene runs without it', f'plug in a {", a ".join(missing)}'
+    )

@@ -11,6 +11,7 @@ from typing import Any
 
 from eol_ros.cli import within
 from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.verdict import Verdict, judged, worst
 from eol_ros.errors import DeviceMissing, EolError, UsageError
 from eol_ros.verbs import reach
 
@@ -31,6 +32,8 @@ HINT_S = 40.0  # after which who waits is told why
 TELL_S = 5.0  # from line to line of progress
 ENOUGH = 8  # slips of each inner block: more make nothing better, for blocks differ
 SCALE_KG = 6e-4  # of a kitchen scale that shows grams
+# Of a hundred twins, error in the median and at most (docs/measure.md): good and usable.
+SPRINGS_PERCENT, FRICTION_PERCENT, LIGHT_MS = (0.7, 3.8), (3.2, 9.7), (1.1, 2.6)
 
 
 def add_arguments(parser):
@@ -85,8 +88,8 @@ def run(args) -> int:
     if args.scene:
         settings = scene_text.to_write(Path(args.scene), node).nodes[node]
     values, about, picture = measure(args, settings)
-    if args.json:
-        print(json.dumps(about))
+    verdict = _verdict(args.what, values)
+    print(json.dumps(about | {'verdict': verdict._asdict()}) if args.json else verdict)
     if args.picture:
         from eol_ros.analysis import measured
 
@@ -96,6 +99,27 @@ def run(args) -> int:
         said = ', '.join(f'{name} {scene_text.plain(value)}' for name, value in values.items())
         _say(f'written into {args.scene}, {node}: {said}')
     return 0
+
+
+def _verdict(what: str, values: dict[str, float]) -> Verdict:
+    """Return whether the errors are as small as those of measured twins."""
+    if what == 'camera':
+        return judged(
+            'error of light_seen_s', 1e3 * values['light_seen_error_s'], 'ms', LIGHT_MS,
+            'median and largest error of 100 twins', 'take more blinks: --seconds 180',
+        )  # fmt: skip
+    names = ['stiffness'] if what == 'springs' else ['mu_static', 'mu_kinetic']
+    limits = SPRINGS_PERCENT if what == 'springs' else FRICTION_PERCENT
+    do = 'push evenly and longer, until every inner block has slipped often'
+    if what == 'springs':
+        do = 'put the block on rollers, and hang more weights, up and down again'
+    return worst(
+        judged(
+            f'error of {name}', 100 * values[f'{name}_error'] / values[name], '%', limits,
+            'median and largest error of the measured twins', do,
+        )
+        for name in names
+    )  # fmt: skip
 
 
 def _springs(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:

@@ -7,7 +7,7 @@ import pytest
 from scipy.special import erf
 
 from eol_ros.core.vision import lens
-from eol_ros.core.vision.lens import Light, advice, edge_blur, light
+from eol_ros.core.vision.lens import Light, edge_blur, exposure_verdict, focus_verdict, light
 
 W, H = 288, 288
 
@@ -84,17 +84,30 @@ def test_light_is_told_of_blocks_and_ground():
         (Light(180, 14, 0), 0.0, ''),
         (Light(97, 14, 0), 0.0, 'exposure_us 6000'),
         (Light(255, 14, 0.6), 0.0, '60% of what is bright is saturated: exposure_us 1500'),
-        (Light(240, 14, 0), 0.0, 'leave no room: exposure_us 2204'),
+        (Light(240, 14, 0), 0.0, 'no room for flashes: exposure_us 2204'),
         (Light(3, 1, 0), 0.0, 'no block stands out'),
         (Light(180, 14, 0), 0.05, 'brightness varies by 5%'),
     ],
 )
 def test_advice_is_one_line(seen, flicker, words):
-    told = advice(seen, 3000, flicker)
+    found = exposure_verdict(seen, 3000, flicker)
+    told = str(found)
 
-    assert words in told if words else told == ''
+    assert (found.grade == 'good') == (words == '') == (found.do == '')
+    assert all(part in told for part in words.split(': '))
     assert '\n' not in told
-    assert ' us' not in advice(seen, None).replace('3000 us', '')
+    assert ' us' not in str(exposure_verdict(seen, None)).replace('3000 us', '')
+
+
+@pytest.mark.parametrize(
+    ('px', 'corner', 'grade'),
+    [(1.2, 1.25, 'good'), (1.2, 1.7, 'usable'), (1.2, 2.4, 'poor'), (math.nan, 1.2, 'poor')],
+)
+def test_the_most_blurred_part_decides_on_focus(px, corner, grade):
+    tiles = np.full((3, 3), 1.2)
+    tiles[2, 0], tiles[0, 1] = corner, math.nan
+    found = focus_verdict(lens.Blur(px, tiles))
+    assert found.grade == grade and bool(found.do) == (grade != 'good')
 
 
 def test_its_derivatives_are_those_of_polynomials():

@@ -97,8 +97,9 @@ def test_blocks_test_themselves(fake, capsys, monkeypatch):
     fake.self_tests = {3: (protocol.ANSWERS, 20, 400, 400, 0, 0, 3290), 5: None, 6: (0,) * 7}
     assert cli.main(['board', '--port', fake.port, '--self-test']) == 1
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 25
-    assert [n for n, line in enumerate(lines) if not line.endswith('all well')] == [3, 5, 6]
+    assert len(lines) == 26
+    assert [n for n, line in enumerate(lines[:-1]) if not line.endswith('all well')] == [3, 5, 6]
+    assert lines[-1].startswith('poor: repair these blocks') and 'failed: 3, 5, 6;' in lines[-1]
     assert 'moves by 20 mg along x' in lines[3]
     assert 'white LED does not conduct' in lines[3]
     assert 'infrared LED does not conduct' in lines[3]

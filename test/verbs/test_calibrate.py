@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
+import itertools
 import json
 import re
+from pathlib import Path
 from xml.etree import ElementTree
 
 import cv2
@@ -48,7 +50,7 @@ def test_blocks_to_yaml_and_picture(picture, tmp_path, capsys):
     )
     figures = json.loads(capsys.readouterr().out)
     assert figures['residual_px'] < 0.1
-    assert figures['refused'] == ''
+    assert figures['refused'] == '' and figures['verdict']['grade'] in ('good', 'usable')
     assert len(figures['each']) == 25
     camera = calibration_file.load(out)
     truth = clutter_calibration('ordinary')
@@ -96,6 +98,37 @@ def test_points_need_a_size_and_four_columns(tmp_path, capsys):
     assert cli.main(['calibrate', 'points', str(path), '--size', '1280x800']) == 78
     errors = capsys.readouterr().err.strip().splitlines()
     assert all(line.startswith('eol calibrate: ') for line in errors if 'usage' not in line)
+
+
+@pytest.mark.parametrize('side', [None, 0.4, 0.6])
+def test_what_is_no_lattice_of_blocks_is_refused_in_a_line(tmp_path, capsys, side):
+    """A picture of the panel, and 25 squares on a lattice as wide as no table's is."""
+    path = Path(__file__).parents[2] / 'docs' / 'img' / 'panel.png'
+    if side:
+        image = np.full((800, 1280), 20, np.uint8)
+        half = round(70 * side)
+        for u, v in itertools.product(range(360, 921, 140), range(120, 681, 140)):
+            image[v - half : v + half, u - half : u + half] = 180
+        path = tmp_path / 'squares.png'
+        cv2.imwrite(str(path), cv2.GaussianBlur(image, (0, 0), 1.2))
+    out = tmp_path / 'c.yaml'
+    assert cli.main(['calibrate', 'blocks', str(path), '--output', str(out)]) == 78
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert 'no image shows all blocks at rest: ' in told and 'squares seen, not 25' in told
+    assert not out.exists()
+
+
+def test_points_are_judged(tmp_path, capsys):
+    """Four fit any table; more tell how good they are, and where they are not what they should."""
+    truth, path = clutter_calibration('clean'), tmp_path / 'p.csv'
+    around = np.array([[-0.7, -0.7], [0.7, -0.7], [0.7, 0.7], [-0.7, 0.7]])
+    xy = np.vstack([around, 0.5 * around, 0.9 * around[:, ::-1]])
+    words = ['calibrate', 'points', str(path), '--size', '1280x800']
+    for points, off_px, grade in ((xy[:4], 0, 'usable'), (xy, 0.05, 'good'), (xy, 0.6, 'usable')):
+        off = off_px * np.random.default_rng(1).normal(size=(len(points), 2))
+        np.savetxt(path, np.hstack([truth.to_pixels(points) + off, points]), delimiter=',')
+        assert cli.main(words) == 0
+        assert capsys.readouterr().out.splitlines()[-1].startswith(f'{grade}: '), off_px
 
 
 def test_a_mirror_is_said_and_kept(picture, tmp_path, capsys):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import json
 import threading
+import types
 import urllib.error
 import urllib.request
 
@@ -39,6 +40,7 @@ def test_exposure_of_the_twin_is_good(capsys):
     found = lines(capsys)[-1]
     assert found['block_level'] == pytest.approx(184, abs=8)  # as RenderOptions has it
     assert found['saturated'] == 0 and found['advice'] == ''
+    assert found['verdict']['grade'] == 'good'
 
 
 def test_latency_counts_what_did_not_arrive():
@@ -51,6 +53,19 @@ def test_latency_counts_what_did_not_arrive():
     assert found['images'] == 97 and found['not_arrived'] == 3
     assert found['p50_ms'] == 5 and found['worst_ms'] == 9
     assert found['rate_hz'] == 100 and found['jitter_ms'] == 0
+
+
+@pytest.mark.parametrize(
+    ('late_ms', 'lost', 'grade'),
+    [(5, 0, 'good'), (12, 0, 'usable'), (40, 0, 'poor'), (5, 2, 'usable'), (5, 30, 'poor')],
+)
+def test_latency_is_judged_by_what_the_sound_can_wait_for(late_ms, lost, grade):
+    source = types.SimpleNamespace(name='camera', values={})
+    meter = verb.Latency(source)
+    stamps = np.arange(100) * 10_000_000
+    meter.take([(int(s), int(s) + late_ms * 1_000_000) for s in stamps], [])
+    found = meter.summary(types.SimpleNamespace(dropped=lost))
+    assert found['verdict']['grade'] == grade
 
 
 def test_latency_of_a_v4l2_camera(monkeypatch, capsys):
@@ -105,7 +120,11 @@ def test_a_saturated_image_says_what_to_do(tmp_path, capsys):
     device = film(tmp_path, image)
     assert main(['camera', 'expose', '--seconds', '0.2', *device]) == 0
 
-    assert '100% of what is bright is saturated: 0.5 times the exposure' in capsys.readouterr().out
+    assert 'poor: 0.5 times the exposure' in (told := capsys.readouterr().out)
+    assert told.splitlines()[-1].endswith(
+        '(100% of what is bright is saturated, good up to 5%: edges of saturated blocks are not'
+        ' where they seem)'
+    )
 
 
 @pytest.mark.parametrize(

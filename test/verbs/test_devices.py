@@ -96,5 +96,9 @@ def test_the_verb_for_people(capsys, monkeypatch):
 
     assert main(['devices']) == 0
     out, err = capsys.readouterr()
+    assert out.splitlines()[-1] == (
+        'usable: plug in a board, a sound card, a screen (no board and no sound card and no screen:'
+        ' the scene runs without it)'
+    )
     assert out.startswith('cameras\n  cam  OV9281\n      camera: {device: "cam"}\nboards: none')
     assert err == 'a remark\n'

@@ -3,6 +3,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -107,6 +108,7 @@ def test_weights_on_a_recorded_table_go_into_the_scene(hung, mine, tmp_path, cap
     assert out.startswith(f'stiffness {found.stiffness:g} +- {found.stiffness_error:g} N/m; 95 %')
     assert abs(found.stiffness - twin.stiffness) < 5 * found.stiffness_error
     assert 0 < found.stiffness_error < 0.08 * twin.stiffness
+    assert re.match('(good|usable|poor): .*error of stiffness', out.splitlines()[-1])
     assert found.spring_natural_m == 0.0595
     assert 'written into' in err and err.count('at rest') == 1 + len(twin.weights_kg)
     text = Path(mine).read_text()

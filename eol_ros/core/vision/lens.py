@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from eol_ros.core.verdict import Verdict, judged
+
 TILES = 3  # rows and columns of what is in sight, each with a blur of its own
 SMOOTH_PX = 1.0  # of the derivatives; taken out again
 REACH_PX = 9  # from a strong gradient: the whole profile of its edge
@@ -20,6 +22,7 @@ TARGET = 180.0  # grey levels of a block: room for flashes, far from the noise
 FULL_SHARE = 0.05  # of the blocks' pixels: more than the lights inside, so edges are, too
 MIN_LEVEL, MAX_LEVEL = 110.0, 225.0
 FLICKER = 0.02  # of the blocks' brightness
+BLUR_PX = 1.55, 1.95  # good, usable: calibrations at 1.53 and 1.92 px (docs/vision_measured.md)
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,19 @@ def edge_blur(first: np.ndarray, second: np.ndarray) -> Blur:
     return Blur(blur(np.ones(count - 1, bool)), np.array(tiles))
 
 
+def focus_verdict(blur: Blur) -> Verdict:
+    """Return whether the lens is focused, by the part that is most blurred."""
+    if math.isnan(blur.px):
+        return Verdict(
+            'poor', 'no edge at rest in sight', 'light the blocks, and let the table rest'
+        )
+    return judged(
+        'blur of the worst part', float(np.nanmax([blur.px, *blur.tiles.ravel()])), 'px', BLUR_PX,
+        'a calibration is 0.6 to 0.8 mm off at 1.5 px, 1.2 to 1.6 mm at 1.9 px',
+        'turn the lens until the number is least; where corners differ, close the aperture',
+    )  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Light:
     """Grey levels of the blocks and of what is around them, and the blocks' saturated share."""
@@ -123,15 +139,19 @@ def light(image: np.ndarray) -> Light:
     return Light(level, dark, float(counts[SATURATED:].sum()) / max(lit, 1))
 
 
-def advice(seen: Light, exposure_us: float | None, flicker: float = 0.0) -> str:
-    """Return what to do about the exposure, in one line; empty where it is right.
+def exposure_verdict(seen: Light, exposure_us: float | None, flicker: float = 0.0) -> Verdict:
+    """Return whether the exposure is right.
 
     exposure_us: as it is, None where nobody knows. flicker: standard deviation of the blocks'
     brightness from image to image, over its mean.
     """
     step = seen.level - seen.dark
     if step < LEAST_STEP:
-        return 'no block stands out: check lens cap, exposure and the infrared LEDs'
+        return Verdict(
+            'poor',
+            f'no block stands out: blocks at {seen.level:.0f}, ground at {seen.dark:.0f} of 255',
+            'check lens cap, exposure and the infrared LEDs',
+        )
 
     def changed(factor: float) -> str:
         if exposure_us is None:
@@ -140,20 +160,31 @@ def advice(seen: Light, exposure_us: float | None, flicker: float = 0.0) -> str:
 
     wanted = (TARGET - seen.dark) / step
     if seen.saturated > FULL_SHARE:  # by how much it is too bright, nobody knows
-        return (
-            f'{seen.saturated:.0%} of what is bright is saturated: {changed(min(0.5, wanted))}, '
-            f'less gain, or a smaller aperture'
+        return Verdict(
+            'poor',
+            f'{seen.saturated:.0%} of what is bright is saturated, good up to {FULL_SHARE:.0%}: '
+            'edges of saturated blocks are not where they seem',
+            f'{changed(min(0.5, wanted))}, less gain, or a smaller aperture',
         )
     if seen.level > MAX_LEVEL:
-        return f'blocks at {seen.level:.0f} of 255 leave no room: {changed(wanted)}'
+        return Verdict(
+            'usable',
+            f'blocks at {seen.level:.0f} of 255, good up to {MAX_LEVEL:.0f}: no room for flashes',
+            changed(wanted),
+        )
     if seen.level < MIN_LEVEL:
-        return (
-            f'blocks at {seen.level:.0f} of 255 are dim: {changed(wanted)}, or more gain '
-            f'(in 3000 us a block at 1 m/s moves 1.6 px)'
+        return Verdict(
+            'usable',
+            f'blocks at {seen.level:.0f} of 255 are dim, good from {MIN_LEVEL:.0f}: nearer to the '
+            'noise',
+            f'{changed(wanted)}, or more gain; in 3000 us a block at 1 m/s moves 1.6 px',
         )
     if flicker > FLICKER:
-        return (
-            f'brightness varies by {flicker:.0%}: lamps flicker; expose for a multiple of 10 ms '
-            f'(50 Hz) or 8.33 ms (60 Hz), or filter their light'
+        return Verdict(
+            'usable',
+            f'brightness varies by {flicker:.0%}, good up to {FLICKER:.0%}: lamps flicker',
+            'expose for a multiple of 10 ms (50 Hz) or 8.33 ms (60 Hz), or filter their light',
         )
-    return ''
+    return Verdict(
+        'good', f'blocks at {seen.level:.0f} of 255; good from {MIN_LEVEL:.0f} to {MAX_LEVEL:.0f}'
+    )

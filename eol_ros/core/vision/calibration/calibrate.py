@@ -18,6 +18,7 @@ from eol_ros.core.geometry import (
     PLATFORM_SIDE_M,
     rest_lattice,
 )
+from eol_ros.core.verdict import Verdict, judged, worst
 from eol_ros.core.vision.appearance.squares import find_squares
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
@@ -30,6 +31,8 @@ from eol_ros.said import clauses, said
 
 REST_SIGMA_M = 0.004  # friction leaves blocks this far from the lattice when all is still
 MOST_PX = 0.5  # RMS residual, per axis, above which a calibration is refused
+GOOD_PX = 0.26  # two standard deviations of the corners of lit covers, _RELIEF_SIGMA_PX
+GOOD_MM = 1.0  # RMS over the platform: docs/vision_measured.md, calibration from the blocks
 MOST_CORNER_MM = 8.0  # and the standard deviation at a corner of the platform
 LENS_GAIN = 25.0  # of the misfit, for each number of the lens: five standard deviations
 _RELIEF_ROUNDS = 3
@@ -79,6 +82,33 @@ class Solution:
             rms = float(np.sqrt((mine**2).mean()))
             found[name] = (rms, rms / scale)
         return found
+
+    def verdict(self) -> Verdict:
+        """Return whether the calibration is good enough; what is refused is poor."""
+        if refused := self.refusal():
+            return Verdict('poor', refused.partition(': ')[0], refused.partition(': ')[2])
+        more = 'take three images with the table stirred in between, or points further out'
+        if not np.isfinite(self.corner_mm).any():
+            return Verdict('usable', 'four points fit any table', 'give five points or more')
+        found = [
+            judged(
+                'residual', self.calibration.residual_px, 'px', (GOOD_PX, MOST_PX),
+                'light moves the corners of covers by 0.13 px', 'take a sharp, still image',
+            ),
+            judged(
+                "platform's corners", float(np.nanmax(self.corner_mm)), 'mm',
+                (1e3 * REST_SIGMA_M, MOST_CORNER_MM),
+                'friction leaves blocks 4 mm off their places', more,
+            ),
+        ]  # fmt: skip
+        if np.isfinite(self.platform_mm):
+            found.append(
+                judged(
+                    'places on the platform', self.platform_mm, 'mm', (GOOD_MM, MOST_CORNER_MM),
+                    'what this way reaches from three images', more,
+                )
+            )  # fmt: skip
+        return worst(found)
 
     def refusal(self) -> str:
         """Return why this calibration must not be used, or an empty string."""
