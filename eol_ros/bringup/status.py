@@ -17,6 +17,7 @@ from eol_ros.said import Said, code_and_args
 from eol_ros.scene import check_namespace
 from eol_ros.streams.graph import NAMESPACE
 
+LATENCIES = ('image_to_blocks', 'onset_to_light', 'onset_to_sound')  # see ros.health
 WORDS = ('ok', 'WARN', 'ERROR', 'starting', 'down')
 
 
@@ -148,6 +149,17 @@ def starting(node: str, text: Said, pid: int = 0) -> dict[str, Any]:
     return {'node': node, 'rate': 0.0, 'pid': pid, 'values': {}, **state(3, text)}
 
 
+def latencies(rows: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
+    """Return p50_ms and p99_ms of the last minute, by name, of what the nodes have measured."""
+    values = {key: value for row in rows for key, value in row['values'].items()}
+    shares = 'p50_ms', 'p99_ms'
+    return {
+        name: {share: values[f'{name}_{share}'] for share in shares}
+        for name in LATENCIES
+        if all(f'{name}_{share}' in values for share in shares)
+    }
+
+
 def table(status: dict[str, Any]) -> str:
     """Return the status as a table that stays put."""
     run_s = int(status['running_s'])
@@ -166,4 +178,10 @@ def table(status: dict[str, Any]) -> str:
     for row in status['nodes']:
         rate = f'{row["rate"]:.1f} Hz' if row['rate'] else '-'
         lines.append(f'{row["node"]:{wide}}{WORDS[row["level"]]:10}{rate:>9}  {row["text"]}')
+    if found := status.get('latency'):
+        told = (
+            f'{name.replace("_", " ")} {of["p50_ms"]:.1f} / {of["p99_ms"]:.1f}'
+            for name, of in found.items()
+        )
+        lines.append(f'latency, ms, p50 / p99 of the last minute: {", ".join(told)}')
     return '\n'.join(lines)

@@ -213,6 +213,7 @@ class Supervisor:
             'all_ok_s': self.all_ok_s,
             'real_time': self.real_time,
             'restarts': sum(child.policy.restarts for child in self.children),
+            'latency': status.latencies(rows),
             'nodes': rows,
         }
 

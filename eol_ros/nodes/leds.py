@@ -65,7 +65,9 @@ class LedsNode(EolNode):
     def on_slip(self, slip: Slip) -> None:
         self.stamped(to_ns(slip.header.stamp))
         if slip.kind == slips.START:
-            self.lights.slip(slip.block, to_ns(slip.header.stamp), to_ns(slip.onset))
+            took_s = self.lights.slip(slip.block, to_ns(slip.header.stamp), to_ns(slip.onset))
+            if took_s is not None:
+                self.health.took('onset_to_light', took_s)
             self.health.tick()
             self.fade()
 

@@ -7,8 +7,9 @@ import time
 from pathlib import Path
 
 import numpy as np
-from eol_msgs.msg import GrainTrigger
+from eol_msgs.msg import GrainTrigger, Slip
 
+from eol_ros.core.latency import OnsetToSound
 from eol_ros.core.sound.channel_test import ChannelTest
 from eol_ros.core.sound.meter import Meter
 from eol_ros.core.sound.mixer import AHEAD_S, LOOK_AHEAD_S
@@ -26,7 +27,7 @@ from eol_ros.ros.run import runner
 from eol_ros.ros.sound import SampleStream, meter_message
 from eol_ros.ros.stamps import NS, now_ns, to_ns
 from eol_ros.said import clauses, said
-from eol_ros.streams import corpus, triggers
+from eol_ros.streams import corpus, slips, triggers
 from eol_ros.streams.requests import Asked
 
 COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
@@ -96,6 +97,10 @@ class SoundNode(EolNode):
         )
         self.subscribe('grain_triggers', self.on_trigger)
         self.subscribe('felt_triggers', self.on_felt)
+        self.sounding: OnsetToSound | None = None
+        if 'motion' in self.scene.nodes and not self.sim_time:
+            self.sounding = OnsetToSound()
+            self.subscribe('slips', self.on_slip)
 
     @functools.cached_property
     def instrument(self):
@@ -207,6 +212,16 @@ class SoundNode(EolNode):
         self.felt += 1
         self.play(message, to_ns(message.header.stamp), self.tap_latency_s, felt=True)
 
+    def on_slip(self, slip: Slip) -> None:
+        if self.sounding and slip.kind == slips.START:
+            self.took(self.sounding.began(
+                slip.block, to_ns(slip.header.stamp) * 1e-9, to_ns(slip.onset) * 1e-9
+            ))  # fmt: skip
+
+    def took(self, latency_s: float | None) -> None:
+        if latency_s is not None:
+            self.health.took('onset_to_sound', latency_s)
+
     def play(self, message, stamp_ns: int, latency_s: float, felt: bool = False) -> None:
         came_ns = time.time_ns()
         by_hand = message.block == triggers.NO_BLOCK
@@ -227,9 +242,13 @@ class SoundNode(EolNode):
         latency_s = min(latency_s * self.stretch(), AHEAD_S / 2)
         trigger = triggers.to_core(message, since_ns * 1e-9 + latency_s)
         self.mixer.play(np.array([trigger], TRIGGER), bank, self.voicing)
-        if self.log:  # it is late where the frame at which it begins has been mixed already
-            mixed_s = self.mixer.time_of(int(self.mixer.state['frame'][0]))
-            spare_s = since_ns * 1e-9 + latency_s - LOOK_AHEAD_S - mixed_s
+        # it is late where the frame at which it begins has been mixed already
+        mixed_s = self.mixer.time_of(int(self.mixer.state['frame'][0]))
+        spare_s = since_ns * 1e-9 + latency_s - LOOK_AHEAD_S - mixed_s
+        if self.sounding and not by_hand and not (self.muted or self.asleep):
+            at_s = stamp_ns * 1e-9 + latency_s - min(spare_s, 0.0)
+            self.took(self.sounding.sounds(message.block, stamp_ns * 1e-9, at_s))
+        if self.log:
             taken_ns = now_ns()
             self.log.write(
                 int(felt), stamp_ns, message.block, message.grain, came_ns, taken_ns, spare_s

@@ -180,6 +180,7 @@ class TrackerNode(EolNode):
         self.gaps.take(self.stamp_ns)
         tracked = self.tracker.update(self.stamp_ns * 1e-9, image)
         self.blocks.publish(self._packed(tracked))
+        self.health.took('image_to_blocks', (time.time_ns() - self.stamp_ns) * 1e-9)
         self.images += 1
         self.health.tick()
         self._tell(tracked)

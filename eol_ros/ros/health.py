@@ -18,6 +18,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from eol_msgs.msg import NodeState
 from std_msgs.msg import Header
 
+from eol_ros.core.latency import Latency
 from eol_ros.core.round_watch import HUNG_S, STALLED_S, RoundWatch
 from eol_ros.ros.give_back import give_back
 from eol_ros.ros.health_pipe import HealthPipe
@@ -56,6 +57,7 @@ class Health:
         self.rejected = 0  # messages that the node did not use, see `Intake`
         self._rejected_why, self._rejected_s, self._rejected_told_s = '', -math.inf, -math.inf
         self._expected: tuple[str, float] | None = None
+        self._latencies: dict[str, Latency] = {}
         self._workers: dict[str, tuple[Callable[[], int | None], RoundWatch]] = {}
         self._last_tick_s, self._reported_s = self._now_s(), time.monotonic()
         self._pipe = HealthPipe.inherited()
@@ -67,6 +69,24 @@ class Health:
         """Count one unit of work; the rate in the status is of these."""
         self.ticks += count
         self._last_tick_s = self._now_s()
+
+    def took(self, name: str, latency_s: float) -> None:
+        """Count a latency: `values` get p50 and p99 of the last minute, NAME_p50_ms and so on.
+
+        Behind a replay none is counted: its stamps are not of now.
+        """
+        if not self._node.sim_time:
+            self._latencies.setdefault(name, Latency()).add(time.monotonic(), latency_s)
+
+    def _tell_latencies(self) -> None:
+        for name, latency in self._latencies.items():
+            keys = f'{name}_p50_ms', f'{name}_p99_ms'
+            found = latency.values(time.monotonic())
+            for key, value in zip(keys, found or (None, None), strict=True):
+                if value is None:
+                    self.values.pop(key, None)
+                else:
+                    self.values[key] = value
 
     def expects(self, what: str, within_s: float = 2.0) -> None:
         """Warn automatically when no tick has come for `within_s`: "no images for 3 s".
@@ -198,6 +218,7 @@ class Health:
     def _beat(self) -> None:
         self.look_at_workers(time.monotonic())
         self._node.qos.look()
+        self._tell_latencies()
         self.report()
         self._well = self._well + 1 if self.level == OK else 0
         if self._well in SETTLED:

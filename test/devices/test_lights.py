@@ -161,8 +161,10 @@ def test_a_block_that_felt_its_slip_is_not_lit_again(fake, make_lights):
     wait_until(lambda: taps)
     knock_ns = taps[0].stamp_ns
     lights.tap(3, knock_ns, taps[0].board_us)
-    lights.slip(3, knock_ns + 20_000_000, knock_ns + 2_000_000)  # the same
-    lights.slip(4, knock_ns + 20_000_000, knock_ns + 2_000_000)  # only the camera saw it
+    same_s = lights.slip(3, knock_ns + 20_000_000, knock_ns + 2_000_000)  # the same
+    assert same_s == pytest.approx(-0.001)  # by its own light, 1 ms after the knock
+    seen_s = lights.slip(4, knock_ns + 20_000_000, knock_ns + 2_000_000)  # only the camera saw it
+    assert seen_s == pytest.approx((time.time_ns() - knock_ns) * 1e-9 - 0.002, abs=0.05)
     wait_until(lambda: fake.levels()[4] > 0)
     told = told_by(lights)
     assert [a.kind for a in fake.log if a.kind == 'Light'] == ['Light']

@@ -56,3 +56,18 @@ def test_an_opening_time_is_shown_without_what_the_node_says_beside():
     hours = row(values={'asleep': True}) | {'code': code, 'args': {**args, '1': 'and more'}}
     state = work_state(running(hours=hours, sound=row(values={'asleep': True})))
     assert state == 'asleep, and no opening ahead'
+
+
+def test_latency_of_the_last_minute_stands_below_the_nodes():
+    values = {'image_to_blocks_p50_ms': 8.1, 'image_to_blocks_p99_ms': 12.0, 'seen': 25}
+    rows = [status.starting('tracker', said('starting')) | {'values': values}]
+    rows.append(status.starting('leds', said('starting')))
+    found = status.latencies(rows)
+    assert found == {'image_to_blocks': {'p50_ms': 8.1, 'p99_ms': 12.0}}
+    table = {
+        'scene': 'museum', 'namespace': 'eol', 'running_s': 1.0, 'restarts': 0, 'nodes': rows,
+        'work': {'text': 'awake'},
+    }  # fmt: skip
+    told = status.table(table | {'latency': found}).splitlines()
+    assert told[-1] == 'latency, ms, p50 / p99 of the last minute: image to blocks 8.1 / 12.0'
+    assert 'latency' not in status.table(table | {'latency': {}})

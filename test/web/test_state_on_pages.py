@@ -74,3 +74,18 @@ def test_about_says_that_sound_is_heard_only_while_it_is(serve, browser):
         server.hub.put('notices', notices.work(work_state(rows)), sticky='work')
         words = 'can be heard' if code == 'awake' else english
         until_page(browser, f'document.getElementById("sound").textContent === "{words}"')
+
+
+def test_a_node_s_row_has_the_latency_that_it_measures(serve, browser):
+    server = serve()
+    visit(browser, f'http://127.0.0.1:{server.port}', '/')
+    values = {'image_to_blocks_p50_ms': 3.9, 'image_to_blocks_p99_ms': 10.4}
+    health = {'t': 'health', 'node': 'tracker', 'level': 'ok', 'text': '25 seen', 'rate': 60}
+    row = 'document.querySelector(\'#nodes li[data-node="tracker"] .why\').textContent'
+    for found, words in (
+        (values, '60 Hz, image to blocks 4 ms (99 %: 10), 25 seen'),
+        ({}, '60 Hz, 25 seen'),
+    ):
+        notice = health | {'values': found, 'at': time.time()}
+        server.hub.put('notices', notice, sticky='health tracker')
+        until_page(browser, f"{row} === '{words}'")

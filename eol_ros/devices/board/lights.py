@@ -138,6 +138,7 @@ class Lights:
         self._sequence = 0  # of the last packet with light
         self._felt_ns = [0] * N_BLOCKS  # when each block last felt a knock
         self._shone: OrderedDict[tuple[int, int], int] = OrderedDict()  # knock: when it shone
+        self._shone_ns = [0] * N_BLOCKS  # when each last lit itself
         self._lit_ns = [0] * N_BLOCKS  # when each block was last lit, as far as that is known
         self._running: list[tuple[int, int]] = []  # heap: when light runs to which block
         self._twin_sigma_s = 0.0  # of the time of a knock
@@ -214,16 +215,21 @@ class Lights:
             s.decay_s, s.spread_blocks, s.spread_delay_s, s.afterglow_s
         )
 
-    def slip(self, block: int, stamp_ns: int, onset_ns: int) -> None:
+    def slip(self, block: int, stamp_ns: int, onset_ns: int) -> float | None:
         """Light `block` for a slip seen in the image of `stamp_ns`, unless it has felt it; not
         while asleep.
+
+        Returns how long after its onset it was lit, by itself or here, s; None where it was not.
         """
         trigger = self._settings.trigger
         felt = trigger == 'both' and onset_ns - FELT_NS < self._felt_ns[block] <= stamp_ns
         if not (self._asleep or felt or trigger == 'blocks'):
             began_ns = None if trigger == 'slips' else onset_ns + self._at_ns(stamp_ns) - stamp_ns
-            self._light(stamp_ns, block, onset_ns=began_ns)
+            sent_ns = self._light(stamp_ns, block, onset_ns=began_ns)
             self._run_on(block, self._at_ns(stamp_ns))
+            return (sent_ns - onset_ns) * 1e-9 if sent_ns else None
+        shone_ns = self._shone_ns[block] if felt and not self._asleep else 0
+        return (shone_ns - onset_ns) * 1e-9 if shone_ns > onset_ns - FELT_NS else None
 
     def tap(self, block: int, stamp_ns: int, board_us: int) -> None:
         """Count the light of a block that felt a knock; give it where it does not do so itself."""
@@ -234,6 +240,7 @@ class Lights:
             self._light(stamp_ns, block)
             self._run_on(block, self._at_ns(stamp_ns))
         elif (shone_ns := self._shone.pop((block, board_us), None)) is not None:
+            self._shone_ns[block] = shone_ns
             self.frames.lit(self._at_ns(stamp_ns), _Cause(stamp_ns, shone_ns), block)
             self._run_on(block, self._at_ns(stamp_ns))
 
@@ -349,15 +356,20 @@ class Lights:
         at_ns: int = 0,
         onset_ns: int | None = None,
         spread: bool = False,
-    ) -> None:
-        """Have `blocks` lit now, for the image or knock of `stamp_ns`, or of `at_ns` for none."""
+    ) -> int:
+        """Have `blocks` lit now, for the image or knock of `stamp_ns`, or of `at_ns` for none.
+
+        Returns when the packet was sent, ns; 0 where the line is down.
+        """
         at_ns = at_ns or self._at_ns(stamp_ns)
         mask = sum(1 << block for block in blocks)
         sequence = self.board.light(mask, self._wall_us(stamp_ns))
-        if sequence is not None:
-            self._sequence = sequence
-            cause = _Cause(stamp_ns, time.time_ns())
-            self.frames.lit(at_ns, cause, *blocks, onset_ns=onset_ns, spread=spread)
+        if sequence is None:
+            return 0
+        self._sequence, sent_ns = sequence, time.time_ns()
+        cause = _Cause(stamp_ns, sent_ns)
+        self.frames.lit(at_ns, cause, *blocks, onset_ns=onset_ns, spread=spread)
+        return sent_ns
 
     def _wall_us(self, stamp_ns: int) -> int:
         return (self._played.wall_ns(stamp_ns) if self._played and stamp_ns else stamp_ns) // 1000

@@ -7,6 +7,7 @@ import { say, sentence } from './i18n.js';
 
 const MARKS = { ok: '\u2713', warn: '\u25b2', error: '\u2716', silent: '\u25cb' };
 const SILENT_S = 3;
+const LATENCIES = ['image_to_blocks', 'onset_to_light', 'onset_to_sound'];
 
 export class CoordinateList {
   constructor(card) {
@@ -93,6 +94,12 @@ export class LightField {
   }
 }
 
+// What a node has measured of the last minute, in whole ms: rows keep their width.
+function latencies(values) {
+  const known = LATENCIES.filter((name) => `${name}_p50_ms` in values);
+  return known.map((name) => `${say(name, { p50: values[`${name}_p50_ms`].toFixed(0), p99: values[`${name}_p99_ms`].toFixed(0) })}, `).join('');
+}
+
 export class NodeList {
   constructor(card, faults, summary) {
     this.summary = summary;
@@ -152,7 +159,7 @@ export class NodeList {
       item.dataset.node = name;
       const words = [MARKS[shown], name, say(`level_${shown}`)];
       const hz = rate >= 0.5 ? `${rate.toFixed(rate < 10 ? 1 : 0)} Hz, ` : '';
-      words.push(shown === 'silent' ? say('silent_for', { seconds: silent.toFixed(0) }) : hz + sentence(this.nodes.get(name)));
+      words.push(shown === 'silent' ? say('silent_for', { seconds: silent.toFixed(0) }) : hz + latencies(this.values(name)) + sentence(this.nodes.get(name)));
       words.forEach((word, k) => write(item.children[k], word));
     });
     const words = say('nodes_words', { good, all: names.length });
