@@ -127,12 +127,15 @@ class Silence:
 
     def words(self) -> Said:
         """Return what it waits for: "starved: waited 4.3 of the last 5.0 s for a processor"."""
-        code, waited_s = max(
-            ('starved_processor', self.processor_s),
-            ('starved_disk', self.disk_s),
-            key=lambda pair: pair[1],
-        )
-        return said(code, waited=f'{waited_s:.1f}', span=f'{self.looked_s:.1f}')
+        waited, span = f'{max(self.processor_s, self.disk_s):.1f}', f'{self.looked_s:.1f}'
+        if self.waits_for == 'disk':
+            return said('starved_disk', waited=waited, span=span)
+        return said('starved_processor', waited=waited, span=span)
+
+    @property
+    def waits_for(self) -> str:
+        """What it has waited for longest: processor or disk."""
+        return 'disk' if self.disk_s > self.processor_s else 'processor'
 
     def measured(self) -> str:
         """Return all that was measured, for the log."""

@@ -93,6 +93,7 @@ class Supervisor:
         self.real_time = any(process.real_time > 0 for process in processes)
         self._told_priority = False
         self._unfed = {name: StarvedInput() for name in FED_BY}
+        self._told_slow_start = False
         self._told_slow: list[Child] = []  # whom to wait for at the end
         self._told_memory = self._told_notifier = ''
         self._look_s = 0.0  # when to look next whether something has changed
@@ -379,7 +380,15 @@ class Supervisor:
                 child.signal(signal.SIGKILL)
 
     def _leave(self, child: Child) -> None:
-        """A starved process is reported, once, and left alone."""
+        """A starved process is reported, once, and left alone.
+
+        Until all are well they compete with each other: that is said once, for all of them.
+        """
+        if self.all_ok_s is None:
+            if not self._told_slow_start:
+                self._told_slow_start = True
+                self._note(f'slow start: {child.silence.waits_for} busy')
+            return
         most_s = START_STARVED_S if child.policy.beat_s is None else STARVED_S
         for row in child.status.values():
             if not self._told.get(row['node'], (3, ''))[1].startswith('starved'):

@@ -23,6 +23,7 @@ from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.supervisor import Around, Supervisor
 from eol_ros.errors import UsageError
+from eol_ros.said import said
 from eol_ros.streams.work_state import DOWN
 
 BEAT = """
@@ -487,6 +488,25 @@ def test_a_starved_process_is_reported_and_left_alone(start, hogs, monkeypatch):
     assert sum('starved: waited' in line for line in lines) >= 1
     assert supervisor.describe()['restarts'] == 0
     assert not any('silent' in line for line in lines)
+
+
+def test_a_slow_start_is_said_once_and_calmly(start):
+    """Three processes wait for a processor; a disk later, when all were well, is told of each."""
+    supervisor, lines = start(*(process(name, STEADY) for name in ('twin', 'tracker', 'sound')))
+    for one in supervisor.children:
+        one.status = {n: status.starting(n, said('starting')) for n in one.process.nodes}
+        one.silence = policy.Silence(0.0, looked_s=6.0, processor_s=5.0)
+        supervisor._leave(one)
+        supervisor._leave(one)
+    assert lines == ['slow start: processor busy']
+    supervisor.all_ok_s = 9.0
+    one.silence = policy.Silence(0.0, looked_s=6.0, disk_s=5.0)
+    one.status['sound']['text'] = one.silence.words()
+    supervisor._leave(one)
+    supervisor._leave(one)
+    assert lines[1:] == [
+        'sound     starved: waited 5.0 of the last 6.0 s for a disk; left alone for up to 600 s'
+    ]
 
 
 def test_a_starved_process_is_given_the_time_to_end(start, hogs, monkeypatch):
