@@ -22,7 +22,7 @@ WARNINGS_LOG, WARNINGS_MOST = 'warnings.log', 1_000_000  # bytes: then it begins
 FULL = errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO  # of a disk, at a write
 GROUPS = {
     'run': {
-        'run': 'start a scene (= python -m eol_ros.bringup)',
+        'run': 'start a scene',
         'check': 'check a scene and list all its mistakes',
         'kiosk': 'open the two walls full screen',
         'service': 'start at boot, watched by systemd',

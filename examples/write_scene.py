@@ -2,7 +2,7 @@
 """A scene of your own, written by a program and checked before anything is started.
 
 `python examples/write_scene.py FILE.yaml` writes it: the twin, with flashes that fade slowly.
-`python -m eol_ros.bringup FILE.yaml` runs it.
+`eol run FILE.yaml` runs it.
 """
 
 import argparse

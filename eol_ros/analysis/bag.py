@@ -91,6 +91,14 @@ class Bag(BagReader):
         super().__init__(path)
         self._kept: dict[tuple, Any] = {}  # results of collectors, by kind and topic
 
+    def __repr__(self) -> str:
+        """Return scene, time and length of the bag, and its topics with their counts."""
+        begun = np.datetime64(self.start_ns, 'ns').astype('datetime64[s]')
+        rows = [f'  {topic.name:32} {self.counts[key]:8}' for key, topic in self.topics.items()]
+        scene = self.about.get('scene_name', 'not known')
+        head = f'{self.path}: scene {scene}, {self.duration_s:.1f} s from {begun} UTC, '
+        return '\n'.join([f'<Bag {head}{len(rows)} topics', *sorted(rows)]) + '>'
+
     def keep(
         self,
         topics: Mapping[str, Collection[str]],

@@ -12,7 +12,7 @@ def main() -> int:
     from eol_ros import cli
     from eol_ros.bringup import run
 
-    return cli.run_verb(run, 'python -m eol_ros.bringup', sys.argv[1:])
+    return cli.run_verb(run, 'eol run', sys.argv[1:])
 
 
 if __name__ == '__main__':

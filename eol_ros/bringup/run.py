@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`eol run [SCENE]` and `python -m eol_ros.bringup`: bring the installation to life."""
+"""`eol run [SCENE]`, also `python -m eol_ros.bringup [SCENE]`: bring the installation to life."""
 
 import argparse
 import dataclasses
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
 HELP = 'Start a scene, watch its nodes, start them again when they die; stop with Ctrl-C.'
 EXAMPLES = [
-    'python -m eol_ros.bringup',
-    'python -m eol_ros.bringup museum',
-    'python -m eol_ros.bringup my/scene.yaml --for 60 --bag /data/bags',
-    'python -m eol_ros.bringup museum --only camera,tracker',
-    'python -m eol_ros.bringup museum --machine audio',
-    'python -m eol_ros.bringup rehearsal --ros-args -r __ns:=/north',
-    'python -m eol_ros.bringup rehearsal --ros-args -p grains:radius:=0.06 --params-file my.yaml',
+    'eol run',
+    'eol run museum',
+    'eol run my/scene.yaml --for 60 --bag /data/bags',
+    'eol run museum --only camera,tracker',
+    'eol run museum --machine audio',
+    'eol run rehearsal --ros-args -r __ns:=/north',
+    'eol run rehearsal --ros-args -p grains:radius:=0.06 --params-file my.yaml',
 ]
 
 

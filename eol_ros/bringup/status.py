@@ -7,6 +7,7 @@ keeps a second bringup off the same topics.
 
 import contextlib
 import json
+import re
 import socket
 import struct
 from pathlib import Path
@@ -18,6 +19,7 @@ from eol_ros.scene import check_namespace
 from eol_ros.streams.graph import NAMESPACE
 
 LATENCIES = ('image_to_blocks', 'onset_to_light', 'onset_to_sound')  # see ros.health
+UNIT = Path('/etc/systemd/system/eol.service')  # of `eol service`
 WORDS = ('ok', 'WARN', 'ERROR', 'starting', 'down')
 
 
@@ -96,9 +98,20 @@ def ask(domain: int, timeout_s: float = 2.0, namespace: str = NAMESPACE) -> dict
             parts = []
     if not parts:  # nobody listens, or not any more
         others = ', '.join(namespaces(domain))
-        hint = f'--namespace {others}' if others else 'start one with `make run`'
+        hint = f'--namespace {others}' if others else how_to_start()
         raise DeviceMissing(f'no graph runs on {_where(domain, namespace)}: {hint}')
     return json.loads(b''.join(parts))
+
+
+def how_to_start() -> str:
+    """Return the start that this machine uses: its service where one is installed."""
+    try:
+        found = re.search(r'^ExecStart=.* -m eol_ros\.bringup (.*)$', UNIT.read_text(), re.M)
+    except OSError:
+        found = None
+    if found:
+        return f'`sudo systemctl start {UNIT.stem}` starts scene {found[1]}'
+    return '`eol run` starts the rehearsal, `eol run SCENE` another scene'
 
 
 def _where(domain: int, namespace: str) -> str:

@@ -207,6 +207,23 @@ def configure(network: str = 'local', images: bool = False, asks: bool = False) 
     domain()
 
 
+def participants(number: int) -> bool | None:
+    """Return whether any participant of DDS domain `number` runs on this machine.
+
+    Each opens UDP ports of its domain (RTPS 2.3, 9.6.1.1). None: not known, as of a profile that
+    the user has named.
+    """
+    theirs = os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', '')
+    if theirs and 'eol-dds-' not in theirs:
+        return None
+    first = 7400 + 250 * number
+    try:
+        rows = Path('/proc/net/udp').read_text().splitlines()[1:]
+    except OSError:
+        return None
+    return any(first <= int(row.split()[1].rpartition(':')[2], 16) < first + 250 for row in rows)
+
+
 def domain() -> int:
     """Return the DDS domain that ROS_DOMAIN_ID names; raise UsageError where it names none."""
     text = os.environ.get('ROS_DOMAIN_ID') or '0'

@@ -58,7 +58,7 @@ def run(args):
         'check.txt': lambda: _output('check', args.scene, '--devices'),
         'status.json': lambda: _json(_status(args)),
         'devices.json': lambda: _output('devices', '--json'),
-        'bags.json': lambda: _json(_bags(args.scene)),
+        'bags.json': lambda: _json(_bags(args)),
         'journal.txt': _journal,
     }
     parts |= {f'logs/{path.name}': functools.partial(_end_of, path) for path in _logs()}
@@ -128,10 +128,22 @@ def _output(verb: str, *words: str) -> str:
     return text + (f'\nexit code {code}\n' if code else '')
 
 
-def _bags(name: str) -> dict:
+def _folder(args) -> Path:
+    """Return where the recorder that runs here writes; else what the scene says."""
+    try:
+        rows = reach.status_of(args)['nodes']
+    except EolError:
+        rows = []
+    for row in rows:
+        if row['node'] == 'recorder' and (bag := row['values'].get('bag')):
+            return (Path(f'/proc/{row["pid"]}/cwd').resolve() / bag).parent
+    return Path(scenes.load(args.scene).settings('recorder').folder).absolute()
+
+
+def _bags(args) -> dict:
     from eol_ros.devices.bag.reader import BagReader
 
-    folder = Path(scenes.load(name).settings('recorder').folder).absolute()
+    folder = _folder(args)
     disk = shutil.disk_usage(folder) if folder.exists() else None
     newest = sorted(
         (p for p in folder.glob('*/') if any(p.glob('*.mcap*'))),

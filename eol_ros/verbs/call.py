@@ -63,7 +63,7 @@ def answer(asked, args) -> int:
 
     alone = KINDS[asked.kind].nodes if not asked.node else ()
     only = asked.node or (alone[0] if len(alone) == 1 else '')
-    with reach.asking(only, args), visiting(*reach.of(args), asked.node) as visit:
+    with reach.asking(only, args), visiting(*reach.running(args), asked.node) as visit:
         answers = visit.ask(asked)
     rows = [
         {'node': node, 'accepted': accepted, 'reason': reason}

@@ -42,10 +42,12 @@ def run(args):
         raise UsageError('--once and --hz: a rate needs more than one message')
     from eol_ros.ros.echo import Absence, Rate, listen, to_json, to_yaml
     from eol_ros.ros.session import session
-    from eol_ros.streams.graph import full_name
+    from eol_ros.streams.graph import full_name, topic_of
 
     network, namespace = reach.of(args)
     topic, rate, heard = full_name(args.topic, namespace), Rate(), 0
+    if topic_of(topic, namespace) is None:  # its type must be asked for
+        reach.running(args)
     waiting: deque = deque()  # printed outside the callback: a closed pipe must not raise in DDS
 
     def hear(message) -> None:

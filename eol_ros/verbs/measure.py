@@ -408,7 +408,7 @@ def _live(args, others: dict[str, Any] | None = None) -> Iterator[Any]:
     from eol_ros.streams import blocks
     from eol_ros.streams.graph import full_name
 
-    network, namespace = reach.of(args)
+    network, namespace = reach.running(args)
     codec = blocks.Codec(definition(blocks.TYPE))
     waiting: deque[bytes] = deque()
     topic = full_name('blocks', namespace)

@@ -44,7 +44,7 @@ def run(args):
     from eol_ros.ros.session import session
 
     names = [args.name] if args.name else list(fields)
-    with reach.asking(args.node, args), session(None, *reach.of(args)) as visit:
+    with reach.asking(args.node, args), session(None, *reach.running(args)) as visit:
         values = read(visit, args.node, names)
     if args.json:
         print(json.dumps(values if args.action == 'list' else values[args.name]))
@@ -83,7 +83,7 @@ def _write(args, value) -> int:
     from eol_ros.ros.parameters import write
     from eol_ros.ros.session import session
 
-    with reach.asking(args.node, args), session(None, *reach.of(args)) as visit:
+    with reach.asking(args.node, args), session(None, *reach.running(args)) as visit:
         write(visit, args.node, {args.name: value})
     reason = f'{args.name} is {value}'
     row = {'node': args.node, 'accepted': True, 'reason': reason}

@@ -61,7 +61,7 @@ def _save(path: Path, args) -> int:
     from eol_ros.ros import presets
     from eol_ros.ros.requests import visiting
 
-    with visiting(*reach.of(args)) as visit:
+    with visiting(*reach.running(args)) as visit:
         now = _now(visit)
     presets.save(path, now)
     print(path)
@@ -74,7 +74,7 @@ def _recall(goal: dict, args) -> int:
     from eol_ros.ros.requests import visiting
     from eol_ros.streams.requests import SET, Asked
 
-    with visiting(*reach.of(args)) as visit:
+    with visiting(*reach.running(args)) as visit:
         start = _now(visit)
         kinds, began_s = {node: NODES[node].settings for node in INSTRUMENT}, time.monotonic()
         glide = Glide(kinds, start, goal, args.over, REMAKING)

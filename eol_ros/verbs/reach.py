@@ -34,6 +34,22 @@ def of(args: argparse.Namespace) -> tuple[str, str]:
     return 'secure' if args.secure else 'lan' if args.lan else 'local', namespace
 
 
+def running(args: argparse.Namespace) -> tuple[str, str]:
+    """Return as `of`; raise DeviceMissing at once where nothing of a graph runs on this machine."""
+    from eol_ros.bringup import status
+    from eol_ros.errors import DeviceMissing
+    from eol_ros.ros import network
+
+    where, domain = of(args), network.domain()
+    alone = where[0] == 'local' and not status.namespaces(domain)
+    if alone and network.participants(domain) is False:
+        raise DeviceMissing(
+            f'no graph runs on domain {domain}: {status.how_to_start()}; --secure and --lan look'
+            ' further'
+        )
+    return where
+
+
 def status_of(args: argparse.Namespace) -> dict[str, Any]:
     """Return what the supervisor of the graph on this machine says; see bringup.status.ask."""
     from eol_ros.bringup import status

@@ -42,10 +42,16 @@ def add_arguments(parser):
 
 def run(args):
     """Print the list."""
+    from eol_ros.bringup import status
     from eol_ros.ros.echo import on_the_graph
     from eol_ros.ros.session import session
 
-    network, namespace = reach.of(args)
+    try:
+        network, namespace = reach.running(args)
+    except DeviceMissing:
+        if args.json:
+            print('[]')
+        raise
     with session(reach=network, namespace=namespace) as visit:
         discovered = _Discovery(visit.node)
         whole = visit.run(discovered, args.seconds) or visit.stopped
@@ -64,7 +70,7 @@ def run(args):
     if args.json:
         print(json.dumps(rows, indent=2))
     if not rows:
-        raise DeviceMissing('no topics: no graph runs here; start one with `make run`')
+        raise DeviceMissing(f'no topics: no graph runs here; {status.how_to_start()}')
     if args.json:
         return 0
     for row in rows:

@@ -58,6 +58,13 @@ def made(folder, rows):
     return open_bag(folder)
 
 
+def test_a_bag_says_what_is_in_it():
+    told = repr(open_bag(SAMPLE)).splitlines()
+    assert told[0].startswith(f'<Bag {SAMPLE}: scene rehearsal, 40.') and 'UTC, ' in told[0]
+    assert len(told) - 1 == len(open_bag(SAMPLE).topics)
+    assert any(line.split() == ['/eol/blocks', '2255'] for line in told)
+
+
 def test_a_table_has_a_row_a_message(tmp_path):
     table = made(tmp_path / 'run', [things(i) for i in range(10)]).table('things')
     assert table.dtype.names == (

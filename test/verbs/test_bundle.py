@@ -115,6 +115,15 @@ def bag_cut_short(tmp_path):
     return folder
 
 
+def test_bags_are_those_of_the_recorder_that_runs(bundle, bag_cut_short, monkeypatch):
+    """Its folder may be another than that of the scene here, and relative to where it runs."""
+    other = bag_cut_short.parent.rename(bag_cut_short.parents[1] / 'other')
+    row = {'node': 'recorder', 'pid': os.getpid(), 'values': {'bag': f'other/{bag_cut_short.name}'}}
+    monkeypatch.setattr(verb.reach, 'status_of', lambda _args: {'nodes': [row]})
+    found = json.loads(bundle()['bags.json'])
+    assert found['folder'] == str(other) and len(found['newest']) == 1
+
+
 def test_a_file_that_cannot_be_written_is_said_before_the_work(bundle, capsys):
     assert cli.main(['bundle', '-o', '/nowhere/out.zip']) == 78
     assert '--output /nowhere/out.zip' in capsys.readouterr().err

@@ -2,11 +2,15 @@
 """What words of `eol call` and `eol param` mean."""
 
 import argparse
+import socket
 
 import pytest
+from support.domains import next_domain
 
+from eol_ros import cli
 from eol_ros.bringup import status
 from eol_ros.errors import DeviceMissing
+from eol_ros.ros import network
 from eol_ros.streams.requests import KINDS
 from eol_ros.streams.work_state import DOWN
 from eol_ros.verbs import reach
@@ -66,3 +70,44 @@ def test_where_no_supervisor_runs_the_error_stays(monkeypatch):
     args = argparse.Namespace(lan=False, secure=False, namespace=None)
     with pytest.raises(DeviceMissing, match='^it does not run$'), reach.asking('sound', args):
         raise DeviceMissing('it does not run')
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        'topics',
+        'echo /no/such',
+        'param list tracker',
+        'call wake',
+        'preset save x',
+        'measure camera',
+    ],
+)
+def test_verbs_that_need_a_graph_say_at_once_that_there_is_none(
+    words, monkeypatch, tmp_path, capsys
+):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(next_domain()))
+    monkeypatch.setattr(status, 'UNIT', tmp_path / 'eol.service')
+    monkeypatch.setattr('eol_ros.ros.session.session', None)  # it does not go and look
+    monkeypatch.setattr('eol_ros.ros.requests.visiting', None)
+    assert cli.main(words.split()) == 69
+    assert 'no graph runs on domain' in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_the_hint_is_the_start_that_this_machine_uses(monkeypatch, tmp_path):
+    unit = tmp_path / 'eol.service'
+    monkeypatch.setattr(status, 'UNIT', unit)
+    assert status.how_to_start() == '`eol run` starts the rehearsal, `eol run SCENE` another scene'
+    unit.write_text('[Service]\nExecStart=/opt/eol/bin/python -m eol_ros.bringup /etc/my.yaml\n')
+    assert status.how_to_start() == '`sudo systemctl start eol` starts scene /etc/my.yaml'
+
+
+def test_a_participant_is_known_by_a_port_of_its_domain(monkeypatch):
+    monkeypatch.delenv('FASTRTPS_DEFAULT_PROFILES_FILE', raising=False)
+    domain = int(next_domain())
+    assert network.participants(domain) is False
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+        port.bind(('127.0.0.1', 7400 + 250 * domain + 12))
+        assert network.participants(domain) is True
+        monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', '/etc/shm-only.xml')
+        assert network.participants(domain) is None

@@ -149,7 +149,7 @@ def test_no_graph_has_no_topics(words, printed, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(next_domain()))
     code, out, err = end(eol('topics', '--seconds', '3', *words))
     assert (code, out) == (69, printed)
-    assert 'no graph runs here' in err
+    assert 'no graph runs on domain' in err
 
 
 def test_ctrl_c_before_any_topic_was_found_does_not_say_that_none_is_there(monkeypatch, capsys):
@@ -191,7 +191,7 @@ def test_listening_without_a_graph_says_so_once_and_goes_on(start, monkeypatch):
         assert end(child) == (0, '', '')
     code, out, err = end(eol('echo', '/no/such'))
     assert (code, out) == (69, '')
-    assert err.endswith('/no/such: nothing publishes it. No graph runs here.\n')
+    assert err.startswith(f'eol echo: no graph runs on domain {domain}: ')
 
 
 @pytest.mark.slow
