@@ -61,10 +61,9 @@ class SceneText:
         """Return a line without its secrets, and the index in it of `column`; both from 1."""
         start = sum(map(len, self._text.splitlines(keepends=True)[: line - 1]))
         before, _, after = self.masked(secrets, start + column - 1).partition(_CARET)
-        first = before.rpartition('\n')[2]
-        if any(s in first + after.partition('\n')[0] for s in secrets):  # not YAML: no mask
-            return '', 0
-        return first + after.partition('\n')[0], len(first)
+        first = without(before.rpartition('\n')[2], secrets)
+        whole = first + without(after.partition('\n')[0], secrets)
+        return ('', 0) if any(s in whole for s in secrets) else (whole, len(first))
 
     def masked(self, secrets: Collection[str], caret: int | None = None) -> str:
         """Return the text with a mask in place of each secret value, and of each of `secrets`.

@@ -46,8 +46,10 @@ class Mistake:
 def quoted(line: str, column: int) -> str:
     """Return a line of a file, and below it a caret under the character of index `column`.
 
-    Of a long line only what is about the caret.
+    Of a long line only what is about the caret; nothing of an empty one.
     """
+    if not line.strip():
+        return ''
     first = max(0, column - WIDTH // 2)
     shown = ''.join(c if c.isprintable() else ' ' for c in line[first : first + WIDTH]).rstrip()
     wide = (2 if unicodedata.east_asian_width(c) in 'WF' else 1 for c in line[first:column])

@@ -159,7 +159,7 @@ def test_bag_folder_is_a_file(tmp_path):
     [
         (['eol_ros', 'status'], 'abc', "eol status: ROS_DOMAIN_ID is 'abc'"),
         (['eol_ros', 'echo', 'slips'], '300', "eol echo: ROS_DOMAIN_ID is '300'"),
-        (['eol_ros.bringup', 'lights'], '300', "bringup: ROS_DOMAIN_ID is '300'"),
+        (['eol_ros.bringup', 'lights'], '300', "eol run: ROS_DOMAIN_ID is '300'"),
         (['eol_ros.nodes.motion'], '300', "motion: ROS_DOMAIN_ID is '300'"),
         (
             ['eol_ros.nodes.motion', '--ros-args', '--params-file', 'absent.yaml'], '1',

@@ -168,10 +168,10 @@ def test_a_typo_hides_nothing_that_a_node_would_refuse(check):
 
 
 def test_each_mistake_shows_its_line_and_a_caret(check):
-    words = check("  panel: {pin: 'geheim', hos: 1}  # 地 \n  twin: {夢: 1, fpss: 3}\n")[2]
+    words = check("  panel: {pin: 'geheim7', hos: 'geheim7'}  # 地 \n  twin: {夢: 1, fpss: 3}\n")[2]
     lines = words.splitlines()
     assert 'geheim' not in words
-    for found in ('hos: 1', '夢: 1', 'fpss: 3'):
+    for found in ('hos: ***', '夢: 1', 'fpss: 3'):
         at = next(k for k, line in enumerate(lines) if line.startswith(' ') and found in line)
         below = [line.index('^') for line in lines[at + 1 :: 3] if line.strip() == '^']
         begin = lines[at].index(found) + lines[at][: lines[at].index(found)].count('夢')
