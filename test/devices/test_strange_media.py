@@ -83,6 +83,74 @@ def tone(count=16000):
     return (0.3 * np.sin(np.arange(count) / 5)).astype('f4')
 
 
+@pytest.fixture
+def halved(tmp_path):
+    """Return a function that writes a sound of 4 s and half of its bytes."""
+
+    def write(name):
+        audio_file.write(tmp_path / name, np.random.default_rng(1).uniform(-0.1, 0.1, 64000), 16000)
+        data = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(data[: len(data) // 2])
+        return tmp_path / name
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ('name', 'told'),
+    [('a.wav', ' of 4.00 s'), ('a.aiff', ' of 4.00 s'), ('a.flac', ' of 4.00 s'), ('a.ogg', ';')],
+)
+def test_a_halved_sound_says_where_it_breaks_off(halved, name, told):
+    heard = audio_file.read_mono(halved(name))
+    assert 0.5 < heard.duration_s < 2.01
+    assert f'{name}: breaks off after {heard.duration_s:.2f} s{told}' in heard.notes[0]
+
+
+def test_mp3_is_read_in_pieces_as_in_one(tmp_path, monkeypatch):
+    audio_file.write(tmp_path / 'a.mp3', tone(96000), 16000)
+    whole = audio_file.read_mono(tmp_path / 'a.mp3').samples
+    monkeypatch.setattr(audio_file, 'BLOCK', 1000)
+    np.testing.assert_array_equal(audio_file.read_mono(tmp_path / 'a.mp3').samples, whole)
+
+
+@pytest.mark.parametrize(('rate', 'to'), [(44100, 48000), (48000, 44100), (1000, 8000)])
+def test_pieces_are_resampled_to_the_same_bits(rate, to, monkeypatch):
+    whole = audio_file.resample(tone(30001), rate, to)
+    monkeypatch.setattr(audio_file, 'BLOCK', 500)
+    np.testing.assert_array_equal(audio_file.resample(tone(30001), rate, to), whole)
+
+
+@pytest.mark.parametrize('name', ['a.wav', 'a.mp3', 'a.flac', 'a.ogg', 'a.raw', 'a.aif'])
+@pytest.mark.parametrize(
+    ('data', 'told'),
+    [(b'', 'it is empty'), (bytes(5000), 'only zero bytes'), (b'<html>404', "b'<html>404'")],
+)
+def test_the_first_fact_about_a_file_that_is_no_sound(tmp_path, name, data, told):
+    (tmp_path / name).write_bytes(data)
+    if name == 'a.raw' and data[:1] == b'<':
+        told = 'samples without a header'
+    with pytest.raises(EolError) as caught:
+        audio_file.read_mono(tmp_path / name)
+    assert f'({told}' in str(caught.value).replace('it begins with ', '')
+
+
+@pytest.mark.parametrize('rate', [1, 7, 999, 2**31 - 1])
+def test_a_rate_that_cannot_be_meant_is_left_out(sounds, rate):
+    soundfile.write(sounds / 'odd.wav', tone(), rate)
+    corpus = corpus_build.build([sounds / 'good.wav', sounds / 'odd.wav'], Options())
+    assert len(corpus.sources) == 1
+    assert f'odd.wav: its header says {rate} samples a second' in corpus.notes[0]
+
+
+def test_a_long_sound_in_a_small_file_is_refused_by_its_length(tmp_path, monkeypatch):
+    monkeypatch.setattr(audio_file, 'ROOM', 1e6)
+    soundfile.write(tmp_path / 'a.flac', np.zeros(60 * 16000), 16000)
+    with pytest.raises(EolError, match='1 min of sound take 4 MB of memory when decoded'):
+        audio_file.read_mono(tmp_path / 'a.flac')
+    soundfile.write(tmp_path / 'a.wav', np.zeros(60 * 16000), 16000)  # as large as its file says
+    assert audio_file.read_mono(tmp_path / 'a.wav').duration_s == 60
+
+
 def odd_samples(path, value, count):
     samples = tone()
     samples[1000 : 1000 + count] = value

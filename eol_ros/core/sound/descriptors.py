@@ -114,12 +114,16 @@ def _batches(
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """Yield (slice of frames, (k, size) frames); what lies past a grain's end is silence."""
     starts, owner = frame_starts(cuts, size)
-    padded = np.concatenate([samples, np.zeros(size, samples.dtype)])
-    inside = np.lib.stride_tricks.sliding_window_view(padded, size)
+    rest = max(len(samples) - size, 0)  # only what follows is copied, with silence behind it
+    padded = np.concatenate([samples[rest:], np.zeros(size, samples.dtype)])
+    last = np.lib.stride_tricks.sliding_window_view(padded, size)
+    inside = np.lib.stride_tricks.sliding_window_view(samples, size) if rest else last
     room = cuts[owner, 1] - starts  # less than a frame only in short grains
     for i in range(0, len(starts), BATCH):
         part = slice(i, min(i + BATCH, len(starts)))
-        frames = inside[starts[part]].astype(np.float64)
+        frames = inside[np.minimum(starts[part], rest)].astype(np.float64)
+        late = starts[part] > rest
+        frames[late] = last[starts[part][late] - rest]
         if (room[part] < size).any():
             frames[np.arange(size) >= room[part, None]] = 0
         yield part, frames

@@ -4,6 +4,8 @@
 Every cut returns (n, 2) int64: first sample and one past the last of each grain, in order.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from eol_ros.core import elementary
@@ -121,7 +123,9 @@ def onsets(
     rise = _rise_db(samples, rate, hop)
     half = max(1, round(0.2 / HOP_S))
     around = np.lib.stride_tricks.sliding_window_view(np.pad(rise, half, 'edge'), 2 * half + 1)
-    novel = rise - np.median(around, axis=1)
+    novel = np.empty_like(rise)
+    for part in _parts(len(rise), 1 << 14):
+        novel[part] = rise[part] - np.median(around[part], axis=1)
     peak = (novel > np.pad(novel, 1)[:-2]) & (novel >= np.pad(novel, 1)[2:])
     peaks = np.nonzero(peak & (novel > threshold_db))[0]
     kept: list[int] = []
@@ -134,23 +138,23 @@ def onsets(
 def _rise_db(samples: np.ndarray, rate: int, hop: int) -> np.ndarray:
     """Mean rise in dB over the bands within two hops; value i belongs to sample i * hop."""
     size = 1 << max(6, round(elementary.log2(0.02 * rate)))
-    padded = np.concatenate([np.zeros(size), samples, np.zeros(size)])  # frame i ends at i * hop
-    frames = np.lib.stride_tricks.sliding_window_view(padded, size)[::hop][
-        : len(samples) // hop + 1
-    ]
     window = elementary.hann(size + 2)[1:-1]
     edges = (
         (4 * elementary.power((size // 2 + 1) / 4, np.linspace(0, 1, BANDS))).round().astype(int)
     )  # wide: noise averages out
     band = np.searchsorted(edges, np.arange(size // 2 + 1), side='right')
     band = np.minimum(band, BANDS - 1)
-    level = np.zeros((len(frames), BANDS))
-    for i in range(0, len(frames), 1024):
-        spectrum = np.fft.rfft(frames[i : i + 1024] * window)
+    level = np.zeros((len(samples) // hop + 1, BANDS))
+    for part in _parts(len(level), 1024):
+        end = (min(part.stop, len(level)) - 1) * hop  # frame i ends at i * hop, begins in silence
+        piece = samples[max(part.start * hop - size, 0) : end]
+        piece = np.pad(piece, (end - part.start * hop + size - len(piece), 0))
+        frames = np.lib.stride_tricks.sliding_window_view(piece, size)[::hop]
+        spectrum = np.fft.rfft(frames * window)
         power = spectrum.real**2 + spectrum.imag**2
         per_band = np.stack([power[:, band == k].sum(axis=1) for k in range(BANDS)], axis=1)
         total = window.sum()
-        level[i : i + 1024] = 10 * elementary.log10(per_band / (total * total) + 1e-9)
+        level[part] = 10 * elementary.log10(per_band / (total * total) + 1e-9)
     return np.maximum(level - np.pad(level, ((2, 0), (0, 0)), 'edge')[:-2], 0).mean(axis=1)
 
 
@@ -161,9 +165,12 @@ def _sharpened(samples: np.ndarray, near: int, rate: int) -> int:
     at = np.arange(max(near - reach, 0), min(near + reach, len(samples)), step)
     if not len(at):
         return min(near, len(samples) - 1)
-    total = np.concatenate([[0.0], np.cumsum(samples.astype(np.float64) ** 2)])
-    before = total[at] - total[np.maximum(at - span, 0)]
-    after = total[np.minimum(at + span, len(samples))] - total[at]
+    begin = max(near - reach - span, 0)
+    around = samples[begin : near + reach + span].astype(np.float64)
+    total = np.concatenate([[0.0], np.cumsum(around**2)])
+    here = at - begin
+    before = total[here] - total[np.maximum(here - span, 0)]
+    after = total[np.minimum(here + span, len(around))] - total[here]
     return int(at[np.argmax((after + 1e-9 * span) / (before + 1e-9 * span))])
 
 
@@ -188,6 +195,15 @@ def from_labels(labels: np.ndarray, n_samples: int, rate: int) -> np.ndarray:
 
 def _level_db(samples: np.ndarray, hop: int) -> np.ndarray:
     """RMS in dBFS over two hops, one value per hop."""
-    squares = np.add.reduceat(samples.astype(np.float64) ** 2, np.arange(0, len(samples), hop))
+    squares = np.concatenate([
+        np.add.reduceat(piece, np.arange(0, len(piece), hop))
+        for part in _parts(len(samples), 4096 * hop)
+        for piece in [samples[part].astype(np.float64) ** 2]
+    ])  # fmt: skip
     pair = (squares + np.append(squares[1:], squares[-1])) / (2 * hop)
     return 10 * elementary.log10(np.maximum(pair, 1e-20))
+
+
+def _parts(count: int, size: int) -> Iterator[slice]:
+    """Yield 0..count in slices of `size`: not all of a long recording needs double precision."""
+    return (slice(i, i + size) for i in range(0, count, size))

@@ -14,7 +14,7 @@ Frames, window and magnitudes M are those of `descriptors.py`, all inside one gr
   ms, of those above -70 LUFS. (EBU Tech 3342 has windows of 3 s, longer than grains.)
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from scipy.fft import dct, rfft
@@ -26,6 +26,7 @@ from eol_ros.core.sound.loudness import k_weighted, lufs
 from eol_ros.settings import MORE_DESCRIPTORS
 
 MELS, MFCCS = 40, 12
+PIECE = 1 << 20  # samples that are weighted at a time
 MEDIAN = 31  # frames, and bins
 FLOOR = 1e-10  # of powers in dB
 GATE_LUFS = -70.0
@@ -67,7 +68,7 @@ def describe(
     found = {name: np.full(len(cuts), np.nan) for name in MORE_DESCRIPTORS}
     window = 0.5 - 0.5 * elementary.cos(2 * np.pi * np.arange(FRAME) / FRAME)
     bands = mel_bands(rate)
-    weighted, _ = k_weighted(samples, rate)
+    weighted = _weighted(samples, rate, cuts)
     for i, (first, last) in enumerate(cuts.tolist()):
         spectrum = rfft(frames_of(samples, cuts[i], FRAME) * window)
         magnitude = elementary.hypot(spectrum.real, spectrum.imag)
@@ -83,9 +84,21 @@ def describe(
                 found[f'mfcc_{k}'][i] = value
             found['harmonic_ratio'][i] = harmonic_ratio(magnitude)
         found['attack_time_s'][i] = attack_time(samples[first:last], rate)
-        found['loudness_range_lu'][i] = loudness_range(weighted[first:last], rate)
+        found['loudness_range_lu'][i] = loudness_range(next(weighted), rate)
         progress((i + 1) / len(cuts))
     return found
+
+
+def _weighted(samples: np.ndarray, rate: int, cuts: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield the K-weighted samples of each cut, in order of their starts, piece by piece."""
+    found, state, begin, end = np.zeros(0), None, 0, 0
+    for first, last in cuts.tolist():
+        while end < last:
+            piece, state = k_weighted(samples[end : end + PIECE], rate, state)
+            kept = min(first, end) - begin
+            found, begin = np.concatenate([found[kept:], piece]), begin + kept
+            end += len(piece)
+        yield found[first - begin : last - begin]
 
 
 def mel_bands(rate: int) -> np.ndarray:

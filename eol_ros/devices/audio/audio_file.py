@@ -4,6 +4,7 @@
 import io
 import math
 import os
+import re
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,11 @@ from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.said import said
 
 BLOCK = 1 << 20  # samples read at a time: a long file never needs all its channels in memory
-LAST = 1 << 12  # where a file breaks off, this many samples at most are lost before the break
+WRITTEN = 1 << 12  # samples written at a time: libsndfile dies of a long piece of Vorbis
+RATES = 1000, 1_000_000  # Hz, of recordings (chosen): hydrophones to laboratory cards
+ROOM = 160e6  # bytes that a sound may take in memory, beside twice the size of its file
+UNRECOGNISED = 1, 7  # errors of libsndfile: no format, no MP3
+UNKNOWN_SIZE = 0x7FFF_0000  # from here on the size in a header is what a stream has for one
 KAISER, BESSEL_TERMS = 5.0, 26  # SciPy's default shape; terms of the series up to 1e-20
 SET_ADD_PEAK_CHUNK = 0x1050  # command of libsndfile
 LOUDEST = 16.0  # +24 dB over full scale (chosen): floats may exceed 1, but nobody means more
@@ -64,9 +69,11 @@ def read_mono(path, rate: int | None = None) -> Sound:
             'silence stands in for them'
         )
     if len(samples) < SHORTEST_S * own_rate:
+        why = f'give a sound of at least {SHORTEST_S * 1e3:.0f} ms'
+        if notes:
+            why = notes[0].removeprefix(f'{path}: ').partition(';')[0]
         raise ConfigError(
-            f'{path}: {len(samples)} samples at {own_rate} Hz are too short for a grain; '
-            f'give a sound of at least {SHORTEST_S * 1e3:.0f} ms'
+            f'{path}: {len(samples)} samples at {own_rate} Hz are too short for a grain; {why}'
         )
     if rate is not None and rate != own_rate:
         samples, own_rate = resample(samples, own_rate, rate), rate
@@ -77,8 +84,18 @@ def resample(samples: np.ndarray, rate_from: int, rate_to: int) -> np.ndarray:
     """Return (n,) float32 at another rate by an anti-aliased polyphase filter."""
     from scipy.signal import resample_poly  # 60 MB, needed only where rates differ
 
-    most = max(rate_to, rate_from) // math.gcd(rate_to, rate_from)
-    return resample_poly(samples, rate_to, rate_from, window=_low_pass(most)).astype(np.float32)
+    up, down = (rate // math.gcd(rate_to, rate_from) for rate in (rate_to, rate_from))
+    window = _low_pass(max(up, down))
+    margin = down * math.ceil(20 * max(up, down) / up / down)  # what the filter reaches, and more
+    step = down * max(BLOCK // down, 1)
+    found = np.empty(-(-len(samples) * up // down), np.float32)
+    for start in range(0, len(samples), step):  # SciPy takes 8 bytes a sample
+        first, end = max(start - margin, 0), (start + step) * up // down
+        piece = resample_poly(samples[first : start + step + margin], up, down, window=window)
+        to = found[start * up // down : end]
+        at = (start - first) * up // down
+        to[:] = piece[at : at + len(to)]
+    return found
 
 
 def _low_pass(period: int) -> np.ndarray:
@@ -111,8 +128,8 @@ def write(path, samples: np.ndarray, rate: int, subtype: str | None = None) -> N
         with without_time(
             soundfile.SoundFile(os.fsencode(path), 'w', rate, channels, subtype=subtype)
         ) as file:
-            for k in range(0, len(samples), LAST):  # libsndfile dies of a long piece of Vorbis
-                file.write(samples[k : k + LAST])
+            for k in range(0, len(samples), WRITTEN):
+                file.write(samples[k : k + WRITTEN])
     except (soundfile.LibsndfileError, OSError, ValueError, TypeError) as error:
         raise ConfigError(f'{path}: cannot write this sound ({error})') from None
 
@@ -123,25 +140,51 @@ def _read(path: Path) -> tuple[np.ndarray, int, int, list[str]]:
     notes: list[str] = []
     try:
         with soundfile.SoundFile(_streamed(path) or os.fsencode(path)) as sound:
-            samples = np.empty(sound.frames, np.float32)
-            # Between two reads soundfile seeks, and a seek within MP3 is not exact: take it in one.
-            count = _fill(samples, sound, sound.frames if sound.format == 'MPEG' else BLOCK)
-            if count < sound.frames:
-                with soundfile.SoundFile(os.fsencode(path)) as again:
-                    count = _fill(samples, again, LAST, count)
-                notes.append(
-                    f'{path}: breaks off after {count / sound.samplerate:.2f} s of '
-                    f'{sound.frames / sound.samplerate:.2f} s; only what is there is used'
-                )
             rate, channels = sound.samplerate, sound.channels
+            _check(path, sound)
+            samples = np.empty(sound.frames, np.float32)
+            count = _fill(samples, sound)
+            whole = _said_frames(sound)
+            if count < whole:
+                notes.append(
+                    f'{path}: breaks off after {count / rate:.2f} s of {whole / rate:.2f} s; '
+                    'only what is there is used'
+                )
+            elif 'lacks an end-of-stream bit' in sound.extra_info:  # of Ogg
+                notes.append(
+                    f'{path}: breaks off after {count / rate:.2f} s; only what is there is used'
+                )
     except (soundfile.LibsndfileError, TypeError) as error:
         raise ConfigError(
-            f'{path}: not a sound that libsndfile reads ({_reason(error)}); '
+            f'{path}: not a sound that libsndfile reads ({_reason(path, error)}); '
             'give WAV, FLAC, OGG, AIFF or MP3'
         ) from None
     except (MemoryError, ValueError):
         raise ConfigError(f'{path}: claims to be longer than memory holds; cut it up') from None
     return samples[:count], rate, channels, notes
+
+
+def _check(path: Path, sound: soundfile.SoundFile) -> None:
+    """Raise ConfigError where rate or decoded length of a sound are beyond what can be meant."""
+    rate, count = sound.samplerate, sound.frames
+    if not RATES[0] <= rate <= RATES[1]:
+        raise ConfigError(
+            f'{path}: its header says {rate} samples a second; sounds have {RATES[0]} to '
+            f'{RATES[1]}; export it again'
+        )
+    if count * 4 > 2 * path.stat().st_size + ROOM:
+        raise ConfigError(
+            f'{path}: {count / rate / 60:.0f} min of sound take {count * 4e-6:.0f} MB of memory '
+            'when decoded, too much for a file of this size; cut it up, or export it as WAV'
+        )
+
+
+def _said_frames(sound: soundfile.SoundFile) -> int:
+    """Return how many samples the header speaks of; libsndfile counts those that are there."""
+    said = re.search(r'\b(?:data|SSND) *: (\d+) \(should be (\d+)\)', sound.extra_info)
+    size, there = map(int, said.groups()) if said else (0, 0)
+    cut = there < size < UNKNOWN_SIZE
+    return round(sound.frames * size / there) if cut and there else sound.frames
 
 
 def _streamed(path: Path) -> io.BytesIO | None:
@@ -169,21 +212,31 @@ def _streamed(path: Path) -> io.BytesIO | None:
     return None
 
 
-def _fill(out: np.ndarray, sound: soundfile.SoundFile, size: int, start: int = 0) -> int:
-    """Write the mean of the channels from `start` on, as far as it goes; return how far that is."""
-    try:
-        if start:
-            sound.seek(start)
-        while len(block := sound.read(size, dtype='float32', always_2d=True)):
-            end = min(start + len(block), len(out))
-            out[start:end] = block[: end - start].mean(axis=1, dtype=np.float32)
-            if end == len(out):
-                return end
-            start = end
-    except soundfile.LibsndfileError:
-        pass  # broken off: what was read before stands
+def _fill(out: np.ndarray, sound: soundfile.SoundFile) -> int:
+    """Write the mean of the channels, as far as it goes; return how far that is.
+
+    soundfile seeks between reads, which is not exact within MP3, and drops what precedes damage.
+    """
+    block = np.empty((BLOCK, sound.channels), np.float32)
+    place = soundfile._ffi.cast('float *', soundfile._ffi.from_buffer(block))
+    start = 0
+    while start < len(out):
+        count = soundfile._snd.sf_readf_float(sound._file, place, min(BLOCK, len(out) - start))
+        if count <= 0:
+            break  # broken off: what was read before stands
+        out[start : start + count] = block[:count].mean(axis=1, dtype=np.float32)
+        start += count
     return start
 
 
-def _reason(error: Exception) -> str:
+def _reason(path: Path, error: Exception) -> str:
+    """Return the first fact about a file that is no sound."""
+    with path.open('rb') as file:
+        head = file.read(4096)
+    if not head.strip(b'\0'):
+        return 'only zero bytes, as a power cut leaves' if head else 'it is empty'
+    if isinstance(error, TypeError):
+        return 'samples without a header, so their rate is unknown'
+    if getattr(error, 'code', 0) in UNRECOGNISED:
+        return f'it begins with {head[:12]!r}'
     return str(getattr(error, 'error_string', error)).strip().rstrip('.')
