@@ -16,7 +16,15 @@ from collections.abc import Callable, Sequence
 from typing import Any, NoReturn, TextIO
 
 from eol_ros import folders, interrupts
-from eol_ros.errors import BagDamaged, ConfigError, EolError, UsageError, nearest, warning_line
+from eol_ros.errors import (
+    BagDamaged,
+    ConfigError,
+    EolError,
+    UsageError,
+    nearest,
+    printable,
+    warning_line,
+)
 
 WARNINGS_LOG, WARNINGS_MOST = 'warnings.log', 1_000_000  # bytes: then it begins again
 FULL = errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO  # of a disk, at a write
@@ -122,7 +130,7 @@ def _main(words: list[str]) -> int:
         return 0
     verb = words[0]
     if verb not in VERBS:
-        print(f'eol: {verb}: no such verb. {nearest(verb, VERBS)}', file=sys.stderr)
+        print(f'eol: {printable(verb)}: no such verb. {nearest(verb, VERBS)}', file=sys.stderr)
         return UsageError.exit_code
     # as in the graph: the last bits of a solved system depend on how many threads solved it
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
@@ -168,6 +176,7 @@ class Parser(argparse.ArgumentParser):
             choices = found[2].replace("'", '').split(', ')
             hint = nearest(found[1].strip("'"), choices)
             message = f'{message[: found.start()]}no such choice as {found[1]}. {hint}'
+        message = printable(message)
         self.exit(UsageError.exit_code, f'{self.prog}: {message} (`{self.prog} --help` helps)\n')
 
     def _missing(self, name: str) -> str:
@@ -227,7 +236,7 @@ def _run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
     ) -> None:
         if issubclass(category, BagDamaged):
             damage.append(str(message))
-            print(f'{prog}: {message}', file=sys.stderr)
+            print(f'{prog}: {printable(str(message))}', file=sys.stderr)
         else:
             _keep_warning(message, category, filename, lineno)
 
@@ -236,7 +245,8 @@ def _run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
         interrupts.begin()
         return int(module.run(args) or 0) or (1 if damage else 0)
     except EolError as error:
-        print(f'{prog}: {error}' if '\n' not in str(error) else error, file=sys.stderr)
+        lines = [printable(line) for line in str(error).split('\n')]
+        print(f'{prog}: {lines[0]}' if len(lines) == 1 else '\n'.join(lines), file=sys.stderr)
         return error.exit_code
     except BrokenPipeError:
         return _unread()
@@ -244,7 +254,7 @@ def _run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
         known = _explained(error, args)
         if known is None:
             raise
-        print(f'{prog}: {known}', file=sys.stderr)
+        print(f'{prog}: {printable(str(known))}', file=sys.stderr)
         return known.exit_code
     finally:
         interrupts.finish()

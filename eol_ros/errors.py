@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 FEW_NAMES = 8  # are read at a glance (chosen); of more, only the nearest are named
+MOST_SHOWN = 2000  # characters of a line in a message (chosen): it quotes what it found
 
 
 class EolError(Exception):
@@ -70,6 +71,21 @@ def nearest(name: str, known: Iterable[str]) -> str:
         return f'There are {", ".join(names)}.' if names else 'There is none.'
     near = difflib.get_close_matches(name, names, 3, 0.0)
     return f'Of {len(names)}, the nearest are {", ".join(near)}.'
+
+
+def printable(text: str) -> str:
+    """Return a text of unknown origin in one line: controls escaped, the middle cut out if long.
+
+    The surrogates for bytes that are not UTF-8 stay.
+    """
+    half = MOST_SHOWN // 2
+    if len(text) > MOST_SHOWN:
+        text = f'{text[:half]} ... ({len(text) - 2 * half} more characters) ... {text[-half:]}'
+    if text.isprintable():
+        return text
+    return ''.join(
+        c if c.isprintable() or '\udc80' <= c <= '\udcff' else repr(c)[1:-1] for c in text
+    )
 
 
 def pip_install(*packages: str) -> str:

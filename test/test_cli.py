@@ -245,3 +245,13 @@ def test_light_verbs_are_light(tmp_path):
 def test_what_is_missing_is_installed_into_this_very_python():
     command = pip_install('prometheus-client', 'a b')
     assert command == f"{shlex.quote(sys.executable)} -m pip install prometheus-client 'a b'"
+
+
+@pytest.mark.parametrize(
+    'words', [['bag', 'info'], ['camera'], [], ['corpus'], ['board', '--port']]
+)
+def test_what_was_found_is_quoted_in_bounds(words, capsys):
+    cli.main([*words, '\x1b[31m' + 'x' * 300_000])
+    error = capsys.readouterr().err
+    assert len(error) < 4000 and error.count('\n') == 1
+    assert '\x1b' not in error and 'more characters' in error

@@ -19,6 +19,7 @@ from eol_ros.devices.bag.batches import NOTHING, Batch, joined
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.errors import ConfigError, UsageError
 from eol_ros.streams.cdr import Decoder
+from eol_ros.streams.graph import TOPICS
 
 BATCH = 4096  # messages decoded at a time
 TIMES = ('log_time', 'publish_time')
@@ -42,7 +43,15 @@ class Table(np.ndarray):
 
     def __getitem__(self, key: Any) -> Any:
         """Return a field as a plain array, rows as a table."""
-        got = super().__getitem__(key)
+        try:
+            got = super().__getitem__(key)
+        except ValueError:
+            if self.topic and isinstance(key, str):
+                names = ', '.join(self.dtype.names or ())
+                raise ConfigError(
+                    f'{self.topic}: its messages have no field {key}, but {names}'
+                ) from None
+            raise
         return got.view(np.ndarray) if isinstance(key, str) else got
 
     def rows(self) -> Iterator[list]:
@@ -89,6 +98,12 @@ class Bag(BagReader):
 
     def __init__(self, path: str | Path) -> None:
         super().__init__(path)
+        if self.end_ns >= 1 << 63:
+            raise ConfigError(
+                f'{self.path}: messages were received after the year 2262, where times of ROS end: '
+                'the clock of the recorder was wrong'
+            )
+        self.notes += [f'{why}; left out' for why in map(self.misfit, TOPICS) if why]
         self._kept: dict[tuple, Any] = {}  # results of collectors, by kind and topic
 
     def __repr__(self) -> str:
@@ -204,7 +219,10 @@ class Bag(BagReader):
                 f'{self.path}: {name}: its messages are {topic.foreign}; only those of ROS 2 '
                 '(cdr/ros2msg) can be decoded'
             )
-        return Decoder(topic.type, topic.definition, only)
+        try:
+            return Decoder(topic.type, topic.definition, only)
+        except ConfigError as error:
+            raise ConfigError(f'{self.path}: {name}: {error}') from None
 
     def table(self, topic: str, start_s: float = 0.0, end_s: float | None = None) -> Table:
         """Decode the messages of a topic into one array.

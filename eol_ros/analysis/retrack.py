@@ -385,7 +385,7 @@ def _taps(bag: Bag) -> list[Knock]:
 
 def images(bag: Bag) -> Iterator[tuple[int, np.ndarray]]:
     """Yield the stamp in ns and the grey (h, w) uint8 pixels of every recorded image."""
-    name = bag.find('camera/image_raw')
+    name = bag.own('camera/image_raw')
     codec = Codec(bag.topics[name].definition)
     for message in bag.messages([name]):
         try:

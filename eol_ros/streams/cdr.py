@@ -47,7 +47,9 @@ class Layout:
         node = self.tree
         for step in path:
             if isinstance(step, str):
-                node = next(below for field, below in node.items() if field.name == step)
+                node = next((below for field, below in node.items() if field.name == step), None)
+                if node is None:
+                    raise ValueError(f'its message has no field {step}')
             else:
                 node = node[step]
         kind, offset, count = node

@@ -7,7 +7,7 @@ import sys
 import warnings
 from pathlib import Path
 
-from eol_ros.errors import BagDamaged, UsageError, writing
+from eol_ros.errors import BagDamaged, UsageError, printable, writing
 
 HELP = 'Look at bags, prove them, repair them, cut and merge them. No ROS needed.'
 EXAMPLES = [
@@ -96,7 +96,7 @@ def _info(args) -> int:
         print(f'{bag.path}  {bag.duration_s:.1f} s  {size / 1e6:.1f} MB  {len(bag.files)} files')
         for name, row in rows.items():
             kind = f'{row["type"]} {row.get("encoding", "")}'.rstrip()
-            print(f'{row["messages"]:10}  {name:32} {kind}')
+            print(f'{row["messages"]:10}  {name:32} {printable(kind)}')
         for name, value in bag.gaps.items():
             print(f'{name}: {value}')
     code = _tell(bag)

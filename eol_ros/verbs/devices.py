@@ -6,6 +6,7 @@ import json
 import sys
 
 from eol_ros.core.verdict import Verdict
+from eol_ros.errors import printable
 
 HELP = 'List cameras, boards, sound cards and screens, with the line that a scene wants.'
 EXAMPLES = ['eol devices', 'eol devices --json']
@@ -30,9 +31,9 @@ def run(args):
         of_kind = [f for f in found if f.kind == kind]
         print(f'{kind}s' if of_kind else f'{kind}s: none found')
         for device in of_kind:
-            print(f'  {device.name}  {device.description}'.rstrip())
+            print(printable(f'  {device.name}  {device.description}'.rstrip()))
             if device.scene_line:
-                print(f'      {device.scene_line}')
+                print(f'      {printable(device.scene_line)}')
     for remark in remarks:
         print(remark, file=sys.stderr)
     print(_verdict({f.kind for f in found}))

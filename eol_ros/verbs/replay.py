@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from eol_ros.cli import within
-from eol_ros.errors import UsageError
+from eol_ros.errors import UsageError, printable
 from eol_ros.verbs import reach
 
 HELP = 'Play a bag and its time on /clock into the graph. Space pauses, Ctrl-C stops.'
@@ -159,6 +159,6 @@ def _list(bag, as_json: bool) -> None:
         return
     print(f'{bag.path}  {bag.duration_s:.1f} s')
     for key, topic in bag.topics.items():
-        print(f'{bag.counts[key]:10}  {key:32} {topic.type}')
+        print(f'{bag.counts[key]:10}  {key:32} {printable(topic.type)}')
     for name, value in bag.gaps.items():
         print(f'{name}: {value}')

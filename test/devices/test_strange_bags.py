@@ -197,3 +197,89 @@ def test_one_bad_file_of_a_bag_is_left_out(tmp_path, capsys, left):
     for file in files:
         file.write_bytes(left)
     assert cli.main(['bag', 'info', str(tmp_path / 'bag')]) == 78
+
+
+LAST_NS = (1 << 64) - 1
+SECOND = 1_000_000_000
+
+
+@pytest.mark.parametrize(
+    'times',
+    [
+        [LAST_NS],
+        [LAST_NS - 3 * SECOND, LAST_NS - SECOND, LAST_NS],
+        [(1 << 63) - SECOND, (1 << 63) - 1, 1 << 63, (1 << 63) + SECOND],
+        [T0, T0 + 2 * SECOND, T0 + SECOND],
+    ],
+)
+@pytest.mark.parametrize('verb', ['cut', 'recover', 'merge'])
+def test_no_message_is_lost_for_its_time(tmp_path, verb, times, capsys):
+    path, out = write(tmp_path / 'a.mcap', {'/t': TWO['/t']}, times), tmp_path / 'out.mcap'
+    assert cli.main(['bag', verb, str(path), '--output', str(out)]) == 0
+    assert contents(out) == contents(path)
+    code = cli.main(['report', str(path), '--csv', '/t', '-o', str(tmp_path / 'csv')])
+    assert code == (78 if LAST_NS in times or 1 << 63 in times else 0)
+    assert 'Traceback' not in capsys.readouterr().err
+
+
+def test_one_message_of_another_age_costs_no_other(tmp_path):
+    times = [*(T0 + k * SECOND for k in range(20)), LAST_NS]
+    bag = BagReader(write(tmp_path / 'a.mcap', {'/t': TWO['/t']}, times))
+    assert [m.log_ns for m in bag.messages()] == times[:-1]
+    assert 'in 2554-07 are left out' in bag.cut_short[0]
+
+
+def test_falling_times_are_told(tmp_path, capsys):
+    times = [T0 + k * SECOND for k in (0, 1, 2, 9, 3, 4, 2, 5)]
+    path = write(tmp_path / 'a.mcap', {'/t': TWO['/t']}, times)
+    assert cli.main(['bag', 'verify', str(path)]) == 1
+    out = capsys.readouterr().out
+    assert out.splitlines() == [
+        'a.mcap: /t: the time of reception falls 2 times, by 6.000 s at most: '
+        'the clock was set back'
+    ]
+    even = write(tmp_path / 'b.mcap', {'/t': TWO['/t']}, [T0, T0 + SECOND, T0 + SECOND // 2])
+    assert cli.main(['bag', 'verify', str(even)]) == 0  # as chunks of one recorder may lie
+
+
+@pytest.mark.parametrize(
+    ('topic', 'kind', 'told'),
+    [
+        ('/eol/slips', 'std_msgs/msg/String', 'has the type std_msgs/msg/String, not eol_msgs/msg'),
+        ('/eol/slips', 'eol_msgs/msg/Cascade', 'has the type eol_msgs/msg/Cascade, not eol_msgs/m'),
+        ('/eol/grain_triggers', 'eol_msgs/msg/Slip', 'has the type eol_msgs/msg/Slip, not eol_ms'),
+        ('/eol/slips', 'eol_msgs/msg/Slip', 'eol_msgs/msg/Slip: has no header.stamp, but a, b'),
+        ('/eol/camera/image_raw', 'p/msg/T', 'has the type p/msg/T, not sensor_msgs/msg/Image'),
+    ],
+)
+@pytest.mark.parametrize('verb', ['report', 'track'])
+def test_a_topic_of_another_type_is_named_with_it(tmp_path, capsys, verb, topic, kind, told):
+    path = write(tmp_path / 'a.mcap', {topic: (*CDR, kind, *TWO['/t'][3:])})
+    code = cli.main([verb, str(path), '-o', str(tmp_path / 'out')])
+    error = capsys.readouterr().err
+    ours = kind.startswith('eol_msgs/msg/Slip') and topic == '/eol/slips'
+    if verb == 'report':
+        assert code == (78 if ours else 0)
+        assert f'{topic}{": " if ours else " "}{told}' in error
+    else:
+        assert code == 78 and error.count('\n') == 1 and topic in error
+
+
+def test_names_of_topics_break_no_line(tmp_path, capsys):
+    odd = '/a\n\x1b[31mb\u202e\t' + 'c' * 5000
+    path = write(tmp_path / 'a.mcap', {odd: TWO['/t'], odd.replace('\n', '\\n'): TWO['/t']})
+    for words in (['bag', 'info'], ['replay', '--list'], ['track']):
+        cli.main([words[0], *words[1:], str(path)])
+        said = capsys.readouterr()
+        for line in (said.out + said.err).splitlines():
+            assert line.isprintable() and len(line) < 9000
+    out = tmp_path / 'out.mcap'
+    assert cli.main(['bag', 'cut', str(path), '--output', str(out)]) == 0
+    assert contents(out) == contents(path) and len(contents(out)) == 4
+
+
+@pytest.mark.parametrize('verb', ['cut', 'merge', 'recover'])
+def test_attachments_that_are_left_out_are_told(tmp_path, capsys, verb):
+    path = write(tmp_path / 'a.mcap', attach=True)
+    cli.main(['bag', verb, str(path), '--output', str(tmp_path / 'out.mcap')])
+    assert 'a.mcap: its attachments (1) are left out' in capsys.readouterr().err

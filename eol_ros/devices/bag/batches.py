@@ -37,7 +37,8 @@ class Batch(NamedTuple):
 
     def split(self, at_ns: int) -> tuple['Batch', 'Batch']:
         """Return those received before `at_ns`, and the others."""
-        n = int(np.searchsorted(self.log_ns, at_ns))
+        last = np.uint64(min(max(at_ns, 1), 1 << 64) - 1)  # times are of 64 bits without a sign
+        n = int(np.searchsorted(self.heads['log_ns'], last, 'right')) if at_ns > 0 else 0
         return self.part(0, n), self.part(n, len(self.data))
 
     def by_channel(self) -> Iterator[tuple[int, 'Batch']]:

@@ -33,6 +33,7 @@ from mcap.records import (
 from eol_ros.devices.bag.scan import CRC_KEY, MAGIC, chunk_head, packed, pairs_crc
 from eol_ros.devices.files.names import shown
 from eol_ros.disk import DISK, Disk
+from eol_ros.errors import printable
 
 LIBRARY = 'eol_ros 2'  # its metadata carry a checksum; its definitions are in the first chunk, too
 CHUNK_BYTES = 1 << 20  # the most that a killed writer or a flipped bit can lose
@@ -64,8 +65,9 @@ class BagTopic:
 
     @property
     def key(self) -> str:
-        """The name of the topic in a bag, unique for each of its definitions."""
-        return f'{self.name} (definition {self.variant + 1})' if self.variant else self.name
+        """The printable name of the topic in a bag, unique for each of its definitions."""
+        name = printable(self.name)
+        return f'{name} (definition {self.variant + 1})' if self.variant else name
 
     @property
     def foreign(self) -> str:
@@ -75,7 +77,7 @@ class BagTopic:
 
     def same(self, other: 'BagTopic') -> bool:
         """Return whether messages of both are read alike."""
-        return self.schema == other.schema and self.encoding == other.encoding
+        return (self.name, self.schema, self.encoding) == (other.name, other.schema, other.encoding)
 
     @property
     def schema(self) -> tuple[str, str, str]:

@@ -141,10 +141,23 @@ class BagReader:
     def count(self, topic: str) -> int:
         """Return how many messages of a topic of the graph there are, of its own kind."""
         found = self.topics.get(self.name(topic))
-        package = TOPICS[topic].type_name.partition('/')[0] if topic in TOPICS else ''
-        if not found or found.foreign or not found.type.startswith(package):
-            return 0
-        return self.counts[found.key]
+        return self.counts[found.key] if found and not self.misfit(topic) else 0
+
+    def misfit(self, topic: str) -> str:
+        """Return why a topic of the graph is not what has that name here, or an empty string."""
+        found = self.topics.get(self.name(topic))
+        if not found or topic not in TOPICS:
+            return ''
+        kind = f'{found.type} {found.foreign}'.rstrip()
+        ours = TOPICS[topic].type_name
+        return '' if kind == ours else f'{found.name} has the type {kind}, not {ours}'
+
+    def own(self, topic: str) -> str:
+        """Return the full name of a topic of the graph; raise ConfigError where it is another's."""
+        name = self.find(topic)
+        if why := self.misfit(topic):
+            raise ConfigError(f'{self.path}: {why}')
+        return name
 
     def variants(self, key: str) -> list[str]:
         """Return the keys of all definitions of a topic."""

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Proves a bag to the last byte: every checksum, every index entry, every count."""
 
+import itertools
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -14,12 +15,14 @@ from mcap.records import Channel, Chunk, MessageIndex, Schema
 from eol_ros.devices.bag import scan
 from eol_ros.devices.bag.batches import heads_in, span_of
 from eol_ros.devices.bag.file import BagFileReader
+from eol_ros.devices.bag.mcap_file import CHUNK_NS
 from eol_ros.devices.bag.reader import BagReader, information, loads
 from eol_ros.devices.bag.recover import metadata_of
 from eol_ros.devices.bag.scan import MAGIC, DamagedRecord
 from eol_ros.errors import BagDamaged, ConfigError
 
 REWRITE = '`eol bag recover` rewrites it'
+_INDEX_HEAD = 6  # bytes of a message index before its entries: channel, their length
 Expected = tuple[list[bytes], bool] | None  # message indexes of a chunk; whether they must be there
 
 
@@ -73,7 +76,7 @@ def _by_name(value: Any) -> Any:
 
 def _faults(file: BagFileReader) -> Iterator[str]:
     """Go through a file, and compare what is written twice: chunks, heads, indexes, definitions."""
-    said, counts = file.contents.counts, Counter[int]()
+    said, counts, falls = file.contents.counts, Counter[int](), _Falls()
     at, expected = len(MAGIC), None
     with open(file.path, 'rb') as stream:
         for place in sorted(file.places, key=lambda p: p.offset):
@@ -84,6 +87,7 @@ def _faults(file: BagFileReader) -> Iterator[str]:
                 continue  # damaged, and told
             chunk, size, heads, begins = found
             counts.update(heads['channel'].tolist())
+            falls.add(heads)
             if place.chunk:
                 where = f'{file.path.name}: byte {place.offset}'
                 times, kind, crc = span_of(heads), chunk.compression, chunk.uncompressed_crc
@@ -95,6 +99,11 @@ def _faults(file: BagFileReader) -> Iterator[str]:
                 expected = _message_indexes(heads, begins), bool(place.channels)
         cut = file.cut_at is not None  # between a chunk and its indexes, maybe
         yield from _between(file, stream, at, file.contents.data_end, None if cut else expected)
+    for k, (count, most_ns) in falls.found.items():
+        yield (
+            f'{file.path.name}: {file.contents.channels[k].topic}: the time of reception falls '
+            f'{count} times, by {most_ns * 1e-9:.3f} s at most: the clock was set back'
+        )
     wrong = [
         f'{channel.topic}: {counts[k]} of {said[k]}'
         for k, channel in file.contents.channels.items()
@@ -102,6 +111,24 @@ def _faults(file: BagFileReader) -> Iterator[str]:
     ]
     if wrong and not file.damage:
         yield f'{file.path.name}: messages that the index counts are not there: {", ".join(wrong)}'
+
+
+class _Falls:
+    """Finds out where the times of a channel fall, by more than the order of chunks explains."""
+
+    def __init__(self) -> None:
+        self.found: dict[int, tuple[int, int]] = {}  # by channel: how often, and by how much
+        self._last: dict[int, int] = {}
+
+    def add(self, heads: np.ndarray) -> None:
+        """Take the heads of the messages of the next chunk in the file."""
+        for channel in np.unique(heads['channel']).tolist():
+            times = heads['log_ns'][heads['channel'] == channel].tolist()
+            steps = [b - a for a, b in itertools.pairwise([self._last.get(channel, 0), *times])]
+            self._last[channel] = times[-1]
+            if fallen := [-step for step in steps if step < -CHUNK_NS]:
+                count, most = self.found.get(channel, (0, 0))
+                self.found[channel] = count + len(fallen), max(most, *fallen)
 
 
 def _message_indexes(heads: np.ndarray, begins: np.ndarray) -> list[bytes]:
@@ -115,6 +142,13 @@ def _message_indexes(heads: np.ndarray, begins: np.ndarray) -> list[bytes]:
     return found
 
 
+def _sorted(index: bytes) -> bytes:
+    """Return the record of a message index with its entries in order of time: none is required."""
+    head = scan.HEAD.size + _INDEX_HEAD
+    entries = np.frombuffer(index[head:], '<u8,<u8') if (len(index) - head) % 16 == 0 else None
+    return index if entries is None else index[:head] + np.sort(entries).tobytes()
+
+
 def _between(
     file: BagFileReader, stream: BinaryIO, at: int, end: int, expected: Expected
 ) -> Iterator[str]:
@@ -125,7 +159,7 @@ def _between(
         if found.why:
             yield f'{where}: {found.why}'
         elif found.raw[0] == Opcode.MESSAGE_INDEX:
-            found_indexes.append(found.raw)
+            found_indexes.append(_sorted(found.raw))
         elif isinstance(record, Chunk):
             try:
                 scan.unpack(record)

@@ -252,7 +252,7 @@ def _bag(path: Path) -> ImageSource:
     from eol_ros.streams.taps import RECORD, to_core
 
     bag = BagReader(path)
-    topic = bag.find(IMAGE_TOPIC)
+    topic = bag.own(IMAGE_TOPIC)
     codec = Codec(bag.topics[topic].definition)
 
     def images(source: ImageSource) -> Iterator[tuple[float, np.ndarray]]:
@@ -279,7 +279,7 @@ def _bag(path: Path) -> ImageSource:
 
     source = ImageSource(str(path), 0.0, bag.counts[topic], images)
     try:
-        taps = bag.find(TAPS_TOPIC)
+        taps = bag.own(TAPS_TOPIC)
     except ConfigError:
         return source
     read = Decoder(bag.topics[taps].type, bag.topics[taps].definition)
