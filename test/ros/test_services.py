@@ -128,8 +128,8 @@ def test_who_does_not_answer_is_named(ros, monkeypatch):
 @pytest.mark.parametrize(
     ('kind', 'node', 'words'),
     [
-        ('mut', '', 'mut: no such request; did you mean mute?'),
-        ('qqq', '', 'qqq: no such request; there are set, sleep, wake'),
+        ('mut', '', 'mut: no such request. Did you mean mute?'),
+        ('qqq', '', 'qqq: no such request. Of '),
         ('mute', 'sund', 'mute: sund does not heed it, but sound'),
         ('move_grain', '', 'grains does not run'),
         ('sleep', 'montge', 'sleep: montge does not heed it, but leds, sound, montage'),

@@ -83,4 +83,4 @@ def test_stock_rclpy_lists_reads_sets_calls_and_asks(tmp_path):
     assert found['range'] == [0.0, 1.0] and found['get'] == 0.002
     (good, _), (bad, why) = found['set']
     assert good and not bad and 'stop_mps' in why
-    assert found['unknown'] == 'slep: no such request; did you mean sleep?'
+    assert found['unknown'] == 'slep: no such request. Did you mean sleep?'
