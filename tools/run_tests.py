@@ -14,6 +14,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -145,6 +146,8 @@ def main() -> int:
     parser.add_argument('--bare', action='store_true', help='hide the optional system packages')
     parser.add_argument('--quick', action='store_true', help='the quick tests of the core')
     args, words = parser.parse_known_args()
+    # A shell has its background jobs ignore SIGINT, and tests send it to programs.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     if args.quick:
         return run_quick(words)
     if args.bare and BARE_MOUNTS not in os.environ:
