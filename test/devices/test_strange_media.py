@@ -8,13 +8,14 @@ import wave
 import numpy as np
 import pytest
 import soundfile
-from PIL import Image
+from PIL import Image, PngImagePlugin
 
 from eol_ros.devices.audio import audio_file
 from eol_ros.devices.audio.bank import load_bank
 from eol_ros.devices.corpus import corpus_build, corpus_file
 from eol_ros.devices.corpus.corpus_file import Options
 from eol_ros.devices.files import picture_kind, video_file
+from eol_ros.devices.files.media_folder import MediaFolder
 from eol_ros.errors import EolError
 
 NOISE = Image.fromarray(np.random.default_rng(1).integers(0, 255, (90, 120, 3)).astype(np.uint8))
@@ -26,6 +27,9 @@ def packed(kind, **options):
     return file.getvalue()
 
 
+TEXT, TURNED = PngImagePlugin.PngInfo(), Image.Exif()
+TEXT.add_itxt('project of an editor', 'x' * 2_000_000, zip=True)
+TURNED[0x112] = 6
 JPEG, PNG, WEBP, GIF = packed('JPEG'), packed('PNG'), packed('WEBP'), packed('GIF')
 GIFS = packed('GIF', save_all=True, append_images=[NOISE.rotate(k) for k in (90, 180)])
 
@@ -37,7 +41,8 @@ GIFS = packed('GIF', save_all=True, append_images=[NOISE.rotate(k) for k in (90,
         JPEG + b'\0\0\0\x18ftypmp42' + bytes(999),  # a motion photo
         JPEG + b'\0' * 5000, JPEG + JPEG, PNG + b'trailer of a phone', JPEG[:-2] + b'\xff\xd9\r\n',
         packed('MPO', save_all=True, append_images=[NOISE]), packed('AVIF'),
-        packed('PNG', pnginfo=None, compress_level=0),
+        packed('PNG', pnginfo=None, compress_level=0), packed('PNG', pnginfo=TEXT),
+        packed('JPEG', exif=TURNED), packed('PNG', save_all=True, append_images=[NOISE]),
     ],
 )  # fmt: skip
 def test_images_that_browsers_show_are_good(data):
@@ -54,12 +59,25 @@ def test_images_that_browsers_show_are_good(data):
         (PNG[:-16], 'cut off'),
         (WEBP[: len(WEBP) // 2], 'cut off'),
         (packed('TIFF'), 'not an image that browsers show (TIFF)'),
-        (b'\0\0\0\x18ftypheic' + bytes(99), 'not an image that is known'),
+        (b'\0\0\0\x18ftypheic' + bytes(99), 'not an image that browsers show (HEIC)'),
+        (JPEG[:20], 'cut off before its end, or damaged (JPEG)'),
+        (PNG[:16] + bytes(4) + PNG[20:], 'cut off before its end, or damaged (PNG)'),
+        (PNG[:16] + b'\x7f' + PNG[17:], 'damaged'),
+        (packed('AVIF')[:300], 'cut off before its end, or damaged (AVIF)'),
         (b'<html>404</html>', "begins with b'<html>404"),
     ],
 )
 def test_the_first_fact_is_named(data, told):
     assert told in picture_kind.fault(data)
+
+
+@pytest.mark.parametrize('encoding', ['klingon', 'utf-7', 'utf-16', 'idna'])
+def test_an_svg_of_an_unknown_encoding_costs_no_other(tmp_path, encoding):
+    (tmp_path / 'a.svg').write_bytes(f'<?xml version="1.0" encoding="{encoding}"?><svg/>'.encode())
+    (tmp_path / 'b.jpg').write_bytes(JPEG)
+    (tmp_path / 'pairs.csv').write_text('b.jpg,b.jpg\na.svg,b.jpg\n')
+    media = MediaFolder(tmp_path)
+    assert len(media.pairs) == 1 and 'a.svg: not an SVG image (' in media.skipped[0]
 
 
 def test_a_bomb_is_refused_before_it_is_unpacked():

@@ -331,7 +331,15 @@ def _broken(path: Path, placed: bool) -> str:
             if kind == '.svgz':
                 data = gzip.GzipFile(fileobj=io.BytesIO(data)).read(MAX_SVG_BYTES)
             root = ElementTree.fromstring(data)
-        except (ElementTree.ParseError, EOFError, OSError, zlib.error) as error:
+        except (
+            ElementTree.ParseError,
+            EOFError,
+            OSError,
+            zlib.error,
+            LookupError,
+            ValueError,
+        ) as error:
+            # the last two of an encoding that is unknown
             return f'not an SVG image ({error})'
         return '' if root.tag.endswith('svg') else 'not an SVG image'
     from eol_ros.devices.files import picture_kind  # the drawn set needs none of its memory

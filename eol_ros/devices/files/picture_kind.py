@@ -4,9 +4,11 @@
 import io
 import warnings
 
-from PIL import Image, UnidentifiedImageError
+from PIL import Image, PngImagePlugin, UnidentifiedImageError
 
 SHOWN = ('JPEG', 'MPO', 'PNG', 'WEBP', 'GIF', 'AVIF', 'BMP')  # MPO: several JPEG in one file
+HEIC = b'ftypheic', b'ftypheix', b'ftypheim', b'ftypmif1', b'ftypmsf1'
+PngImagePlugin.MAX_TEXT_CHUNK = PngImagePlugin.MAX_TEXT_MEMORY  # programs keep projects in them
 ROOM = 300e6  # bytes of pixels, beside twice the size of the file
 
 
@@ -30,7 +32,17 @@ def fault(data: bytes) -> str:
     except (UnidentifiedImageError, Image.DecompressionBombError) as error:
         if isinstance(error, Image.DecompressionBombError):
             return 'too large: hundreds of megapixels'
-        return f'not an image that is known (it begins with {data[:12]!r})'
+        return _of_head(data[:16])
     except (OSError, SyntaxError, EOFError, ValueError, IndexError) as error:
         return f'cut off before its end, or damaged ({error})'
     return ''
+
+
+def _of_head(head: bytes) -> str:
+    """Return what is wrong with a file that no decoder takes, by its first bytes."""
+    accepts = {k: Image.OPEN[k][1] for k in SHOWN if k in Image.OPEN}
+    if kind := next((k for k, fits in accepts.items() if fits and fits(head) is True), ''):
+        return f'cut off before its end, or damaged ({kind})'
+    if head[4:12] in HEIC:
+        return 'not an image that browsers show (HEIC); export it as JPEG'
+    return f'not an image that is known (it begins with {head[:12]!r})'
