@@ -107,6 +107,13 @@ def test_what_is_no_text_is_one_line_with_its_place(tmp_path, name, data, told):
         ('l.txt', '0.5\t1700000000\tx\n', ':1:2: end .* must lie in'),
         ('a.moved.csv', '0.5,25,1\n', ':1:2: x .* must lie in 0..1'),
         ('s.txt', '0x10\n', ':1:1: 0x10 is not a time'),
+        ('t.csv', 'time_s,grain\n0,1e300\n', ":2:2: grain '1e300' must lie in"),
+        ('t.csv', 'time_s,grain\n0,9223372036854775808\n', ':2:2: grain .* must lie in'),
+        ('t.csv', 'time_s,grain,block\n0,1,40000\n', ':2:3: block .* must lie in'),
+        ('t.csv', 'time_s,grain\n0,1.5\n', ':2:2: grain 1.5 is not a whole number'),
+        ('t.csv', 'time_s,grain\n1,000.5,1\n', ':2:2: grain 0.5 is not a whole number'),
+        ('t.csv', 'time_s,grain,grain\n0,1,2\n', ':1:1: 2 columns are named grain'),
+        ('t.csv', '\n# x\ntime_s,time_s,grain\n0,1,2\n', ':3:1: 2 columns are named time_s'),
     ],
 )
 def test_numbers_that_cannot_be_meant_are_named(tmp_path, name, text, told):
@@ -132,3 +139,22 @@ def test_points_in_other_units_are_refused(tmp_path, capsys, pixels, shift, metr
     assert cli.main(args) == 78
     error = capsys.readouterr().err
     assert re.search(told, error) and error.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    ('text', 'line'),
+    [
+        ('a' * 300_000, 1),
+        ('time_s,grain' + ',x' * 200_000 + '\n0,1\n', 1),
+        ('time_s,grain\n0,1' + ',2' * 200_000 + '\n', 2),
+        ('0.5,"' + '1' * 300_000, 1),
+        ('0.5\n' * 50 + '1' * 300_000, 51),
+    ],
+)
+@pytest.mark.parametrize('name', READERS)
+def test_lines_without_end_are_refused_before_they_fill_the_memory(tmp_path, name, text, line):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(EolError) as caught:
+        READERS[name][0](tmp_path / name)
+    told = str(caught.value)
+    assert f':{line}:1: not a table: a line of more than' in told or line == 51

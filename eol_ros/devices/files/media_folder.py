@@ -30,7 +30,7 @@ from xml.etree import ElementTree
 
 from eol_ros.devices.files import text_table, video_file
 from eol_ros.devices.files.names import find
-from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.errors import ConfigError, DeviceMissing, printable
 
 LIST = 'pairs.csv'
 FITS = ('cover', 'contain')
@@ -144,14 +144,15 @@ class MediaFolder:
         if not name:
             return 'a pair lacks its left or right image'
         path = find(self.path, name)
+        said = printable(name)
         if why := _forbidden(self.path, name):
-            return f'{name}: {why}'
+            return f'{said}: {why}'
         if not path.is_file():
-            return f'{name}: missing'
+            return f'{said}: missing'
         key = (name, placed, *_stamp(path))
         if key not in self._good:
             self._good[key] = _broken(path, placed)
-        return f'{name}: {self._good[key]}' if self._good[key] else ''
+        return f'{said}: {self._good[key]}' if self._good[key] else ''
 
 
 class Pictures:

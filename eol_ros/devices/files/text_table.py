@@ -23,6 +23,7 @@ _MARKS = {
     codecs.BOM_UTF16_LE: 'utf-16',
     codecs.BOM_UTF16_BE: 'utf-16',
 }
+LONGEST = 1 << 17  # characters of a line: what the reader of Python takes for a cell
 _SNIFFED = 20  # lines by which the delimiter is chosen
 _SEP = re.compile(r'sep=(.)\s*', re.I | re.S)
 _UNIT = re.compile(r'\s*[\[(].*')  # `x [m]` names the column x
@@ -125,6 +126,10 @@ def rows(
             f'{path}:{first.index(sample[0]) + 1}:1: no column {missing}; the first line names the '
             f'columns: {",".join(columns)}'
         )
+    for name in columns:
+        if names.count(name) > 1:
+            line = first.index(sample[0]) + 1
+            raise ConfigError(f'{path}:{line}:1: {names.count(name)} columns are named {name}')
     seen_header = not names
     reader = _reader(itertools.chain(first[start:], lines), delimiter)
     try:
@@ -149,7 +154,11 @@ def _lines(path: Path) -> Iterator[str]:
             head = file.read(4)
         encoding = next((e for mark, e in _MARKS.items() if head.startswith(mark)), 'utf-8')
         with open(path, encoding=encoding, newline='', errors='surrogateescape') as text:
-            for line, found in enumerate(text, 1):
+            for line, found in enumerate(iter(lambda: text.readline(LONGEST), ''), 1):
+                if len(found) == LONGEST:
+                    raise ConfigError(
+                        f'{path}:{line}:1: not a table: a line of more than {LONGEST} characters'
+                    )
                 odd = re.search('[\0\udc80-\udcff]', found)
                 if odd:
                     column = odd.start() + 1

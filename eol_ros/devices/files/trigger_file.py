@@ -31,8 +31,7 @@ def load_triggers(path: str | Path) -> np.ndarray:
             elif cell in ('nan', 'inf', '-inf') and name in DEFAULTS:  # dropped, and counted
                 row[name] = float(cell)
             elif cell or name in ('grain', *DEFAULTS):
-                value = line.number(name, DEFAULTS.get(name))
-                row[name] = int(value) if name in ('grain', 'block') else value
+                row[name] = _value(line, name)
         found.append(row)
     times_s = np.array([row['time_s'] for row in found])
     if len(found) and times_s.max() > CALM_S * (1 + len(found)):
@@ -41,6 +40,17 @@ def load_triggers(path: str | Path) -> np.ndarray:
             'They count in s from the first sample'
         )
     return np.array(found, TRIGGER) if found else np.zeros(0, TRIGGER)
+
+
+def _value(line: text_table.Row, name: str) -> float:
+    kind = TRIGGER[name]
+    if kind.kind != 'i':
+        return line.number(name, DEFAULTS.get(name))
+    limits = np.iinfo(kind)
+    value = line.number(name, None, float(limits.min), float(limits.max))
+    if value != int(value):
+        raise line.wrong(name, f'{name} {value:g} is not a whole number')
+    return int(value)
 
 
 def _hint(cell: str) -> str:
