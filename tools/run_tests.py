@@ -32,8 +32,9 @@ REMEMBERED = 10
 RECORD = ROOT / '.pytest_cache' / 'second-tries.json'
 NOTHING_SELECTED = 5  # pytest's exit code, where a part holds none of what was asked for
 BESIDE = ('-n', '4', '--dist', 'loadfile', '--no-loadscope-reorder')  # many of them wait
+MAY_COMPILE = '--timeout=300'  # the first test that calls a kernel may compile it
 PARTS = {
-    'side by side': (*BESIDE, '-m', 'not live and not soak and not firmware'),
+    'side by side': (*BESIDE, MAY_COMPILE, '-m', 'not live and not soak and not firmware'),
     'one by one, in real time': ('-m', 'live and not soak and not firmware'),
 }
 # Halves of about the same length; xdist would have both processes import and compile everything.
@@ -101,8 +102,7 @@ def run_quick(words: list[str]) -> int:
     """Run both halves of the quick tests at once; print one after the other."""
     # Without plugins that seconds go into: coverage, processes, what colcon brings along.
     words = ['-q', '-p', 'pytest_timeout', '-p', 'no:cacheprovider', *words]
-    # The first test that calls a kernel may compile it.
-    words = ['--timeout=300', *words, '-m', 'not slow and not soak']
+    words = [MAY_COMPILE, *words, '-m', 'not slow and not soak']
     halves = [
         subprocess.Popen(
             [sys.executable, '-m', 'pytest', *words, *half], cwd=ROOT, text=True,
