@@ -51,7 +51,7 @@ def test_who_comes_second_waits_and_compiles_nothing_again(monkeypatch, capsys):
     assert cli.main(['compile', '--parts', 'sound,ice', '--force']) == 0
     assert made[2:] == [['sound', 'ice']]
     assert cli.main(['compile', '--parts', 'trumpet']) == 2
-    assert 'trumpet: not one of' in capsys.readouterr().err
+    assert 'trumpet: no such part' in capsys.readouterr().err
 
 
 def test_a_lock_that_is_never_given_back_holds_nobody_for_good():
