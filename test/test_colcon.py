@@ -86,7 +86,7 @@ def test_colcon_builds_both_packages(workspace, environment):
     libexec = workspace / 'install' / 'eol_ros' / 'lib' / 'eol_ros'  # where `ros2 run` looks
     runnable = {p.name for p in libexec.iterdir() if os.access(p, os.X_OK)}
     assert runnable == {*NODES, 'bringup', 'eol'}
-    for name, known in (('tracker', 'nodes.tracker'), ('bringup', 'bringup'), ('eol', 'VERB')):
+    for name, known in (('tracker', 'nodes.tracker'), ('bringup', 'eol run'), ('eol', 'VERB')):
         said = in_workspace(workspace, environment, f'cd / && {libexec / name} --help')
         assert said.returncode == 0 and known in said.stdout.splitlines()[0], said.stderr
     checked = in_workspace(workspace, environment, f'cd / && {libexec / "eol"} check museum')
