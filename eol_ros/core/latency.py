@@ -27,34 +27,3 @@ class Latency:
             return None
         p50, p99 = (found[round(share * (len(found) - 1))] for share in (0.5, 0.99))
         return round(1e3 * p50, 1), round(1e3 * p99, 1)
-
-
-class OnsetToSound:
-    """Pairs the first sound of each slip with its onset, whichever is known first.
-
-    A sound is that of a slip if their stamps, of images or of the knock, are within `SAME_S`.
-    """
-
-    SAME_S = 0.15  # as core.sound.senses
-
-    def __init__(self) -> None:
-        self._sounds: dict[int, tuple[float, float]] = {}
-        self._onsets: dict[int, tuple[float, float]] = {}
-
-    def sounds(self, block: int, stamp_s: float, at_s: float) -> float | None:
-        """Note that `block` sounds at `at_s`; return its latency in s if that ends a pair."""
-        onset = self._onsets.pop(block, None)
-        if onset is not None and abs(onset[0] - stamp_s) <= self.SAME_S:
-            return at_s - onset[1]
-        before = self._sounds.get(block)
-        if before is None or stamp_s - before[0] > self.SAME_S:
-            self._sounds[block] = stamp_s, at_s
-        return None
-
-    def began(self, block: int, stamp_s: float, onset_s: float) -> float | None:
-        """Note that a slip of `block` began at `onset_s`, as `sounds`."""
-        sound = self._sounds.pop(block, None)
-        if sound is not None and abs(sound[0] - stamp_s) <= self.SAME_S:
-            return sound[1] - onset_s
-        self._onsets[block] = stamp_s, onset_s
-        return None

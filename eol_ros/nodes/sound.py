@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 from eol_msgs.msg import GrainTrigger, Slip
 
-from eol_ros.core.latency import OnsetToSound
 from eol_ros.core.sound.channel_test import ChannelTest
 from eol_ros.core.sound.meter import Meter
 from eol_ros.core.sound.mixer import AHEAD_S, LOOK_AHEAD_S
 from eol_ros.core.sound.ring import output_names
-from eol_ros.core.sound.senses import FirstSense
+from eol_ros.core.sound.senses import FirstSense, OnsetToSound
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.sound.voicing import Voicing, new_mixer, set_room
 from eol_ros.devices.audio.bank import BankLoader
@@ -242,6 +241,8 @@ class SoundNode(EolNode):
         latency_s = min(latency_s * self.stretch(), AHEAD_S / 2)
         trigger = triggers.to_core(message, since_ns * 1e-9 + latency_s)
         self.mixer.play(np.array([trigger], TRIGGER), bank, self.voicing)
+        if not (self.sounding or self.log):
+            return
         # it is late where the frame at which it begins has been mixed already
         mixed_s = self.mixer.time_of(int(self.mixer.state['frame'][0]))
         spare_s = since_ns * 1e-9 + latency_s - LOOK_AHEAD_S - mixed_s

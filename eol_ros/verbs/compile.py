@@ -159,35 +159,32 @@ def _twin():
 
 
 def _tracker():
-    import numpy as np
-
-    from eol_ros.core.geometry import N_BLOCKS, rest_lattice
     from eol_ros.core.vision.calibration.model import Calibration
-    from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
     from eol_ros.core.vision.tracker import Tracker
     from eol_ros.settings import TrackerSettings
 
     Tracker(TrackerSettings(), Calibration.ideal()).warm_up()
     # and one that has to calibrate itself, from blocks at rest
-    tracker, renderer = Tracker(TrackerSettings(), None), Renderer(RenderOptions(), None, 0)
-    for k in range(120):
-        x, y = rest_lattice().T
-        tracker.update(k / 60, renderer.render(x, y, np.zeros(N_BLOCKS), k))
+    _watch_at_rest(Tracker(TrackerSettings(), None), 120)
 
 
 def _appearance():
+    from eol_ros.core.vision.appearance.tracker import AppearanceTracker
+    from eol_ros.settings import TrackerSettings
+
+    tracker = AppearanceTracker(TrackerSettings(), None)
+    tracker.warm_up()
+    _watch_at_rest(tracker, 30)  # it calibrates itself
+
+
+def _watch_at_rest(tracker, images: int) -> None:
     import numpy as np
 
     from eol_ros.core.geometry import N_BLOCKS, rest_lattice
-    from eol_ros.core.vision.appearance.tracker import AppearanceTracker
     from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
-    from eol_ros.settings import TrackerSettings
 
-    renderer = Renderer(RenderOptions(), None, 0)
-    tracker = AppearanceTracker(TrackerSettings(), None)
-    tracker.warm_up()
-    for k in range(30):  # it calibrates itself, from blocks at rest
-        x, y = rest_lattice().T
+    renderer, (x, y) = Renderer(RenderOptions(), None, 0), rest_lattice().T
+    for k in range(images):
         tracker.update(k / 60, renderer.render(x, y, np.zeros(N_BLOCKS), k))
 
 

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from eol_ros import scene as scenes
+from eol_ros.bringup.status import UNIT
 from eol_ros.devices.files.names import is_text
 from eol_ros.disk import DISK
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, UsageError
@@ -27,7 +28,7 @@ WORK, WALLS = 'eol.service', 'eol-walls.service'
 DISCOVERY = '239.255.0.1'  # where participants of DDS find each other (RTPS 2.3, 9.6.1.4.1)
 FOLDERS = 'EOL_CACHE', 'EOL_STATE'  # of who installs; the unit has them, too
 # Where each unit and drop-in lies below the root of the file system.
-WORK_PATH = 'etc/systemd/system/eol.service'
+WORK_PATH = str(UNIT.relative_to('/'))
 WALLS_PATH = 'etc/systemd/user/eol-walls.service'
 GETTY_PATH = 'etc/systemd/system/getty@tty1.service.d/eol.conf'
 LIGHTDM_PATH = 'etc/lightdm/lightdm.conf.d/50-eol.conf'

@@ -3,7 +3,8 @@
 
 import pytest
 
-from eol_ros.core.latency import Latency, OnsetToSound
+from eol_ros.core.latency import Latency
+from eol_ros.core.sound.senses import OnsetToSound
 
 
 def test_the_last_minute_counts_and_no_other_clock():

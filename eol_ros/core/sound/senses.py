@@ -28,3 +28,32 @@ class FirstSense:
             self._played = recent
         self._played[block, grain, felt] = stamp_s
         return True
+
+
+class OnsetToSound:
+    """Pairs the first sound of each slip with its onset, whichever is known first.
+
+    A sound belongs to a slip if their stamps, of an image or a tap, differ by at most SAME_S.
+    """
+
+    def __init__(self) -> None:
+        self._sounds: dict[int, tuple[float, float]] = {}
+        self._onsets: dict[int, tuple[float, float]] = {}
+
+    def sounds(self, block: int, stamp_s: float, at_s: float) -> float | None:
+        """Note that `block` sounds at `at_s`; return its latency in s if that ends a pair."""
+        onset = self._onsets.pop(block, None)
+        if onset is not None and abs(onset[0] - stamp_s) <= SAME_S:
+            return at_s - onset[1]
+        before = self._sounds.get(block)
+        if before is None or stamp_s - before[0] > SAME_S:
+            self._sounds[block] = stamp_s, at_s
+        return None
+
+    def began(self, block: int, stamp_s: float, onset_s: float) -> float | None:
+        """Note that a slip of `block` began at `onset_s`, as `sounds`."""
+        sound = self._sounds.pop(block, None)
+        if sound is not None and abs(sound[0] - stamp_s) <= SAME_S:
+            return sound[1] - onset_s
+        self._onsets[block] = stamp_s, onset_s
+        return None

@@ -30,14 +30,7 @@ from eol_ros.core.vision.requests import (
     YAW_OFFSETS,
 )
 from eol_ros.core.vision.states import CALIBRATING, FAULT, LOST, SEARCHING, TRACKING
-from eol_ros.core.vision.tracker_base import (
-    M_STEP,
-    PX_STEP,
-    RAD_STEP,
-    SIGMA_STEPS,
-    BaseTracker,
-    Tracked,
-)  # fmt: skip
+from eol_ros.core.vision.tracker_base import M_STEP, PX_STEP, BaseTracker, Tracked, on_grid
 from eol_ros.said import said
 from eol_ros.settings import TrackerSettings
 
@@ -340,9 +333,7 @@ class Tracker(BaseTracker):
     def _answer(self, stamp_s: float, state: int, why: str) -> Tracked:
         lattice = self.lattice
         px, world = NOWHERE.copy()
-        yaw, sigma = np.empty((2, N_BLOCKS))
-        scatter = lattice.sigma / self.misfit.lasting
-        mapping.rounded(lattice.yaw, scatter, RAD_STEP, SIGMA_STEPS, yaw, sigma)
+        yaw, sigma = on_grid(lattice.yaw, lattice.sigma / self.misfit.lasting)
         if state in (SEARCHING, FAULT) or self.calibration is None:
             seen, visibility = np.zeros(N_BLOCKS, bool), np.zeros(N_BLOCKS, np.float32)
         else:

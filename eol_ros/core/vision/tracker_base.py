@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.image_health import Watch
 from eol_ros.core.vision.requests import CALIBRATE, DARKNESS, Outcome, Requests
@@ -27,12 +28,20 @@ M_STEP, PX_STEP, RAD_STEP = 2.0**-20, 2.0**-10, 2.0**-16
 SIGMA_STEPS = 64
 
 
+def on_grid(yaw: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return yaw and sigma (25,) on the grids of answers."""
+    turned, coarse = np.empty((2, len(yaw)))
+    mapping.rounded(yaw, sigma_m, RAD_STEP, SIGMA_STEPS, turned, coarse)
+    return turned, coarse
+
+
 class Tracked(NamedTuple):
     """All blocks in one image, as in eol_msgs/Blocks; arrays by block id.
 
     px (25, 2) and world (25, 2) in m hold for hidden blocks too (`seen` false), carried by their
-    fellows; both are NaN while the state is searching or fault, world also while calibrating. yaw
-    (25,) rad, unwrapped. sigma_m, visibility (25,). why: one line when the state is not tracking.
+    neighbours; both are NaN while the state is searching or fault, world also while calibrating.
+    yaw (25,) rad, unwrapped. sigma_m, visibility (25,). why: one line when the state is not
+    tracking.
     changed: blocks whose covers were lately found to be others than before.
     """
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Proves a bag to the last byte: every checksum, every index entry, every count."""
 
-import itertools
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -123,12 +122,14 @@ class _Falls:
     def add(self, heads: np.ndarray) -> None:
         """Take the heads of the messages of the next chunk in the file."""
         for channel in np.unique(heads['channel']).tolist():
-            times = heads['log_ns'][heads['channel'] == channel].tolist()
-            steps = [b - a for a, b in itertools.pairwise([self._last.get(channel, 0), *times])]
-            self._last[channel] = times[-1]
-            if fallen := [-step for step in steps if step < -CHUNK_NS]:
+            times = heads['log_ns'][heads['channel'] == channel]
+            before = np.append(np.uint64(self._last.get(channel, 0)), times[:-1])
+            self._last[channel] = int(times[-1])
+            fallen = (before - times)[before > times]  # of 64 bits without a sign
+            fallen = fallen[fallen > CHUNK_NS]
+            if len(fallen):
                 count, most = self.found.get(channel, (0, 0))
-                self.found[channel] = count + len(fallen), max(most, *fallen)
+                self.found[channel] = count + len(fallen), max(most, int(fallen.max()))
 
 
 def _message_indexes(heads: np.ndarray, begins: np.ndarray) -> list[bytes]:

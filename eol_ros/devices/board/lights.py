@@ -357,7 +357,7 @@ class Lights:
         onset_ns: int | None = None,
         spread: bool = False,
     ) -> int:
-        """Have `blocks` lit now, for the image or knock of `stamp_ns`, or of `at_ns` for none.
+        """Light `blocks` now, for the image or tap of `stamp_ns`; where there is none, for `at_ns`.
 
         Returns when the packet was sent, ns; 0 where the line is down.
         """

@@ -10,9 +10,7 @@ Lengths in px are of the image.
 CELLS = 12  # of the brightness map, along each axis: 3.8 px at 545 px/m
 FIRST_BLUR_PX = 1.3  # standard deviation of an edge before the first image: lens and pixel
 BLUR_PX = 0.4, 4.0  # from a pixel's own to that of a lens far out of focus
-BLUR_LOOKS = (
-    24  # of printed covers: what their light does near the sides would widen edges on and on
-)
+BLUR_LOOKS = 24  # of printed covers: after more, uneven light near the sides widens edges
 YOUNG = 12  # looks; the mean of fewer is noisier than a third of one image
 REDRAWN = 16, 24  # looks after which the mean has changed enough to be used
 MAX_LOOKS = 60.0  # then older ones fade: a lamp's light on a cover must not be kept for its own

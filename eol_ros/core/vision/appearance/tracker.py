@@ -2,7 +2,7 @@
 """The appearance tracker with the interface of the tracker by edges."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,31 +10,16 @@ from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.appearance import learnt, model
 from eol_ros.core.vision.appearance.follow import Follower
 from eol_ros.core.vision.background.model import BackgroundModel
-from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.detect.scan import read_only
 from eol_ros.core.vision.identity.blink import Blink
 from eol_ros.core.vision.identity.turn_by_taps import TurnByTaps
-from eol_ros.core.vision.requests import (
-    BACKGROUND,
-    CALIBRATE,
-    COVERS,
-)
+from eol_ros.core.vision.requests import BACKGROUND, CALIBRATE, COVERS
 from eol_ros.core.vision.states import CALIBRATING, FAULT, LOST, SEARCHING
-from eol_ros.core.vision.tracker_base import (
-    M_STEP,
-    PX_STEP,
-    RAD_STEP,
-    SIGMA_STEPS,
-    BaseTracker,
-    Tracked,
-)  # fmt: skip
+from eol_ros.core.vision.tracker_base import M_STEP, PX_STEP, BaseTracker, Tracked, on_grid
 from eol_ros.errors import ConfigError
 from eol_ros.said import said
 from eol_ros.settings import TrackerSettings
-
-if TYPE_CHECKING:
-    pass
 
 SEEK_S = 0.5  # between two searches for squares whose size is not known
 WHOLE = 0.8  # visible of each block when the camera is calibrated by the blocks
@@ -228,7 +213,7 @@ class AppearanceTracker(BaseTracker):
         follower, calibration, changed = self.follower, self.calibration, list[int]()
         if follower is not None and calibration is not None:
             blocks, found = follower.blocks, follower.found
-            mapping.rounded(blocks['yaw'], found['sigma_m'], RAD_STEP, SIGMA_STEPS, yaw, sigma)
+            yaw, sigma = on_grid(blocks['yaw'], found['sigma_m'])
             changed = np.flatnonzero(follower.changed_s >= stamp_s - model.CHANGED_S).tolist()
             if state not in (SEARCHING, FAULT):
                 seen, visible = blocks['seen'].copy(), found['visible']
