@@ -12,6 +12,7 @@ from benchmarks.vision_scenes import RATE_HZ
 from eol_ros import cli
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.slips import START, SlipEvent
+from eol_ros.core.vision.appearance.tracker import AppearanceTracker
 from eol_ros.core.vision.render.renderer import Sensor
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.settings import TrackerSettings
@@ -130,3 +131,19 @@ def test_arms_over_resting_blocks_hardly_make_them_slip(surface, arms, seed, cap
 
 def test_a_kind_that_is_not_known_is_refused():
     assert cli.main(['bench', 'vision', '--arms', 'tentacles']) == 2
+
+
+def test_a_face_learned_from_an_arm_is_forgotten_once_the_block_is_clear():
+    """In this film an arm lies beside block 19 in the first images and draws its face along."""
+    source = vision_hard.ReliefLight('hard', 881523)
+    sensor, tracker = (
+        Sensor(*NOISE, (881523, 0)),
+        AppearanceTracker(TrackerSettings(), source.camera),
+    )
+    image = np.empty((source.camera.image_height, source.camera.image_width), np.uint8)
+    for k in range(200):
+        light, pose, _ = source.at(k, np.zeros((0, 5)))
+        sensor.sense(light, k, image)
+        tracked = tracker.update(k / RATE_HZ, image)
+    off = np.hypot(*(tracked.px - source.camera.to_pixels(pose[:, :2])).T)
+    assert tracked.seen[19] and off[19] < 0.5

@@ -14,7 +14,7 @@ from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
-from eol_ros.core.vision.appearance import find, model, neighbours, pixels
+from eol_ros.core.vision.appearance import find, fit, model, neighbours, pixels
 from eol_ros.core.vision.appearance.faces import Faces
 from eol_ros.core.vision.appearance.model import YOUNG
 from eol_ros.core.vision.appearance.register import FOUND, register
@@ -131,11 +131,11 @@ class Follower:
                 _start_wide(blocks, found, lost, ahead_s)
                 self._register(image, lost)
                 good[lost] = self._judge(lost)[lost]
-            for _ in range(min(model.SEEKS, len(blocks) - good.sum())):
-                lost = np.flatnonzero(~good)
+            lost = np.flatnonzero(~good)
+            if len(lost):  # one of them an image: a search takes as long as eight blocks in sight
                 self._turn += 1
-                if self._seek(stamp_s, image, lost[self._turn % len(lost)], good):
-                    break
+                self._seek(stamp_s, image, lost[self._turn % len(lost)], good)
+            self._doubt(image, good)
         if self.lattice:
             _take(blocks, found, self._near, good, passed_s)
             self._learn(passed_s)
@@ -152,6 +152,7 @@ class Follower:
         blocks = self.blocks
         known = blocks['known'] & (not fresh)
         self.found['expected'] = np.where(known, blocks['gain'] * self.exposure, 0)
+        self._expect()
         faces = self.faces
         close = ~known | ~blocks['seen'] | ((self._all + self._images) % model.CLOSELY == 0)
         register(
@@ -159,6 +160,21 @@ class Follower:
             faces.light, faces.spread, ~known, close, which, self.found, faces.own, faces.own_px,
             *self._patches,
         )  # fmt: skip
+
+    def _expect(self) -> None:
+        """Expect of covers that were never looked at what the sides of the others have in common.
+
+        The covers of one table fall off alike. A lamp beside a cover that nothing is known of would
+        otherwise be taken for its own light.
+        """
+        known, found = self.blocks['known'], self.found
+        new = self.faces.looks == 0
+        if known.sum() < model.LEAST or not new.any():
+            return
+        sides = found['usual'][known].reshape(-1, fit.OWN)
+        variance = sides.var(axis=0) + found['own'][known].mean(axis=0)
+        found['usual'][new] = sides.mean(axis=0)
+        found['own'][new] = np.clip(variance, model.LEAST_OWN, self._most_own)
 
     def _judge(self, which: np.ndarray, fresh: bool = False) -> np.ndarray:
         """Return (25,) which of `which` were found in this image."""
@@ -170,11 +186,11 @@ class Follower:
         _accept(blocks, self.found, self._near, which, fresh, usual, first, self.px_per_m, good)
         return good
 
-    def _seek(self, stamp_s: float, image: np.ndarray, block: int, good: np.ndarray) -> bool:
-        """Search for a block where its neighbours predict it; return whether a square is there."""
+    def _seek(self, stamp_s: float, image: np.ndarray, block: int, good: np.ndarray) -> None:
+        """Search for a block where its neighbours predict it; set whether it is there in good."""
         near, found, one = self._near[block], self.found[block : block + 1], np.array([block])
         if near[3] < 3:
-            return False
+            return
         reach = self._places.shape[0] // 2 * model.CELL_M
         find.respond(
             image, self.packed, BLOCK_SIDE_M / 2, near[0] - reach, near[1] - reach, self.quiet,
@@ -182,7 +198,7 @@ class Follower:
         )  # fmt: skip
         i, j = np.unravel_index(self._places.argmax(), self._places.shape)
         if self._places[i, j] < model.MIN_RESPONSE:
-            return False
+            return
         place = near[0] - reach + j * model.CELL_M, near[1] - reach + i * model.CELL_M
         for fresh in (False, True):
             found['x'], found['y'], found['yaw'] = *place, self._angles[i, j]
@@ -191,15 +207,42 @@ class Follower:
             good[block] = self._judge(one, fresh)[block]
             if good[block] or not self.blocks['known'][block]:
                 break
-        if good[block] and fresh:
-            self.blocks['fresh'][block] += 1
-            if self.blocks['fresh'][block] >= model.RELEARN:
-                self._forget(block)
-                self.changed_s[block] = stamp_s
-            else:
-                good[block] = False
-        else:
+        if not (good[block] and fresh):
             self.blocks['fresh'][block] = 0
+        elif self._relearn(block):
+            self.changed_s[block] = stamp_s
+        else:
+            good[block] = False
+
+    def _doubt(self, image: np.ndarray, good: np.ndarray) -> None:
+        """Try one block whose face leaves a side unexplained without it.
+
+        A face that was learned while an arm lay beside the block is wrong, and would place it
+        wrongly for ever.
+        """
+        blocks, found = self.blocks, self.found
+        odd = blocks['known'] & found['close'] & (found['weakest'] < model.WEAKEST_NATS)
+        blocks['fresh'][good & found['close'] & ~odd] = 0
+        odd = np.flatnonzero(odd & good)
+        if not len(odd):
+            return
+        block = int(odd[self._images % len(odd)])
+        was = found[block].copy()
+        found['start_px'][block] = model.LOST_PX
+        self._register(image, np.array([block]), fresh=True)
+        better = self._judge(np.array([block]), fresh=True)[block]
+        if not (better and found['nats'][block] >= 4 * model.SIDE_NATS[1]):  # all sides are clear
+            blocks['fresh'][block] = 0
+        elif self._relearn(block):
+            return
+        found[block] = was
+
+    def _relearn(self, block: int) -> bool:
+        """Count an image that shows another face; return whether the block's own was forgotten."""
+        self.blocks['fresh'][block] += 1
+        if self.blocks['fresh'][block] < model.RELEARN:
+            return False
+        self._forget(block)
         return True
 
     def _forget(self, block: int) -> None:
@@ -336,7 +379,8 @@ class Follower:
 
     def _learn(self, passed_s: float) -> None:
         blocks, found, faces = self.blocks, self.found, self.faces
-        for block in np.flatnonzero(~blocks['seen'] & ~blocks['known'] & (faces.looks > 0)):
+        doubted = ~blocks['known'] & (blocks['evidence'] <= 0) & (faces.looks > 0)
+        for block in np.flatnonzero(doubted):
             self._forget(int(block))  # what was looked at was none, or only part of one
         known, seen = blocks['known'], blocks['seen']
         moved_px = (
@@ -346,8 +390,9 @@ class Follower:
         )
         # an arm over a block crosses a side: with four clear sides all light is the cover's own
         clear = found['nats'] > model.CLEAR_NATS
-        alike = (found['visible'] > 0.95) & (found['nats'] > np.where(known, 8.0, 4.0))
+        alike = (found['visible'] > model.WHOLE) & (found['nats'] > np.where(known, 8.0, 4.0))
         alike &= found['ring'] > 0.85
+        alike |= ~known & (found['nats'] > model.THREE_NATS)  # a lamp may light the fourth side
         whole = seen & found['close'] & (blocks['fresh'] == 0) & (clear | alike)
         slow = moved_px < model.LEARN_PX
         for block in np.flatnonzero(whole & slow):
@@ -369,7 +414,7 @@ class Follower:
             rate = 1 / min(faces.looks[block], 60)
             blocks['gain'][block] += rate * (gain / self.exposure - blocks['gain'][block])
             blocks['known'][block] = faces.looks[block] >= YOUNG
-        still = seen & (found['visible'] > 0.95) & (moved_px < model.STILL_PX)
+        still = seen & (found['visible'] > model.WHOLE) & (moved_px < model.STILL_PX)
         if (still & known).sum() >= model.LEAST:
             self.exposure = float(
                 np.median(found['gain'][still & known] / blocks['gain'][still & known])
@@ -471,7 +516,15 @@ def _accept(blocks, found, near, which, fresh, usual_gain, first_nats, px_per_m,
             and f.ring * explained > (model.MIN_RING_YOUNG if young else model.MIN_RING)
             and f.ratio > model.MIN_RATIO
             and total > (0.0 if b.seen else first_nats)
-            and (not young or f.weakest > model.WEAKEST_NATS or f.nats > model.THREE_NATS)
+            and (
+                not young
+                or f.weakest > model.WEAKEST_NATS
+                or f.nats > model.THREE_NATS
+                or (
+                    f.ring * explained > model.CLEAR_RING
+                    and f.sigma_m * px_per_m < model.SURE_PX[0]
+                )
+            )
             and (f.start_px < model.LOST_PX or young or _enters(b, f, px_per_m))
             and (f.nats > 0.0 or (f.visible > model.MOSTLY and f.nats > model.NO_SIDES))
             and (not fresh or f.nats > model.FRESH_NATS)

@@ -41,7 +41,7 @@ PARTS = 12  # of a side, each trusted by itself: 3.8 px at 545 px/m
 # Mean squared residual, in the usual one: of a part of a side, from which it is trusted less, and
 # not at all; of a side (130 px are judged: 5 standard deviations)
 PART_MISFIT, SIDE_MISFIT = (2.2, 5.0), 1.6
-ROUNDS = 9
+ROUNDS = 12  # a cover that nothing is known of takes five before its sides are judged
 # First taken to be where it was: a block of PREDICTED_PX and a way of 0.05 px in an image, whose
 # gain changes by less
 RESTS_PX, STEADY = 0.715, 0.05
@@ -66,6 +66,7 @@ WIDEN = 3.0  # residuals may exceed their variance by so much while a pose is so
 WIDEN_JUDGED = 1.5  # and when it is judged
 MIN_VISIBLE = 0.4  # of a cover
 MIN_VISIBLE_YOUNG = 0.9
+WHOLE = 0.95  # from here a cover is learned from
 MIN_RING, MIN_RING_YOUNG = 0.45, 0.55  # of the ground beside the edges that is explained
 MIN_RATIO = 1.2  # nats a pixel for the cover against flat ground
 SIDE_NATS = -4.0, 10.0  # what one side can say; a covered side must not veto the other three
@@ -81,6 +82,7 @@ MOSTLY = 0.7  # visible: then a lamp may hide the sides
 NO_SIDES = -12.0  # nats: all four sides are against it
 THREE_NATS = 23.0  # three sides show
 WEAKEST_NATS = -2.0  # the weakest side of a square whose face is not known
+CLEAR_RING = 0.8  # of the ground: then no arm crosses two sides, and one side may look otherwise
 FRESH_NATS = 30.0  # a square other than the face learned: more than three sides must show
 NATS = -3.0, 20.0
 MAX_SIGMA_PX = 0.7  # of a place that is reported
@@ -109,7 +111,6 @@ LEAST = (
     5  # blocks: fewer do not say what is usual for all, and with fewer in sight the lattice is lost
 )
 SEEN_BLOCKS, LOST_IMAGES = 8, 6  # with fewer blocks for longer, the lattice is sought again
-SEEKS = 3  # blocks that are looked for in one image
 LEARN_PX = 4.0  # in one image: a cell of a face; faster blocks are not learned from
 STILL_PX = 1.0  # slower ones show the width of edges
 

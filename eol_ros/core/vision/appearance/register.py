@@ -102,7 +102,8 @@ def register(
                 px, patch.starts[5], half, blur_px, noise, room.z, 2 * widen * m.AGREE
             )
             faces.brightness(px, patch.starts[5], half, blur_px, room.z, own[n], own_px[n])
-            _free(px, patch.starts, half, blur_px, noise, widen, without, flat, f, room)
+            if f.visible > m.WHOLE or f.nats > m.THREE_NATS:
+                _free(px, patch.starts, half, blur_px, noise, widen, without, flat, f, room)
         if fresh[n]:
             patch.starts[:] = 0  # of a face that is not kept
 
@@ -206,7 +207,7 @@ def _fit(camera, looks, f, patch, kept, at, px, room):
         judged = sigma_px <= max(m.JUDGED_PX, 2 * sure_px, 2.5 * f.edge_px) and f.step_px < least_px
         begins = rests and not (judged and abs(work[3, 7]) < m.STEADY * z[3])
         if judged and not begins and (not fresh or it > 4):
-            if fresh or odd:
+            if odd:
                 break
             _judge(px, starts, noise, z, widen, f)
             begins = rests and _unlike(f)
