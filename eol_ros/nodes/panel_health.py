@@ -9,7 +9,7 @@ from typing import Any
 from eol_ros.said import Said
 from eol_ros.scene import machine_node
 from eol_ros.streams.graph import NODES
-from eol_ros.streams.work_state import work_state
+from eol_ros.streams.work_state import States
 from eol_ros.web import notices
 
 UNREAD = 64  # kept between looks, once a second while nobody looks: five seconds of twelve nodes
@@ -22,7 +22,8 @@ class Health:
         self._known = {*NODES, *map(machine_node, panel.scene.machines)}
         self._panel, self._intake = panel, panel.intake('node_states', self._notice)
         self._unread: deque[tuple[float, float, bytes]] = deque(maxlen=UNREAD)
-        self._roster = notices.Roster(panel.scene.nodes, time.monotonic())
+        self._roster = notices.Roster()
+        self._states = States(panel.scene.nodes, time.monotonic())
         self._reading = threading.Lock()
 
     def take(self, raw: bytes) -> None:
@@ -42,11 +43,15 @@ class Health:
         return self._roster
 
     def _notice(self, state: Any) -> dict[str, Any] | None:
-        return self._roster.take(state, *self._heard_s) if state.node in self._known else None
+        if state.node not in self._known:
+            return None
+        self._states.take(state, self._heard_s[0])
+        return self._roster.take(state, *self._heard_s)
 
     def work(self) -> Said:
         """Return the state of the whole work."""
-        return work_state(self._read_up().rows(time.monotonic()))
+        self._read_up()
+        return self._states.work(time.monotonic())
 
     def runs(self, node: str) -> bool:
         """Return whether a node gives signs of life; any thread."""

@@ -5,8 +5,8 @@ Out: /eol/grain block grain gain rate pan x y VALUE ..., the place of the grain 
 and its descriptors; /eol/descriptors NAME ..., what these are, whenever a corpus is told, and again
 before a grain every 5 s, for a listener that comes later; /eol/slip block kind x y (kind as in
 Slip, metres).
-/eol/state CODE TEXT, the state of the whole work, which the panel publishes: at each change and
-every 5 s.
+/eol/state CODE TEXT, the state of the whole work: at each change and every 5 s. The panel publishes
+it; in a scene without a panel it is computed here, from the states of the nodes.
 In: /eol/set/NAME VALUE for any live setting of the node, such as /eol/set/gain_db -12, and
 /eol/set/NODE/NAME VALUE for one of grains or sound. Lines of a list are values one by one.
 In place of `eol` stands the namespace of the graph.
@@ -22,8 +22,10 @@ import numpy as np
 from eol_ros.devices.audio.osc import OscIn, OscOut
 from eol_ros.errors import ConfigError
 from eol_ros.nodes.sound_control import Instrument
+from eol_ros.said import code_and_args
 from eol_ros.streams import corpus as corpora
 from eol_ros.streams.graph import full_name
+from eol_ros.streams.work_state import States
 
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
@@ -54,7 +56,11 @@ class Osc:
         self.input = OscIn(s.osc_in) if s.osc_in else None
         if self._out:
             node.subscribe('slips', self._slip)
-            node.subscribe('work_state', self._work)
+            if 'panel' in node.scene.nodes:
+                node.subscribe('work_state', self._work)
+            else:
+                self._states = States(node.scene.nodes, time.monotonic())
+                node.subscribe('node_states', self._node_state)
             node.create_timer(AGAIN_S, self._tell_work)
         if self.input:
             node.create_timer(PERIOD_S, self._settings)
@@ -103,6 +109,14 @@ class Osc:
     def _work(self, message) -> None:
         self._state = message.code, message.text
         self._tell_work()
+
+    def _node_state(self, message) -> None:
+        self._states.take(message, time.monotonic())
+        state = self._states.work(time.monotonic())
+        told = code_and_args(state)[0], str(state)
+        if told != self._state:
+            self._state = told
+            self._tell_work()
 
     def _tell_work(self) -> None:
         assert self._out is not None  # it subscribes only then

@@ -4,11 +4,12 @@
 Pages, walls, OSC, `eol status`, notifications and the log of bringup show this text and no other.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from eol_ros.said import Said, first_clause, from_message, said
 from eol_ros.streams.graph import IMAGE_SOURCES
+from eol_ros.streams.requests import values_of
 
 OK, WARN, ERROR, STARTING, DOWN = range(5)  # levels of a node; DOWN: it does not run or answer
 # Nodes without which people see or hear less. Recorder, panel and opening hours are none.
@@ -54,6 +55,37 @@ def work_state(rows: Rows) -> Said:
     if sound.get('card_missing'):
         return said('no_sound_card')
     return said('muted') if sound.get('muted') else said('awake')
+
+
+class States:
+    """Newest state of each node, from NodeState messages.
+
+    Nodes of the scene that have not been heard of are starting for START_S after `began_s`.
+    """
+
+    SILENT_S, START_S = 5.0, 60.0
+
+    def __init__(self, scene: Iterable[str] = (), began_s: float = 0.0) -> None:
+        until_s = began_s + self.START_S - self.SILENT_S
+        unheard = {'level': STARTING, 'values': {}, 'heard_s': until_s}
+        self._rows: dict[str, dict[str, Any]] = {node: unheard for node in scene}
+
+    def take(self, state: Any, now_s: float) -> None:
+        """Note a NodeState heard at `now_s`."""
+        self._rows[state.node] = {
+            'level': state.level, 'text': state.text, 'code': state.code,
+            'args': values_of(state.args), 'rate': state.rate, 'values': values_of(state.values),
+            'heard_s': now_s,
+        }  # fmt: skip
+
+    def work(self, now_s: float) -> Said:
+        """Return the state of the whole work; a node that is silent counts as DOWN."""
+        return work_state(
+            {
+                node: row if now_s - row['heard_s'] < self.SILENT_S else row | {'level': DOWN}
+                for node, row in list(self._rows.items())
+            }
+        )
 
 
 def _text(row: Mapping[str, Any]) -> Said:

@@ -3,7 +3,7 @@
 
 import datetime
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from eol_ros.settings import GrainsSettings
 from eol_ros.streams import cascades
 from eol_ros.streams.record import seconds
 from eol_ros.streams.requests import values_of
-from eol_ros.streams.work_state import DOWN, STARTING
+from eol_ros.streams.work_state import States
 
 RECENT = 40
 LEVELS = ('ok', 'warn', 'error', 'silent')
@@ -68,19 +68,13 @@ def work(state: Said) -> dict[str, Any]:
 
 
 class Roster:
-    """The nodes that have been heard of, and how they are.
+    """The nodes that have been heard of, and how they are."""
 
-    Nodes of the scene that have not been heard of are starting for START_S after `began_s`.
-    """
+    SILENT_S = States.SILENT_S
 
-    SILENT_S, START_S = 5.0, 60.0
-
-    def __init__(self, scene: Iterable[str] = (), began_s: float = 0.0) -> None:
+    def __init__(self) -> None:
         self.nodes: dict[str, dict[str, Any]] = {}
         self._heard_s: dict[str, float] = {}
-        until_s = began_s + self.START_S - self.SILENT_S
-        unheard = {'level': STARTING, 'values': {}, 'heard_s': until_s}
-        self._rows: dict[str, dict[str, Any]] = {node: unheard for node in scene}
 
     def take(self, state: Any, now_s: float, wall_s: float) -> dict[str, Any]:
         """Note a NodeState heard at `now_s` (`wall_s` on the wall clock); return it.
@@ -90,19 +84,7 @@ class Roster:
         notice = health(state) | {'at': wall_s}
         self.nodes[notice['node']] = notice
         self._heard_s[notice['node']] = now_s
-        self._rows[notice['node']] = {
-            'level': state.level, 'text': state.text, 'code': state.code,
-            'args': values_of(state.args), 'rate': state.rate, 'values': notice['values'],
-            'heard_s': now_s,
-        }  # fmt: skip
         return notice
-
-    def rows(self, now_s: float) -> dict[str, dict[str, Any]]:
-        """Return the rows for `work_state`; a node that is silent counts as DOWN."""
-        return {
-            node: row if now_s - row['heard_s'] < self.SILENT_S else row | {'level': DOWN}
-            for node, row in list(self._rows.items())
-        }
 
     def states(self, now_s: float) -> dict[str, dict[str, Any]]:
         """Return the newest state of each node and its age; one of over 5 s is `silent`."""

@@ -11,6 +11,7 @@ from eol_msgs.msg import Corpus, GrainTrigger, NodeState
 from support.quiet_settings import SOUND
 from support.spinning import Nodes, matched
 from support.waiting import wait_until
+from support.work_states import STATES
 
 from eol_ros.core.played_clock import PlayedClock
 from eol_ros.devices.audio import audio_file, bank
@@ -18,12 +19,13 @@ from eol_ros.devices.audio.bank import BankLoader
 from eol_ros.devices.audio.osc import OscIn, OscOut
 from eol_ros.nodes.sound import SoundNode
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.requests import request_to_msg
+from eol_ros.ros.requests import parameter_messages, request_to_msg
 from eol_ros.ros.stamps import NS, now_ns, to_msg, to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings, RecorderSettings, SoundSettings
 from eol_ros.streams import corpus, triggers
 from eol_ros.streams.requests import Asked
+from eol_ros.streams.work_state import States
 
 FS = 48000
 
@@ -346,9 +348,6 @@ def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path, monkeypatch, capfd
             '/eol/grain',
             '/eol/grain',
         ]
-        node.osc._work(NodeState(code='asleep', text='asleep'))
-        node.osc._tell_work()  # again, for a listener that came later
-        assert ear.take() == [('/eol/state', 'asleep', 'asleep')] * 2
         hand = OscOut(f'127.0.0.1:{number}')
         for address, value in (('gain_db', -12), ('latency_s', -5.0), ('channels', 4)):
             hand.send(f'/eol/set/{address}', value)
@@ -383,6 +382,39 @@ def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path, monkeypatch, capfd
         found = [(one.kind, one.node, repr(one.values)) for one in asked]  # 1.0, not 1
         own = ('set', 'sound', repr({'gain_db': -20.0}))  # told for the bag
         assert found == [*(('set', 'grains', repr(values)) for values in expected), own]
+    finally:
+        node.close()
+        node.destroy_node()
+        ear.close()
+
+
+@pytest.mark.parametrize('panel', [True, False])
+def test_osc_tells_every_state_of_the_work(ros, tmp_path, panel):
+    ear = OscIn(0)
+    settings = SoundSettings(
+        device='wav', wav=str(tmp_path / 'o.wav'), osc_out=f'127.0.0.1:{ear.port}'
+    )
+    node = SoundNode(settings, scene=Scene('here', {'panel': None} if panel else {}))
+    try:
+        topics = {subscription.topic_name for subscription in node.subscriptions}
+        assert ('/eol/work_state' in topics, '/eol/node_states' in topics) == (panel, not panel)
+        for code, (rows, english, _) in STATES.items():
+            if panel:
+                node.osc._work(NodeState(code=code, text=english))
+            else:
+                node.osc._states = States()
+                node.osc._state = None
+                for name, row in rows.items():
+                    node.osc._node_state(
+                        NodeState(
+                            node=name, level=row['level'], text=row['text'], code=row['code'],
+                            args=parameter_messages(row['args']), rate=row['rate'],
+                            values=parameter_messages(row['values']),
+                        )
+                    )  # fmt: skip
+            assert ear.take()[-1] == ('/eol/state', code, english)
+            node.osc._tell_work()  # again, for a listener that came later
+            assert ear.take() == [('/eol/state', code, english)]
     finally:
         node.close()
         node.destroy_node()
