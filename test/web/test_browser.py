@@ -1044,12 +1044,22 @@ def test_who_gave_the_pin_is_asked_no_more(graph, browser):
     address, _ = graph
     visit(browser, address, '/')
     form = 'document.getElementById("pin-form")'
+# Controls of the monitor that ask nothing of the graph: a PIN refuses none of them.
+LOCAL = {
+    'pin', 'unlock', 'source', 'threshold', 'off', 'outlines', 'axis-colour', 'listen',
+    'instrument-open',
+}  # fmt: skip
+
+
     run(browser, 'eol.link.emit("hello", {pin: true})')
     assert not run(browser, f'return {form}.hidden')
     run(browser, f'{form}.querySelector("button").focus()')
     run(browser, 'eol.link.emit("trust", {ok: true})')
     assert run(browser, f'return {form}.hidden')
     assert run(browser, 'return document.activeElement.dataset.control')
+    live = """return [...document.querySelectorAll("main button, main input, main select")]
+        .filter((e) => !e.disabled).map((e) => e.id || e.dataset.view || e.dataset.say)"""
+    assert set(run(browser, live)) == LOCAL
 
 
 DRAWN = """

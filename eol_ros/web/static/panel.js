@@ -182,7 +182,7 @@ link.on('hello', ({ pin }) => {
 // What people ask for
 
 function lock(locked) {
-  for (const element of document.querySelectorAll('[data-control], #radius, #keep-threshold, #blend')) element.disabled = locked;
+  for (const element of document.querySelectorAll('[data-control], #radius, #keep-threshold, #blend, #axis-x, #axis-y, #hover')) element.disabled = locked;
   space.lock(locked);
   instrument.lock(locked);
 }

@@ -77,6 +77,7 @@ export class SpaceView {
 
   lock(locked) {
     this.locked = locked;
+    this.canvas.style.cursor = locked ? 'not-allowed' : '';
     this.showMoved();
   }
 
@@ -212,6 +213,7 @@ export class SpaceView {
     const grain = this.nearest(event.offsetX, event.offsetY);
     if (grain < 0) return;
     this.pick(grain);
+    if (this.locked) return;
     this.canvas.setPointerCapture(event.pointerId);
     this.dragging = { px: event.offsetX, py: event.offsetY, moved: false };
   }
@@ -244,7 +246,7 @@ export class SpaceView {
   }
 
   play(grain) {
-    if (grain >= 0) this.act('play', { grain });
+    if (grain >= 0 && !this.locked) this.act('play', { grain });
   }
 
   // Arrows walk to the next grain in their direction, Enter plays it, Shift + arrows move it.
@@ -252,7 +254,7 @@ export class SpaceView {
     const step = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
     if (!this.corpus || !this.corpus.x.length) return;
     if (event.key === 'Enter' || event.key === ' ') this.play(this.picked);
-    else if (step && event.shiftKey && this.picked >= 0) {
+    else if (step && event.shiftKey && this.picked >= 0 && !this.locked) {
       const within = (v) => Math.min(Math.max(v, 0), 1);
       this.put(this.picked, within(this.corpus.x[this.picked] + step[0] * 0.01), within(this.corpus.y[this.picked] + step[1] * 0.01));
       clearTimeout(this.soon);

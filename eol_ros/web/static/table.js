@@ -164,6 +164,7 @@ function tell() {
   drawing.hint = lonely && link.mayPush && !stale && Boolean(state?.rim) && link.age('truth') < STALE_S;
   $('invite').hidden = !drawing.hint;
   const touch = fingers.matches;
+  $('table').classList.toggle('locked', Boolean(link.viewer) && !link.mayPush);
   if (drawing.hint) write($('invite'), say(touch ? 'invite_touch' : 'invite'));
   write($('help'), !link.mayPush || !state?.rim ? '' : say(touch ? 'table_help_touch' : 'table_help'));
   modes.show();
