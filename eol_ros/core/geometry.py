@@ -17,8 +17,10 @@ BODY_WALL_M = 0.002
 SPRING_M = 0.090
 PITCH_M = BLOCK_SIDE_M + SPRING_M  # 0.174
 RIM_SIDE_M = 5 * BLOCK_SIDE_M + 6 * SPRING_M  # 0.960
+RIM_BAR_M = 0.014  # of the rim, outside of RIM_SIDE_M; a choice: so it fits at any yaw
 PLATFORM_SIDE_M = 1.40
-RIM_REACH_M = (PLATFORM_SIDE_M - RIM_SIDE_M) / 2  # from rest until the rim meets the edge
+# From rest until the outside of the rim meets the platform's edge
+RIM_REACH_M = (PLATFORM_SIDE_M - RIM_SIDE_M) / 2 - RIM_BAR_M
 
 _IDS = np.arange(N_BLOCKS).reshape(ROWS, COLS)
 _OUTER = np.concatenate([_IDS[:, 0], _IDS[:, -1], _IDS[0], _IDS[-1]])

@@ -17,13 +17,19 @@ from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion, Vector3
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, PLATFORM_SIDE_M, RIM_SIDE_M, spring_ends
+from eol_ros.core.geometry import (
+    BLOCK_SIDE_M,
+    N_BLOCKS,
+    PLATFORM_SIDE_M,
+    RIM_BAR_M,
+    RIM_SIDE_M,
+    spring_ends,
+)
 from eol_ros.ros.stamps import to_msg
 from eol_ros.streams import blocks
 
 PERIOD_NS = 50_000_000  # at most so often: for the eye
 HEIGHT_M = 0.04  # of a block, as it is drawn
-BAR_M = 0.02  # of the rim
 LIFE = Duration(sec=2)  # of an arrow
 SAND, STEEL, SPRING, BLOCK, HIDDEN, SLIPS = (
     ColorRGBA(r=r, g=g, b=b, a=a)
@@ -111,8 +117,8 @@ class Markers:
         return marker
 
     def _frame(self, rim: np.ndarray) -> Marker:
-        marker = self._marker('rim', Marker.LINE_STRIP, 0, STEEL, (BAR_M, 0.0, 0.0))
-        half = (RIM_SIDE_M + BAR_M) / 2
+        marker = self._marker('rim', Marker.LINE_STRIP, 0, STEEL, (RIM_BAR_M, 0.0, 0.0))
+        half = (RIM_SIDE_M + RIM_BAR_M) / 2
         corners = [(-half, -half), (half, -half), (half, half), (-half, half), (-half, -half)]
         x, y, yaw = rim.tolist()
         marker.pose, marker.points = _pose(x, y, yaw, HEIGHT_M / 2), _points(corners, 0.0)

@@ -9,6 +9,7 @@
 const GAIN = 14; // 1/s, how fast the held point follows
 const RHO = 0.39; // m, of a thin square of 0.96 m: side / sqrt(6)
 const RIM_M = 0.96;
+const BAR_M = 0.014; // of its bars, outside of that
 const PLATFORM_M = 1.4;
 const NEAR_M = 0.003; // to a limit
 const BEHIND_M = 0.02; // from here on a hand is told why the rim does not come
@@ -61,7 +62,7 @@ export class Hands {
     if (!this.holding || (!this.keys.size && this.lag < BEHIND_M)) return '';
     const [vx, vy] = this.velocity();
     const [rx, ry, yaw] = this.pose;
-    const reach = (PLATFORM_M - RIM_M * (Math.abs(Math.cos(yaw)) + Math.abs(Math.sin(yaw)))) / 2;
+    const reach = (PLATFORM_M - (RIM_M + 2 * BAR_M) * (Math.abs(Math.cos(yaw)) + Math.abs(Math.sin(yaw)))) / 2;
     if ((vx * rx > 0 && Math.abs(rx) > reach - NEAR_M) || (vy * ry > 0 && Math.abs(ry) > reach - NEAR_M)) return 'limit_edge';
     const gaps = [...x].map((_, id) => {
       const [u, v] = this.inRim(x[id], y[id]);

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from eol_ros.core.geometry import PLATFORM_SIDE_M, RIM_REACH_M, RIM_SIDE_M
+from eol_ros.core.geometry import PLATFORM_SIDE_M, RIM_BAR_M, RIM_REACH_M, RIM_SIDE_M
 from eol_ros.core.physics.twin.hands import (
     HAND_N,
     HAND_NSPM,
@@ -37,7 +37,7 @@ def run(
 
 def corners(pose: np.ndarray) -> np.ndarray:
     c, s = np.cos(pose[2]), np.sin(pose[2])
-    square = RIM_SIDE_M / 2 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+    square = (RIM_SIDE_M / 2 + RIM_BAR_M) * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
     return square @ np.array([[c, s], [-s, c]]) + pose[:2]
 
 

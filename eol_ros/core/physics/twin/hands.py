@@ -13,7 +13,7 @@ import numpy as np
 
 from eol_ros.core import elementary
 from eol_ros.core.elementary_kernels import cos, sin
-from eol_ros.core.geometry import PLATFORM_SIDE_M, RIM_SIDE_M
+from eol_ros.core.geometry import PLATFORM_SIDE_M, RIM_BAR_M, RIM_SIDE_M
 from eol_ros.core.physics.series import entry
 
 VISITORS_YAW_RAD = 0.25  # people may rotate the rim at will: on the platform it fits at any yaw
@@ -48,7 +48,7 @@ def reach_m(yaw):
 
     A square of side s rotated by phi spans s (|cos phi| + |sin phi|); at yaw 0 this is RIM_REACH_M.
     """
-    span = RIM_SIDE_M * (abs(cos(yaw)) + abs(sin(yaw)))
+    span = (RIM_SIDE_M + 2 * RIM_BAR_M) * (abs(cos(yaw)) + abs(sin(yaw)))
     return max(0.0, (PLATFORM_SIDE_M - span) / 2)
 
 
