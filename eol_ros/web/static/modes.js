@@ -4,6 +4,7 @@
 import { calm, write } from './paint.js';
 import { say } from './i18n.js';
 
+const DEFAULT = { captions: 'yes' };
 const CAPTION_MS = 5000;
 const HOLD_MS = 2000; // so long it can be read, unless a greater one comes
 const RUPTURE = 10; // blocks, from here on a cascade is called one
@@ -26,7 +27,7 @@ export class Modes {
     this.line = line;
     this.said = null; // [area, nucleus, performance.now() when it was told]
     for (const [name, button] of Object.entries(buttons)) {
-      this[name] = localStorage.getItem(name) === 'yes';
+      this[name] = (localStorage.getItem(name) ?? DEFAULT[name]) === 'yes';
       button.onclick = () => {
         this[name] = !this[name];
         localStorage.setItem(name, this[name] ? 'yes' : 'no');

@@ -56,7 +56,7 @@ link.on('blocks', (packet) => {
 link.on('slip', (slip) => {
   if (state && !state.rim) state.moving[slip.block] = slip.start ? 1 : 0;
   if (!slip.start) return;
-  drawing.slip(slip.block, slip.cascade, performance.now());
+  drawing.paths.slip(slip.block, slip.cascade, slip.onset, performance.now());
   counts.slips++;
 });
 link.on('leds', (packet) => {

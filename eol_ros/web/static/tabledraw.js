@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The table seen from above, in metres: sandpaper, rim, springs, 25 pieces of one land, light, cascades.
 
-import { calm, MOVE, THREAD } from './paint.js';
+import { calm, MOVE, THREAD, WATER } from './paint.js';
+import { KEEP_MS, Paths } from './paths.js';
 
 export const PLATFORM_M = 1.4;
 const RIM_M = 0.96;
@@ -10,8 +11,11 @@ const SPRING_M = 0.09;
 const PITCH_M = BLOCK_M + SPRING_M;
 const BAR_M = 0.014; // as eol_ros/core/geometry.py has it
 const VIEW_M = PLATFORM_M + 0.06;
-const WAVE_S = 1.1;
+const WAVE_MS = 1100;
+const MARK_FADE_MS = 1000; // at the end: the mark is whole for 2 s after the last slip
+const HUES = [THREAD, WATER, '#d9a0ff', '#6f9bff']; // of cascades at the same time
 const COIL_M = 0.0085; // half the height of a spring's picture
+const PULL_M = 0.018; // radius of a hand
 const TAUT_M = 0.1; // of the line between a hand and what it holds
 const TINTS = 8; // shades of strain, each way
 const HINT_S = 3.2; // one gesture of the hand that shows what can be done, and as long a rest
@@ -24,8 +28,7 @@ export class TableDrawing {
     this.brush = canvas.getContext('2d', { alpha: false });
     this.dirty = true;
     this.glow = glowSprite();
-    this.waves = []; // {block, since}
-    this.joins = []; // {from, to, since}
+    this.paths = new Paths();
     this.pulls = []; // {from: where a finger holds the rim, to: where it is}
     this.hint = false; // whether a hand shows what can be done
     this.hinted = false; // it is in the last drawing
@@ -60,16 +63,6 @@ export class TableDrawing {
     return [(x - this.w / 2) / this.perM, (this.h / 2 - y) / this.perM];
   }
 
-  slip(block, cascade, now) {
-    // A slip is drawn as come from the newest slip of its cascade among its eight neighbours.
-    const apart = (other) => Math.max(Math.abs((other % 5) - (block % 5)), Math.abs(Math.floor(other / 5) - Math.floor(block / 5)));
-    const cause = this.waves.findLast((wave) => wave.cascade === cascade && apart(wave.block) === 1);
-    if (cause) this.joins.push({ from: cause.block, to: block, since: now });
-    this.waves.push({ block, cascade, since: now });
-    if (this.waves.length > 200) this.waves.shift();
-    if (this.joins.length > 200) this.joins.shift();
-  }
-
   draw(now, state, leds) {
     this.resize();
     const { brush, w, h, perM } = this;
@@ -83,7 +76,7 @@ export class TableDrawing {
     // Where flashes are unwelcome a slip is told by its block's outline alone.
     for (let id = 0; id < 25; id++) this.drawBlock(id, state, calm.matches ? 0 : leds[id] / 255);
     if (!calm.matches) this.drawLight(state, leds);
-    this.drawCascade(now, state);
+    this.drawCascades(now, state);
     for (const pull of this.pulls) this.drawPull(pull);
     this.hinted = this.beckons(now) && Boolean(state.rim);
     this.hintedAt = now;
@@ -103,7 +96,7 @@ export class TableDrawing {
 
   // Whether the next drawing would differ from the last: a table at rest costs nothing.
   get alive() {
-    return this.dirty || this.waves.length > 0 || this.joins.length > 0 || this.pulls.length > 0;
+    return this.dirty || this.paths.cascades.length > 0 || this.pulls.length > 0;
   }
 
   drawRim([x, y, yaw]) {
@@ -162,18 +155,22 @@ export class TableDrawing {
     const { brush } = this;
     const strain = Math.min(Math.hypot(x1 - x0, y1 - y0) / TAUT_M, 1);
     const mix = (a, b) => Math.round(a + (b - a) * strain);
+    // As far as the picture reaches: the hand may be beyond it.
+    const edge = VIEW_M / 2 - 1.2 * PULL_M;
+    const shown = Math.min(1, ...[[x0, x1], [y0, y1]].map(([a, b]) => (Math.abs(b) > edge ? (Math.sign(b) * edge - a) / (b - a) : 1)));
+    const [endX, endY] = [x0 + shown * (x1 - x0), y0 + shown * (y1 - y0)];
     brush.strokeStyle = brush.fillStyle = `rgb(${mix(232, 255)},${mix(226, 96)},${mix(213, 72)})`;
     brush.lineCap = 'round';
     brush.lineWidth = 0.007 - 0.004 * strain;
     brush.beginPath();
     brush.moveTo(x0, y0);
-    brush.lineTo(x1, y1);
+    brush.lineTo(endX, endY);
     brush.stroke();
     brush.beginPath();
     brush.arc(x0, y0, 0.009, 0, 7);
     brush.fill();
     brush.beginPath();
-    brush.arc(x1, y1, 0.018, 0, 7);
+    brush.arc(endX, endY, PULL_M, 0, 7);
     brush.lineWidth = 0.003;
     brush.stroke();
   }
@@ -255,31 +252,82 @@ export class TableDrawing {
     brush.globalCompositeOperation = 'source-over';
   }
 
-  drawCascade(now, state) {
+  // Of each cascade a bull's-eye where it began, and arrows along the springs in order of onset. They
+  // fade with age; the bull's-eye does after the last slip.
+  drawCascades(now, state) {
     const { brush } = this;
-    const age = (item) => (now - item.since) / 1000 / WAVE_S;
-    this.waves = this.waves.filter((wave) => age(wave) < 1);
-    this.joins = this.joins.filter((join) => age(join) < 1.6);
-    brush.strokeStyle = THREAD;
-    for (const join of this.joins) {
-      brush.globalAlpha = Math.max(1 - age(join) / 1.6, 0) * 0.9;
-      brush.lineWidth = 0.005;
-      brush.beginPath();
-      brush.moveTo(state.x[join.from], state.y[join.from]);
-      brush.lineTo(state.x[join.to], state.y[join.to]);
-      brush.stroke();
-    }
-    if (!calm.matches) {
-      for (const wave of this.waves) {
-        const t = Math.max(age(wave), 0); // one that is told ahead of its time has no size yet
-        brush.globalAlpha = (1 - t) ** 2 * 0.6;
-        brush.lineWidth = 0.0025;
-        brush.beginPath();
-        brush.arc(state.x[wave.block], state.y[wave.block], BLOCK_M * (0.75 + 1.5 * t), 0, 7);
-        brush.stroke();
+    this.paths.pass(now);
+    const { cascades } = this.paths;
+    const newest = new Map(cascades.map((cascade) => [cascade.slips[0].block, cascade])); // by origin
+    for (const cascade of cascades) {
+      const { hue, slips, joins, keep } = cascade;
+      const bright = (at) => Math.min(Math.max(1.2 * (1 - (now - at) / keep), 0.4), 1);
+      const begun = slips.filter(({ at }) => at <= now);
+      if (!begun.length) continue;
+      brush.strokeStyle = brush.fillStyle = HUES[hue];
+      for (const { path, at } of joins) {
+        if (at > now) continue;
+        brush.globalAlpha = bright(at);
+        this.drawArrow(path.map((id) => [state.x[id], state.y[id]]));
       }
+      const [{ block }] = slips;
+      const since = now - Math.max(...begun.map(({ at }) => at));
+      brush.globalAlpha = Math.min((KEEP_MS - since) / MARK_FADE_MS, 1);
+      if (newest.get(block) !== cascade) continue;
+      this.drawOrigin(state.x[block], state.y[block], begun.length > 1);
+      if (calm.matches) continue;
+      const t = (now - slips[0].at) / WAVE_MS;
+      if (t < 1) this.drawRing(state.x[block], state.y[block], BLOCK_M * (0.9 + 1.5 * t), 0.003, (1 - t) ** 2);
     }
     brush.globalAlpha = 1;
+  }
+
+  drawOrigin(x, y, grown) {
+    const { brush } = this;
+    const alpha = brush.globalAlpha;
+    this.drawRing(x, y, 0.024, 0.013, alpha);
+    if (grown) this.drawRing(x, y, 0.056, 0.01, alpha);
+  }
+
+  drawRing(x, y, radius, wide, alpha) {
+    const { brush } = this;
+    brush.globalAlpha = alpha;
+    brush.beginPath();
+    brush.arc(x, y, radius, 0, 7);
+    this.strokeOnDark(wide);
+  }
+
+  drawArrow(points) {
+    const { brush } = this;
+    const [[x0, y0], [x1, y1]] = points.slice(-2);
+    const long = Math.hypot(x1 - x0, y1 - y0) || 1;
+    const [ux, uy] = [(x1 - x0) / long, (y1 - y0) / long];
+    const [tipX, tipY] = [x1 - 0.03 * ux, y1 - 0.03 * uy];
+    const [footX, footY] = [tipX - 0.045 * ux, tipY - 0.045 * uy];
+    brush.lineJoin = 'round';
+    brush.lineCap = 'butt';
+    brush.beginPath();
+    for (const [x, y] of points.slice(0, -1)) brush.lineTo(x, y);
+    brush.lineTo(footX, footY);
+    this.strokeOnDark(0.012);
+    brush.beginPath();
+    brush.moveTo(tipX, tipY);
+    for (const side of [1, -1]) brush.lineTo(footX - 0.028 * side * uy, footY + 0.028 * side * ux);
+    brush.closePath();
+    this.strokeOnDark(0.002);
+    brush.fill();
+  }
+
+  // Over bright blocks and dark ground alike.
+  strokeOnDark(wide) {
+    const { brush } = this;
+    const hue = brush.strokeStyle;
+    brush.lineWidth = wide + 0.007;
+    brush.strokeStyle = '#0b0d10';
+    brush.stroke();
+    brush.lineWidth = wide;
+    brush.strokeStyle = hue;
+    brush.stroke();
   }
 }
 

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where cascades began and which way they went: for each a tree over the lattice, in order of onset.
+
+export const KEEP_MS = 3000; // of a slip, in which it fades; of a cascade, from its last slip on
+const REPLAY_MS = 700; // from slip to slip
+const HUES = 4;
+
+// The tree of slips {block, onset, at} in order of onset: each block is joined to the nearest one that
+// slipped before, of several to the latest. Returns [{path: blocks from spring to spring, at}].
+export function tree(slips) {
+  return slips.flatMap(({ block, at }, i) => {
+    const steps = (other) => [Math.abs((other % 5) - (block % 5)), Math.abs(Math.floor(other / 5) - Math.floor(block / 5))];
+    const far = slips.slice(0, i).map((other) => [steps(other.block), other.block]).filter(([[x, y]]) => Math.max(x, y) === 1);
+    const least = Math.min(...far.map(([[x, y]]) => x + y));
+    const cause = far.findLast(([[x, y]]) => x + y === least)?.[1];
+    if (cause === undefined) return [];
+    if (least === 1) return [{ path: [cause, block], at }];
+    // No spring runs across: by one of two corners, that which stays at rest if only one does.
+    const corners = [cause - (cause % 5) + (block % 5), block - (block % 5) + (cause % 5)];
+    const rests = corners.find((corner) => !slips.some((other) => other.block === corner));
+    return [{ path: [cause, rests ?? corners[0], block], at }];
+  });
+}
+
+export class Paths {
+  constructor() {
+    this.cascades = []; // {number, hue, slips, joins, keep: ms for which a slip is shown}
+  }
+
+  slip(block, number, onset, now) {
+    this.pass(now);
+    const cascade = this.cascades.find((one) => one.number === number) ?? this.begin(number, KEEP_MS);
+    if (cascade.slips.some((slip) => slip.block === block)) return;
+    cascade.slips.push({ block, onset, at: now });
+    cascade.slips.sort((a, b) => a.onset - b.onset);
+    cascade.joins = tree(cascade.slips);
+  }
+
+  begin(number, keep) {
+    const used = this.cascades.map(({ hue }) => hue);
+    const hue = [...Array(HUES).keys()].find((one) => !used.includes(one)) ?? this.cascades.length % HUES;
+    const cascade = { number, hue, slips: [], joins: [], keep };
+    this.cascades.push(cascade);
+    return cascade;
+  }
+
+  // Show the blocks of a cascade once more, slowly; returns how long that takes, ms.
+  replay(blocks, now) {
+    const long = blocks.length * REPLAY_MS + KEEP_MS;
+    const cascade = this.begin(NaN, long);
+    cascade.slips = blocks.map((block, i) => ({ block, onset: i, at: now + i * REPLAY_MS }));
+    cascade.joins = tree(cascade.slips);
+    return long;
+  }
+
+  // Forget slips that have faded; the first of a cascade stays as long as any.
+  pass(now) {
+    for (const cascade of this.cascades) {
+      const { slips, keep } = cascade;
+      cascade.slips = slips.filter((slip, i) => i === 0 || now - slip.at < keep);
+      if (cascade.slips.length < slips.length) cascade.joins = tree(cascade.slips);
+    }
+    this.cascades = this.cascades.filter(({ slips }) => now - Math.max(...slips.map(({ at }) => at)) < KEEP_MS);
+  }
+}
