@@ -110,11 +110,13 @@ class Day:
         self._date = ''
         self._areas: list[int] = []  # of each cascade, in order of time
         self._recent: deque[list[Any]] = deque(maxlen=RECENT)
+        self._greatest: list[Any] = []
         self._law: dict[str, Any] = {}
         self._law_of = -1  # so many cascades were fitted
         if _is_day(kept):
             self._date, self._areas = kept['date'], list(kept['order'])
             self._recent.extend(kept['recent'])
+            self._greatest = kept.get('greatest', [])
         self.fit()
 
     def turn(self, now_s: float) -> bool:
@@ -125,6 +127,7 @@ class Day:
         self._date = date
         self._areas.clear()
         self._recent.clear()
+        self._greatest = []
         self.fit()
         return True
 
@@ -132,11 +135,17 @@ class Day:
         """Count one Cascade message."""
         self.turn(now_s)
         self._areas.append(min(message.area, N_BLOCKS))
-        self._recent.append(cascades.to_json(message))
+        row = cascades.to_json(message)
+        self._recent.append(row)
+        if row[2:4] > self._greatest[2:4]:  # area and size
+            self._greatest = row
 
     def kept(self) -> dict[str, Any]:
         """Return the day so far, as plain data."""
-        return {'date': self._date, 'order': list(self._areas), 'recent': list(self._recent)}
+        return {
+            'date': self._date, 'order': list(self._areas), 'recent': list(self._recent),
+            'greatest': self._greatest,
+        }  # fmt: skip
 
     def fit(self) -> bool:
         """Fit the power law of the areas, if cascades have come; return whether any had."""
@@ -166,7 +175,7 @@ class Day:
         return True
 
     def notice(self) -> dict[str, Any]:
-        """Return the day so far, for pages: N of each area, the newest cascades, their law.
+        """Return the day so far, for pages: N of each area, newest and greatest cascade, their law.
 
         `law` has `b`, `error` and `exceedance`, the fitted share of N(>= from) for each area from
         `from` on; `rejected`, `ks`, `p` and `count` where they follow no power law; or, where there
@@ -179,6 +188,7 @@ class Day:
             'date': self._date,
             'areas': counts,
             'recent': list(self._recent),
+            'greatest': self._greatest,
             'law': self._law,
         }
 
@@ -191,5 +201,8 @@ def _is_day(kept: Any) -> bool:
         and isinstance(kept.get('order'), list)
         and all(isinstance(area, int) and 0 <= area <= N_BLOCKS for area in kept['order'])
         and isinstance(kept.get('recent'), list)
-        and all(isinstance(row, list) and len(row) == 6 for row in kept['recent'])
+        and all(
+            isinstance(row, list) and len(row) == 6
+            for row in [*kept['recent'], *([kept['greatest']] if kept.get('greatest') else [])]
+        )
     )

@@ -161,3 +161,22 @@ def test_the_rim_is_drawn_on_the_platform_as_far_as_the_twin_lets_it(table, brow
     """
     corners = np.array(run(browser, drawn, [float(reach_m(yaw)), 0.0, yaw]))
     assert np.abs(corners).max() == pytest.approx(PLATFORM_SIDE_M / 2, abs=1e-6)
+
+
+def test_the_greatest_cascade_of_today_is_replayed_slowly(table, browser, serve):
+    day = {'recent': [], 'greatest': [1e9, 6, 8, 9, 2.1, [block for block, _ in FIRST]]}
+    run(browser, 'eol.link.emit("cascades", arguments[0])', day)
+    browser.find_element('id', 'replay').click()
+    until_page(browser, 'document.getElementById("caption").textContent.startsWith("Today at ")')
+    until_page(browser, 'eol.drawing.paths.cascades[0].joins.length === 7')
+    picture(browser, 'replay-table')
+    server = serve()
+    server.routes.documents['terrain'] = (terrain.landscape(1) * 65535).astype('<u2').tobytes()
+    server.hub.put('notices', {'t': 'cascades', **day}, sticky='cascades')
+    visit(browser, f'http://127.0.0.1:{server.port}', '/wall/left')
+    until_page(browser, 'eol.link.heard.cascades')
+    press(browser, 'g')
+    until_page(browser, 'eol.replay && eol.replay.paths.cascades.length && eol.replay.land')
+    until_page(browser, 'performance.now() - eol.replay.paths.cascades[0].slips[3].at > 0')
+    picture(browser, 'replay-wall')
+    until_page(browser, 'document.getElementById("replay").hidden')

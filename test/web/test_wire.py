@@ -97,10 +97,12 @@ def test_the_day_counts_areas_and_begins_anew_at_midnight():
     assert notice['date'] == '2026-11-21' and sum(notice['areas']) == 5
     assert [notice['areas'][a] for a in (1, 2, 25)] == [3, 1, 1]
     assert len(notice['recent']) == 5 and notice['recent'][-1][2] == 1
+    assert notice['greatest'] == notice['recent'][3]
     midnight = datetime.datetime(2026, 11, 22).timestamp()
     assert not day.turn(midnight - 1) and sum(day.notice()['areas']) == 5
     assert day.turn(midnight)  # without any cascade
     assert sum(day.notice()['areas']) == 0 and not day.notice()['recent']
+    assert not day.notice()['greatest']
     day.add(cascade(midnight - 2, 4), midnight + 1)  # counts when it is told, also in a replay
     assert sum(day.notice()['areas']) == 1 and day.notice()['date'] == '2026-11-22'
 
@@ -119,7 +121,8 @@ def test_a_day_goes_on_after_a_restart():
                    {'date': 'x', 'order': [-1] * 26, 'recent': []},
                    {'date': 'x', 'order': [26], 'recent': []},
                    {'date': 'x', 'order': ['1'] * 26, 'recent': [row]},
-                   {'date': 'x', 'order': [1], 'recent': [[1]]}):  # fmt: skip
+                   {'date': 'x', 'order': [1], 'recent': [[1]]},
+                   {'date': 'x', 'order': [1], 'recent': [], 'greatest': [1]}):  # fmt: skip
         assert sum(notices.Day(broken).notice()['areas']) == 0
 
 

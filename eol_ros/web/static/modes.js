@@ -46,11 +46,18 @@ export class Modes {
     if (navigator.userActivation?.hasBeenActive) navigator.vibrate?.(Math.min(20 + 25 * area, 600));
   }
 
+  // Words that stay for so long, whatever else is told.
+  replay(words, long) {
+    this.replayed = { words, until: performance.now() + long };
+    this.show();
+  }
+
   show() {
     calm.quiet = this.quiet;
     for (const [name, button] of Object.entries(this.buttons)) button.setAttribute('aria-pressed', this[name]);
+    const replayed = performance.now() < this.replayed?.until && this.replayed.words;
     const fresh = this.captions && this.said && performance.now() - this.said[2] < CAPTION_MS;
-    this.line.hidden = !fresh;
-    if (fresh) write(this.line, caption(...this.said));
+    this.line.hidden = !fresh && !replayed;
+    if (fresh || replayed) write(this.line, replayed || caption(...this.said));
   }
 }

@@ -5,7 +5,7 @@ import { Listener } from './audio.js';
 import { Hands } from './hands.js';
 import { addLanguages, language, say, speak } from './i18n.js';
 import { Link, readBlocks, readLeds, readTruth } from './link.js';
-import { Modes, part } from './modes.js';
+import { caption, Modes, part } from './modes.js';
 import { TableDrawing } from './tabledraw.js';
 import { write } from './paint.js';
 import { land } from './terrain.js';
@@ -72,10 +72,18 @@ link.on('health', (status) => {
   if (status.node === 'sound' || status.node === 'twin') tell();
 });
 link.on('work', tell);
+let greatest = null; // of today's cascades
+$('replay').onclick = () => {
+  const [onset, nucleus, area, , , blocks] = greatest;
+  const time = new Date(onset * 1000).toLocaleTimeString(document.documentElement.lang, { timeStyle: 'short' });
+  modes.replay(say('caption_replay', { time, caption: caption(area, nucleus) }), drawing.paths.replay(blocks, performance.now()));
+};
 let told = null; // onset of the newest cascade; those of before this page are no news
 link.on('cascades', (day) => {
   const [onset, nucleus, area] = day.recent[day.recent.length - 1] ?? [0, 0, 0];
   counts.cascade = area;
+  greatest = day.greatest?.[2] > 1 ? day.greatest : null;
+  $('replay').disabled = !greatest;
   if (told !== null && onset !== told) modes.cascade(area, nucleus);
   told = onset;
 });
@@ -156,6 +164,7 @@ function tell() {
   write($('work'), link.workWords(stale));
   const alone = playing === 'visitors' && link.work.code === 'awake' && !stale && link.age('truth') < STALE_S;
   $('alone').hidden = !alone;
+  $('table').classList.toggle('locked', Boolean(link.viewer) && !link.mayPush);
   if (alone) write($('alone'), `${say('table_alone')} ${link.mayPush ? say('table_touch') : ''}`);
   const limit = state?.rim && !stale ? hands.limit(state, speed) : '';
   $('limit').hidden = !limit;
@@ -164,7 +173,6 @@ function tell() {
   drawing.hint = lonely && link.mayPush && !stale && Boolean(state?.rim) && link.age('truth') < STALE_S;
   $('invite').hidden = !drawing.hint;
   const touch = fingers.matches;
-  $('table').classList.toggle('locked', Boolean(link.viewer) && !link.mayPush);
   if (drawing.hint) write($('invite'), say(touch ? 'invite_touch' : 'invite'));
   write($('help'), !link.mayPush || !state?.rim ? '' : say(touch ? 'table_help_touch' : 'table_help'));
   modes.show();

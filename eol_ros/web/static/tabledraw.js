@@ -22,6 +22,13 @@ const HINT_S = 3.2; // one gesture of the hand that shows what can be done, and 
 const HINT_MS = 60; // between its drawings, each of which is one of the whole table
 const HINT_M = 0.16;
 
+// A table that nobody has touched.
+export const REST = {
+  x: Float32Array.from({ length: 25 }, (_, id) => ((id % 5) - 2) * PITCH_M),
+  y: Float32Array.from({ length: 25 }, (_, id) => (Math.floor(id / 5) - 2) * PITCH_M),
+  yaw: new Float32Array(25), moving: new Uint8Array(25), rim: [0, 0, 0],
+};
+
 export class TableDrawing {
   constructor(canvas) {
     this.canvas = canvas;

@@ -129,10 +129,32 @@ function drawCard() {
   brush.fillText(`${screenName}  ${w} x ${h}  ${link.workWords(false)}`, w / 2, h * 0.91);
 }
 
+// The greatest cascade of today, slowly, on a table at rest in place of the pictures.
+let greatest = [];
+link.on('cascades', (day) => (greatest = day.greatest));
+async function replay() {
+  const box = document.getElementById('replay');
+  const blocks = greatest[5] ?? [];
+  if (!box.hidden || blocks.length < 2) return;
+  box.hidden = false;
+  const [{ REST, TableDrawing }, { land }] = await Promise.all([import('./tabledraw.js'), import('./terrain.js')]);
+  const drawing = (window.eol.replay = new TableDrawing(box.firstChild));
+  drawing.resize();
+  land(Math.round(0.09 * drawing.perM)).then((picture) => drawing.setLand(picture), () => {});
+  drawing.paths.replay(blocks, performance.now());
+  const draw = (now) => {
+    drawing.draw(now, REST, new Uint8Array(25));
+    box.hidden = !drawing.paths.cascades.length;
+    if (!box.hidden) requestAnimationFrame(draw);
+  };
+  requestAnimationFrame(draw);
+}
+
 addEventListener('resize', () => card.hidden || drawCard());
 addEventListener('keydown', (event) => {
   if (event.target.tagName === 'INPUT') return;
   if (event.key === 'k') pin.toggle();
+  if (event.key === 'g') replay();
   if (event.key === 't') testCard(card.hidden);
   if (event.key === 'c') caption.hidden = !caption.hidden;
   if (event.key === '?') keys.hidden = !keys.hidden;
