@@ -38,6 +38,8 @@ GROUPS = {
         'keys': 'say who may reach the graph from other machines',
         'mirror': 'let those with a read-only key hear the graph',
         'certificate': 'let browsers reach the panel over HTTPS',
+        'backup': 'keep scene, calibration and what was learnt in one file',
+        'restore': 'put back what a backup keeps',
     },
     'look': {
         'status': 'show the state of the running graph',

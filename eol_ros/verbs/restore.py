@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""eol restore: put back what `eol backup` wrote."""
+
+import hashlib
+import io
+import json
+import sys
+import tarfile
+from pathlib import Path, PurePosixPath
+
+from eol_ros.disk import DAMAGED, DISK
+from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
+from eol_ros.settings import MASK
+from eol_ros.verbs.backup import MANIFEST, places, private
+
+HELP = (
+    'Put back what `eol backup` wrote: state, presets and moved grains into the folders of this '
+    'user, the scene into its folder. All digests are verified before the first file is written. '
+    'Stop the work first. Restore only backups of your own: they name the files to write.'
+)
+EXAMPLES = [
+    'eol restore eol-backup-20261128-120000.tar.gz',
+    'eol restore /media/usb/eol.tar.gz ~/museum --force',
+]
+
+
+def add_arguments(parser):
+    """Declare the command line."""
+    parser.add_argument('backup', help='the file that `eol backup` wrote')
+    parser.add_argument('folder', nargs='?', help='of the scene (default: where it was)')
+    parser.add_argument('--force', action='store_true', help='replace files that are there')
+
+
+def run(args):
+    """Verify all, then write all."""
+    about, contents = _read(Path(args.backup))
+    roots = places(Path(args.folder or about['folder']).expanduser())
+    files = {_target(roots, name): content for name, content in contents.items()}
+    files = {p: content for p, content in files.items() if not _same(p, content)}
+    there = [path for path in files if path.exists()]
+    if there and not args.force:
+        more = f' and {len(there) - 1} more' if len(there) > 1 else ''
+        raise UsageError(
+            f'{there[0]}{more}: there, with other content; nothing was written. '
+            '`eol backup` first keeps what is there, --force replaces it'
+        )
+    for path, content in files.items():
+        with writing(path), private(about['secrets']):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            DISK.write(path, content)
+        print(path)
+        if path.suffix in ('.yaml', '.yml') and MASK.encode() in content:
+            print(f'eol restore: {path}: enter the secrets in place of {MASK}', file=sys.stderr)
+    if about['kept_bags']:
+        bags = ', '.join(about['kept_bags'])
+        print(f'eol restore: bags that were kept, and are not in it: {bags}', file=sys.stderr)
+    return 0
+
+
+def _read(path: Path) -> tuple[dict, dict[str, bytes]]:
+    """Return the manifest and the verified contents."""
+    if not path.is_file():
+        raise DeviceMissing(f'{path}: no such file')
+    try:
+        with tarfile.open(fileobj=io.BytesIO(path.read_bytes()), mode='r:gz') as tar:
+            packed = {m.name: file.read() for m in tar if (file := tar.extractfile(m))}
+        about = json.loads(packed.pop(MANIFEST))
+        digests, about = dict(about['files']), about | {'kept_bags': list(about['kept_bags'])}
+        about |= {'folder': str(about['folder']), 'secrets': bool(about['secrets'])}
+    except (*DAMAGED, tarfile.TarError) as error:
+        raise ConfigError(f'{path}: not a backup of eol, or damaged ({error})') from None
+    found = {name: hashlib.sha256(content).hexdigest() for name, content in packed.items()}
+    wrong = sorted(n for n in digests.keys() | found.keys() if digests.get(n) != found.get(n))
+    if wrong:
+        raise ConfigError(f'{path}: {wrong[0]} is not what was backed up; nothing was written')
+    return about, packed
+
+
+def _target(roots: dict[str, Path], name: str) -> Path:
+    root, *parts = PurePosixPath(name).parts
+    if root not in roots or not parts or '..' in parts:
+        raise ConfigError(f'{name}: no place of a backup; nothing was written')
+    return roots[root].joinpath(*parts)
+
+
+def _same(path: Path, content: bytes) -> bool:
+    return path.is_file() and path.read_bytes() == content

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A backup holds what cannot be installed again and no secret; a restore writes all or none."""
+
+import gzip
+import io
+import json
+import tarfile
+from pathlib import Path
+
+import pytest
+
+from eol_ros import cli, folders
+
+PIN = 'kept-to-ourselves'
+SCENE = f"""\
+include: ../base.yaml
+nodes:
+  tracker: {{background: lamps.png}}
+  grains: {{sound: sounds/ice.wav}}
+  panel: {{host: 0.0.0.0, pin: {PIN}}}
+  recorder: {{folder: bags}}
+hours: []
+"""
+
+
+@pytest.fixture
+def museum(tmp_path, monkeypatch):
+    """Return the files of an installation, and be in its folder."""
+    for name in ('state', 'cache', 'config'):
+        monkeypatch.setenv(f'EOL_{name.upper()}', str(tmp_path / name))
+    files = {
+        'base.yaml': 'nodes: {twin: {}, motion: {}}\n',
+        'museum/scene.yaml': SCENE.replace('hours: []\n', ''),
+        'museum/lamps.png': 'lamps',
+        'museum/sounds/ice.moved.csv': 'grain,x,y\n',
+        'state/screens-museum.json': '{}',
+        'state/presets/calm.yaml': 'sound: {}\n',
+        'cache/audio/ice-2-1.moved.csv': 'grain,x,y\n7,0,0\n',
+    }
+    left = {
+        'museum/sounds/ice.wav': 'much', 'museum/bags/monday/kept.txt': '', 'state/eol.log': 'long',
+        'state/staff-museum.json': '["10.0.0.7"]', 'config/key': PIN,
+    }  # fmt: skip
+    for name, content in (files | left).items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(content)
+    monkeypatch.chdir(tmp_path / 'museum')
+    return files
+
+
+def backup(*words):
+    assert cli.main(['backup', 'scene.yaml', '-o', 'out.tar.gz', *words]) == 0
+    with tarfile.open('out.tar.gz') as tar:
+        return {m.name: tar.extractfile(m).read().decode() for m in tar}
+
+
+def test_a_lost_machine_comes_back(museum, tmp_path, capsys):
+    found = backup()
+    assert PIN not in json.dumps(found) and '10.0.0.7' not in json.dumps(found)
+    manifest = json.loads(found.pop('manifest.json'))
+    assert manifest['kept_bags'] == ['monday'] and len(found) == len(museum)
+    Path('out.tar.gz').rename(tmp_path / 'out.tar.gz')
+    for name in museum:
+        (tmp_path / name).unlink()
+    capsys.readouterr()
+    assert cli.main(['restore', str(tmp_path / 'out.tar.gz')]) == 0
+    said = capsys.readouterr()
+    assert sorted(said.out.split()) == sorted(str(tmp_path / name) for name in museum)
+    assert 'scene.yaml: enter the secrets' in said.err and 'monday' in said.err
+    for name, content in museum.items():
+        assert (tmp_path / name).read_text() == content.replace(PIN, "'***'")
+    assert cli.main(['restore', str(tmp_path / 'out.tar.gz')]) == 0  # there is nothing to do
+    assert not capsys.readouterr().out
+    assert cli.main(['restore', str(tmp_path / 'out.tar.gz'), str(tmp_path / 'other')]) == 0
+    assert (tmp_path / 'other/lamps.png').read_text() == 'lamps'
+
+
+def test_secrets_only_where_asked_for_and_then_for_the_owner_alone(museum, tmp_path):
+    found = backup('--secrets')
+    assert PIN in found['scene/scene.yaml'] and found['config/key'] == PIN
+    assert Path('out.tar.gz').stat().st_mode & 0o077 == 0
+    (tmp_path / 'config/key').unlink()
+    assert cli.main(['restore', 'out.tar.gz']) == 0
+    assert (tmp_path / 'config/key').stat().st_mode & 0o077 == 0
+
+
+def test_what_is_there_stays_unless_it_is_forced(museum, tmp_path, capsys):
+    backup()
+    Path('lamps.png').write_text('newer')
+    (tmp_path / 'base.yaml').unlink()
+    capsys.readouterr()
+    assert cli.main(['restore', 'out.tar.gz']) == 2
+    said = capsys.readouterr().err
+    assert 'lamps.png' in said and 'and 1 more' in said and '--force' in said  # the masked scene
+    assert Path('lamps.png').read_text() == 'newer' and not (tmp_path / 'base.yaml').exists()
+    assert cli.main(['restore', 'out.tar.gz', '--force']) == 0
+    assert Path('lamps.png').read_text() == 'lamps' and (tmp_path / 'base.yaml').exists()
+
+
+def test_a_damaged_or_foreign_file_writes_nothing(museum, tmp_path, capsys):
+    backup()
+    whole = Path('out.tar.gz').read_bytes()
+    raw = gzip.decompress(whole)
+    assert raw.count(b'lamps') > 1
+    wrong = gzip.compress(raw.replace(b'lamps\0', b'lumps\0'))
+    climbing = io.BytesIO()
+    with tarfile.open(fileobj=climbing, mode='w:gz') as tar:
+        about = {'folder': '.', 'secrets': False, 'kept_bags': [], 'files': {}}
+        name, digest = (
+            'scene/../../x',
+            'e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855',
+        )
+        about['files'][name] = digest
+        content = json.dumps(about).encode()
+        member = tarfile.TarInfo('manifest.json')
+        member.size = len(content)
+        tar.addfile(member, io.BytesIO(content))
+        tar.addfile(tarfile.TarInfo(name))
+    Path('lamps.png').unlink()
+    for content, words in (
+        (whole[: len(whole) // 2], 'not a backup of eol, or damaged'),
+        (b'', 'not a backup of eol, or damaged'),
+        (wrong, 'scene/lamps.png is not what was backed up'),
+        (climbing.getvalue(), 'scene/../../x: no place of a backup'),
+    ):
+        Path('bad.tar.gz').write_bytes(content)
+        capsys.readouterr()
+        assert cli.main(['restore', 'bad.tar.gz', '--force']) == 78
+        err = capsys.readouterr().err
+        assert words in err and err.count('\n') == 1
+        assert not Path('lamps.png').exists()
+    assert cli.main(['restore', 'none.tar.gz']) == 69
+    assert folders.state_path().joinpath('presets/calm.yaml').exists()
