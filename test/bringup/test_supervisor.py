@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 from support.attended import attended
 from support.waiting import GENEROUS_S, wait_until
+from support.work_states import STATES
 
 from eol_ros.bringup import child, policy, priority, status
 from eol_ros.bringup.child import Child
@@ -24,7 +25,7 @@ from eol_ros.bringup.plan import Process
 from eol_ros.bringup.supervisor import Around, Supervisor
 from eol_ros.errors import UsageError
 from eol_ros.said import said
-from eol_ros.streams.work_state import DOWN
+from eol_ros.streams.work_state import DOWN, work_state
 
 BEAT = """
 import json, os, signal, sys, time
@@ -103,6 +104,19 @@ def test_all_ok_then_a_clean_stop(start):
     assert any(line.startswith('all OK after') for line in lines)
     byes = [line.split()[0] for line in lines if line.endswith('| bye')]
     assert byes == ['twin', 'recorder']  # the recorder goes last
+
+
+def test_the_events_have_each_state_of_the_work_once(start, tmp_path, monkeypatch):
+    supervisor, _ = start()
+    supervisor.all_ok_s = 0.0
+    for rows, _, _ in STATES.values():
+        told = {'work': status.of_work(work_state(rows))}
+        monkeypatch.setattr(supervisor, 'describe', lambda told=told: told)
+        for _ in range(2):
+            assert supervisor._step(0.0) is None
+    lines = (tmp_path / 'events.log').read_text().splitlines()
+    words = [line.partition('  test: ')[2] for line in lines]
+    assert words == [english for _, english, _ in STATES.values()]
 
 
 def test_who_may_wait_steps_back_when_all_is_up(start):
