@@ -138,8 +138,10 @@ class SlipDetector:
         excess = np.where(inflation > OCCLUDED, inflation2, 1.0)
         variance = 1.0 + variance / excess
         limit *= np.sqrt(variance)
-        ready = seen & ~moving & (n >= 3) & (samples >= 3)
-        starting = ready & (noise.distance2(moments) > limit**2)
+        ready = (n >= 3) & (samples >= 3)
+        away = seen & ~moving & (noise.distance2(moments) > limit**2)
+        starting = away & ready
+        history.resting[away & ~ready] = False  # it came into sight while it moved
         quiet = seen & ~moving & ~starting
         noise.learn(quiet & (n >= 3), moments, variance * inflation2, sigma, history.period_s)
         history.push(image, quiet, excess)

@@ -145,6 +145,20 @@ def test_what_an_arm_led_off_is_no_place_to_slip_from():
     assert [(k, e.block) for k, e in events if e.kind == START] == [(660, 7)]
 
 
+@pytest.mark.parametrize('speed_mps', [0.05, 0.5])
+def test_a_slip_that_goes_on_out_of_sight_is_told_once(speed_mps):
+    def path(t):  # from 2 s to 3 s, then again at 4 s
+        return speed_mps * np.clip(t - 2.0, 0, 1.0) + slide(t, 4.0)
+
+    def seen(t):  # an arm over the block for longer than a hidden slip counts as one
+        return np.where(np.arange(N_BLOCKS) == 7, not 2.2 < t < 2.6, True)
+
+    events = watch({7: path}, 60, 20e-6, 5.0, seen=seen)
+    assert [e.kind for e in events] == [START, STOP, START, STOP]
+    assert events[0].onset_s == pytest.approx(2.0, abs=0.02)
+    assert events[2].onset_s == pytest.approx(4.0, abs=0.02)
+
+
 def test_a_clock_that_stops_or_runs_backwards_makes_no_slips():
     detector = SlipDetector(MotionSettings())
     rest = rest_lattice()
