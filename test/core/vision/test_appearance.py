@@ -5,6 +5,7 @@ import inspect
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from support.relief import films
@@ -362,6 +363,40 @@ def test_printed_covers_taken_to_be_flat_are_seen_all_the_same(name):
     assert all(f.seen.all() for f in found[30:])
     off = np.array([f.world for f in found[30:]]) - film.shot.poses[:, :2]
     assert np.hypot(*off.transpose(2, 0, 1)).max() < 3.5e-3  # heights that nobody told
+
+
+def out_of_focus(image, noise):
+    return noise + cv2.GaussianBlur(image, (0, 0), 2.5)
+
+
+def shaken(image, noise):
+    return noise + cv2.blur(image, (9, 1))
+
+
+def compressed(image, noise):
+    image = np.clip(image + noise, 0, 255).astype(np.uint8)
+    return cv2.imdecode(cv2.imencode('.jpg', image, [cv2.IMWRITE_JPEG_QUALITY, 50])[1], 0)
+
+
+def of_four_bits(image, noise):
+    return (image + noise) // 16 * 16
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'most_px'),
+    [(out_of_focus, 0.2), (shaken, 1.2), (compressed, 0.2), (of_four_bits, 0.3)],
+)
+def test_images_of_poor_cameras_show_all_blocks(spoil, most_px):
+    renderer = Renderer(RenderOptions(noise='L0'), None, 2)
+    camera, random, images = renderer.calibration, np.random.default_rng(3), []
+    for k in range(40):
+        light = renderer.render(*REST.T, np.zeros(25), k)
+        image = spoil(light, random.normal(0.5, 3.0, light.shape))
+        images.append(np.clip(image, 0, 255).astype(np.uint8))
+    found = followed(images, camera)
+    assert found['seen'].all() and found['known'][-1].all()
+    off = np.hypot(found['x'] - REST[:, 0], found['y'] - REST[:, 1])[20:] * camera.px_per_m()
+    assert off.max() < most_px
 
 
 def under_an_arm(image, centre, level):

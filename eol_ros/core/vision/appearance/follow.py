@@ -68,7 +68,7 @@ class Follower:
         self.blocks['x'], self.blocks['y'] = self.rest.T
         self.faces, self._patches = Faces(n), pixels.empty_patches(n)
         self.noise, self.quiet = np.ones(2), 1.0
-        self.blur_px, self._blur_looks = model.FIRST_BLUR_PX, 0
+        self.blur_px, self._blur_looks = model.FIRST_BLUR_PX[0], 0
         self.exposure = 1.0
         self.last_s = -math.inf
         self.lattice, self.ambiguous = False, not trust_start  # lattice: whether it was ever found
@@ -175,6 +175,7 @@ class Follower:
         variance = sides.var(axis=0) + found['own'][known].mean(axis=0)
         found['usual'][new] = sides.mean(axis=0)
         found['own'][new] = np.clip(variance, model.LEAST_OWN, self._most_own)
+        found['side_usual'][new] = np.median(found['side_usual'][known])
 
     def _judge(self, which: np.ndarray, fresh: bool = False) -> np.ndarray:
         """Return (25,) which of `which` were found in this image."""
@@ -279,10 +280,10 @@ class Follower:
             [nodes[:, :2], np.full(len(nodes), turn), np.full(len(nodes), len(nodes))]
         )
         again = self.lattice or bool(blocks['known'].any())
-        for start_px in (5.0, 3.0, 2.0, 1.0):  # while the width of edges settles
-            found['start_px'] = start_px
-            self._register(image, self._all, fresh=again)
-            self._sharpen((found['visible'] > 0.8) & (found['ratio'] > 2.0))
+        if again:
+            self._approach(image)
+        else:
+            self._focus(image)
         self.lattice = True
         self.lose()
         blocks['right'] = blocks['up'] = 0.0
@@ -295,6 +296,31 @@ class Follower:
         if good.sum() < model.SEEN_BLOCKS:
             self._sought_s = stamp_s
         return good
+
+    def _approach(self, image: np.ndarray) -> float:
+        """Fit all blocks from places that are some px off; return the evidence of their sides."""
+        found = self.found
+        for start_px in (5.0, 3.0, 2.0, 1.0):  # while the width of edges settles
+            found['start_px'] = start_px
+            self._register(image, self._all, fresh=True)
+            self._sharpen((found['visible'] > 0.8) & (found['ratio'] > 2.0))
+        return float(np.clip(found['nats'], *model.IMAGE_NATS).sum())
+
+    def _focus(self, image: np.ndarray) -> None:
+        """Fit all blocks of the first image, with the blur at which their sides show best."""
+        start, best = self.found.copy(), -math.inf
+        for blur_px in model.FIRST_BLUR_PX:
+            self.found[:] = start
+            self.blur_px, self._blur_looks = blur_px, 0
+            nats = self._approach(image)
+            if nats > best:
+                best, kept, state = nats, self.found.copy(), (self.blur_px, self._blur_looks)
+            if np.median(self.found['nats']) > model.CLEAR_NATS:
+                break
+        if nats < best:
+            self.found[:] = kept
+            self.blur_px, self._blur_looks = state
+            self._register(image, self._all, fresh=True)
 
     def _orient(self, stamp_s: float) -> None:
         """Turn the ids as covers or places say; else the turn is open, if it was dark for long."""

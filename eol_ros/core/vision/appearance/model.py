@@ -8,7 +8,8 @@ Lengths in px are of the image.
 
 # The face of a block
 CELLS = 12  # of the brightness map, along each axis: 3.8 px at 545 px/m
-FIRST_BLUR_PX = 1.3  # standard deviation of an edge before the first image: lens and pixel
+# Standard deviation of an edge, tried in the first image: of a sharp lens and a pixel, and wider
+FIRST_BLUR_PX = 1.3, 2.1, 3.4
 BLUR_PX = 0.4, 4.0  # from a pixel's own to that of a lens far out of focus
 BLUR_LOOKS = 24  # of printed covers: after more, uneven light near the sides widens edges
 YOUNG = 12  # looks; the mean of fewer is noisier than a third of one image
@@ -27,7 +28,7 @@ DENSE = 2.6, 2.0
 MARGIN_PX = 0.5  # beyond that, for the rounding of a pose
 MOST_BENT_PX = 0.01  # greatest error of a block's border when its pixels are shifted
 OUTSIDE_PX = 3.0  # beyond that, for the ground around a block
-LEAST_VARIANCE = 1 / 12  # grey levels squared, of a pixel: that of rounding
+LEAST_VARIANCE = 1.0  # grey levels squared, of a pixel: what rounding and compression leave
 FULL = 250.0  # grey levels; from here a pixel may be saturated
 TUKEY = 20.0  # variances; 4.5 standard deviations: 95 % efficient for normal noise (Huber, 2009)
 UNEVEN = 2.0  # variance in that of the noise alone, of 24 parts: 3 standard deviations
