@@ -19,7 +19,7 @@ from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.motion import NumberedSlip
 from eol_ros.core.motion.slips import START, SlipEvent
 from eol_ros.core.sound.triggers import TRIGGER
-from eol_ros.core.vision.tracker_base import Tracked
+from eol_ros.core.vision.tracker import Tracked
 from eol_ros.streams import blocks, images, slips, triggers
 from eol_ros.streams.cdr import Decoder
 from eol_ros.verbs.progress import track

@@ -214,7 +214,6 @@ def steep_camera(degrees: float = 60.0, images: int = 30) -> dict:
         'ok' if share > 0.99 else f'{share:.0%} of the blocks are seen, the others told as unseen',
         error=f'{rms:.2g} mm RMS of those seen' if len(off) else '',
         against='the poses drawn' if len(off) else '',
-        holds='' if share > 0.99 else 'up to 55 degrees all are seen',
         seen=share,
         rms_mm=rms,
     )

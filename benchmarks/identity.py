@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol bench identity: who stays who under arms, false lights and darkness, against two usual ways.
 
-Simulated detections of a stick-slip table (support.stick_slip). A failure lasts when a
+A stick-slip table (support.stick_slip): the tracker sees images of it, the usual ways simulated
+detections. A failure lasts when a
 block in full view has a wrong name, or none, for 2 s; then the tracker is told the truth and goes
 on. It was declared when the tracker said that the turn is open, or the blocks are lost.
 Of a block that goes out of sight under its right name it is told how far from the truth its
@@ -9,42 +10,49 @@ predicted place is.
 """
 
 import argparse
+import dataclasses
 import json
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 from numba import njit
 from scipy import stats
-from support.relief import films
-from support.stick_slip import Onlooker, Ours, Table
+from support.stick_slip import Detections, Moment, Onlooker, Table
 
 from benchmarks import held_out
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.vision.detect import cover_light
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.render.clutter import LEVELS
+from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+from eol_ros.core.vision.states import TRACKING
+from eol_ros.core.vision.symmetry import TURNED
+from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError, UsageError
+from eol_ros.settings import TrackerSettings
 
 HELP = 'Identity failures per simulated hour, ours against nearest neighbour and Hungarian.'
 EXAMPLES = [
     'eol bench identity --hours 0.5 --json',
     'eol bench identity --fps 120 --rough 1.4 --permanent 3',
-    'eol bench identity --hours 10 --methods lattice --seed 7',
-    'eol bench identity --hours 1 --seeds 100 --methods lattice --keep names.jsonl',
-    'eol bench identity --hours 1 --methods lattice --seeds-from-time',
-    'eol bench identity --hours 1 --methods lattice --losses 120 --yaw-offset 0',
+    'eol bench identity --hours 10 --methods eol_ros --seed 7',
+    'eol bench identity --hours 1 --seeds 100 --methods eol_ros --keep names.jsonl',
+    'eol bench identity --hours 1 --methods eol_ros --seeds-from-time',
+    'eol bench identity --hours 1 --methods eol_ros --losses 120 --yaw-offset 0',
 ]
 Figures = dict[str, dict[str, float | None]]  # of each method
 LASTING_S = 2.0
-EXPOSURES = 8  # of each path-traced image
 OCCLUDED = (1, 6, 30)  # images out of sight after which a block's place is compared with the truth
 # of one seed, on which its figures depend
 SETTINGS = (
     'hours', 'fps', 'rough', 'permanent', 'losses', 'yaw_offset', 'covers', 'no_taps', 'methods'
 )  # fmt: skip
-METHODS = ('lattice', 'nearest', 'hungarian')
+METHODS = ('eol_ros', 'nearest', 'hungarian')
+LAMP_PX = 42  # half width of what is drawn of a false light: three standard deviations
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,9 +77,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--covers',
-        default='relief',
-        choices=('relief', 'unseen'),
-        help='path-traced covers, or names by place alone',
+        default='textured',
+        choices=('textured', 'alike'),
+        help='covers with a texture each, or names by place alone',
     )
     parser.add_argument('--no-taps', action='store_true', help='accelerometers are silent')
     parser.add_argument('--methods', default=','.join(METHODS))
@@ -83,13 +91,11 @@ def run(args: argparse.Namespace) -> int:
     """Measure, print."""
     if not args.hours > 0 or not args.fps > 0 or args.seeds < 1:
         raise UsageError('--hours, --fps and --seeds must be positive')
-    covers = None if args.covers == 'unseen' else patterns()
 
     def one(seed: int) -> dict[str, dict[str, float | None]]:
-        trackers = {name: make(name, covers) for name in args.methods.split(',')}
         return measure(
-            trackers, args.hours, args.fps, seed, args.rough, args.permanent, args.losses,
-            not args.no_taps, np.radians(args.yaw_offset),
+            args.methods.split(','), args.hours, args.fps, seed, args.rough, args.permanent,
+            args.losses, not args.no_taps, np.radians(args.yaw_offset), args.covers == 'textured',
         )  # fmt: skip
 
     def block(first: int) -> dict[str, dict[str, float | None]]:
@@ -113,23 +119,64 @@ def _table(scores: dict[str, dict]) -> str:
     return '\n'.join(lines)
 
 
-def patterns() -> np.ndarray:
-    """Return patterns (m, 25, SIZE) of 25 path-traced covers, each as m images show it.
+class Ours:
+    """The tracker, with images that show what the detections do.
 
-    The camera is tilted by 4 degrees, the rim in all quarters; what is saturated is NaN.
+    textured: covers have a texture of their own; else all are alike.
     """
-    found = []
-    for film in films.load(films.TURNED):
-        packed = films.calibration(film, False).packed()
-        for k in range(EXPOSURES):
-            image = films.sensed(film.light, k)
-            image.flags.writeable = False
-            shown = np.empty((N_BLOCKS, cover_light.SIZE))
-            for pose, pattern in zip(film.shot.poses, shown, strict=True):
-                if not cover_light.sample(packed, image, *pose, pattern):
-                    pattern[:] = np.nan
-            found.append(shown)
-    return np.array(found)
+
+    NEAR_M = 0.02  # between a block as it is reported and its detection
+
+    def __init__(self, onlooker: Onlooker, textured: bool = True) -> None:
+        level = dataclasses.replace(LEVELS['clean'], texture=LEVELS['hard'].texture * textured)
+        with mock.patch.dict(LEVELS, names=level):
+            self.renderer = Renderer(RenderOptions(clutter='names'), Calibration.ideal(), 13)
+        self.onlooker, self.images = onlooker, 0
+        rows, columns = np.mgrid[-LAMP_PX : LAMP_PX + 1, -LAMP_PX : LAMP_PX + 1]
+        self.lamp = 150 * np.exp(-(rows**2 + columns**2) / (LAMP_PX / 3) ** 2 / 2)
+
+    def begin(self, xy: np.ndarray) -> None:
+        self.tracker = Tracker(TrackerSettings(), self.renderer.calibration)
+        self.xy, self.named = xy.copy(), False
+
+    def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
+        self.tracker.tap(stamp_s, block, sigma_s)
+
+    def image(self, moment: Moment, seen: Detections) -> np.ndarray:
+        """Return the image of a moment, with its arms and false lights; dark without detections."""
+        arms = [[*shoulder, *hand, width] for _, shoulder, hand, _, width in self.onlooker.arms]
+        self.images += 1
+        image = self.renderer.render(
+            *moment.xy.T, moment.yaw, self.images, flash=np.zeros(N_BLOCKS),
+            ir=np.full(N_BLOCKS, float(len(seen.xy) > 0)), arms=np.reshape(arms, (-1, 5)),
+        )  # fmt: skip
+        lamps = self.renderer.calibration.to_pixels(seen.xy[seen.true < 0])
+        for u, v in np.rint(lamps).astype(int):
+            rows = slice(max(v - LAMP_PX, 0), max(v + LAMP_PX + 1, 0))
+            columns = slice(max(u - LAMP_PX, 0), max(u + LAMP_PX + 1, 0))
+            part = image[rows, columns]
+            lamp = self.lamp[rows.start - v + LAMP_PX :, columns.start - u + LAMP_PX :]
+            part[:] = np.minimum(part + lamp[: len(part), : part.shape[1]], 255)
+        return image
+
+    def update(self, moment: Moment, seen: Detections) -> np.ndarray:
+        """Return the detection of each block (25,), -1 for none."""
+        found = self.tracker.update(moment.stamp_s, self.image(moment, seen))
+        self.ambiguous = found.symmetry_ambiguous or found.state != TRACKING
+        if not self.named and found.state == TRACKING:  # it is told which way round the table lies
+            apart = [np.nansum(np.abs(found.world - moment.xy[turn])) for turn in TURNED]
+            self.tracker.follower.turn(int(np.argmin(apart)))
+            self.named = True
+            return np.full(N_BLOCKS, -1)
+        known = np.isfinite(found.world[:, 0])
+        self.xy[known] = found.world[known]
+        index = np.full(N_BLOCKS, -1)
+        if not len(seen.xy) or found.state != TRACKING:
+            return index
+        for block in np.flatnonzero(found.seen):
+            far = np.hypot(*(seen.xy - found.world[block]).T)
+            index[block] = far.argmin() if far.min() < self.NEAR_M else -1
+        return index
 
 
 class Slots:
@@ -188,8 +235,8 @@ class Slots:
         return pairs
 
 
-def make(name: str, covers: np.ndarray | None = None) -> Any:
-    return Ours(covers) if name == 'lattice' else Slots(name == 'hungarian')
+def make(name: str, onlooker: Onlooker, textured: bool = True) -> Any:
+    return Ours(onlooker, textured) if name == 'eol_ros' else Slots(name == 'hungarian')
 
 
 class Score:
@@ -303,7 +350,7 @@ def _compare(now, true, index, last, wrong_since):
 
 
 def measure(
-    trackers: dict[str, Any],
+    methods: list[str],
     hours: float,
     fps: float,
     seed: int,
@@ -312,13 +359,13 @@ def measure(
     losses_per_hour: float = 6.0,
     taps: bool = True,
     askew_rad: float = 0.05,
-    scores: dict[str, Score] | None = None,
+    textured: bool = True,
 ) -> dict[str, dict[str, float | None]]:
-    """Run all `trackers` over the same simulated hours and return their figures."""
+    """Run all `methods` over the same simulated hours and return their figures."""
     table = Table(seed, fps, rough, askew_rad=askew_rad)
     onlooker = Onlooker(seed, permanent=permanent, losses_per_hour=losses_per_hour)
-    scores = scores if scores is not None else {}
-    scores.update({name: Score() for name in trackers})
+    trackers = {name: make(name, onlooker, textured) for name in methods}
+    scores = {name: Score() for name in methods}
     images = round(hours * 3600 * fps)
     for tracker in trackers.values():
         tracker.begin(table.xy)

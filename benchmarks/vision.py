@@ -54,14 +54,8 @@ def add_arguments(parser):
         '--truth',
         metavar='FOLDER',
         nargs='+',
-        help='only films of another renderer, by both trackers: folders with frames.npy, truth.npz'
-        ' and calibration.yaml',
-    )
-    parser.add_argument(
-        '--tracker',
-        default='edges',
-        choices=('edges', 'appearance'),
-        help='with --films, --hard, --arms',
+        help='only films of another renderer: folders with frames.npy, truth.npz and'
+        ' calibration.yaml',
     )
     parser.add_argument('--surfaces', default='flat,relief', help='with --hard and --arms')
     parser.add_argument('--first-seed', type=int, default=41, help='with those: of --seeds')
@@ -89,7 +83,7 @@ def run(args) -> int:
         from benchmarks import vision_relief
 
         folder = FOLDER if args.films == 'relief' else Path(args.films)
-        figures = vision_relief.measure(folder, args.images, args.tracker)
+        figures = vision_relief.measure(folder, args.images)
         tell(figures, args.json, vision_relief.table)
         return 0
     if args.truth:
@@ -105,12 +99,10 @@ def run(args) -> int:
         surfaces = _named('--surfaces', args.surfaces, vision_hard.SURFACES)
 
         def hard(first: int) -> dict:
-            return videos.measure(kinds, surfaces, args.seconds, args.seeds, first, args.tracker)
+            return videos.measure(kinds, surfaces, args.seconds, args.seeds, first)
 
         held_out.measure(args.seeds_from_time, args.first_seed, hard, args.json, videos.table)
         return 0
-    if args.tracker != 'edges':
-        raise UsageError('--tracker is for --films, --hard and --arms')
     levels = _named('--levels', args.levels, LEVELS)
 
     def one(first: int) -> dict:

@@ -20,12 +20,13 @@ from support.relief import films
 
 from benchmarks.vision_hard import FlatLight, HardTally, ReliefLight
 from benchmarks.vision_peers import timed
-from benchmarks.vision_scenes import RATE_HZ, TRACKERS, number
+from benchmarks.vision_scenes import RATE_HZ, number
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.motion import Motion
 from eol_ros.core.motion.slips import START
 from eol_ros.core.vision.render import kernels
 from eol_ros.core.vision.render.renderer import Sensor
+from eol_ros.core.vision.tracker import Tracker
 from eol_ros.settings import MotionSettings, TrackerSettings
 from eol_ros.verbs.progress import track
 
@@ -289,10 +290,10 @@ class Scene:
             self.slides.go_on(k / RATE_HZ, shares)
 
 
-def follow(scene: Scene, tally: ArmsTally, by: str = 'edges') -> Iterator[None]:
+def follow(scene: Scene, tally: ArmsTally) -> Iterator[None]:
     """Add to `tally` what tracker and motion make of a scene, image by image."""
     camera, slips = scene.camera, scene.slides.slips
-    motion, tracker = Motion(MotionSettings()), TRACKERS[by](TrackerSettings(), camera)
+    motion, tracker = Motion(MotionSettings()), Tracker(TrackerSettings(), camera)
     off = np.full((scene.count, N_BLOCKS, 2), np.nan)
     sigma, share = np.full((2, scene.count, N_BLOCKS), np.nan)
     for k, (image, pose, shares, left) in enumerate(scene.images()):
@@ -353,13 +354,13 @@ def poisson(count: int) -> tuple[float, float]:
 
 
 def measure(
-    kinds: list[str], surfaces: list[str], seconds: float, seeds: int, first_seed: int, by: str
+    kinds: list[str], surfaces: list[str], seconds: float, seeds: int, first_seed: int
 ) -> dict:
     """Return figures of each surface and kind, all videos of it together."""
     jobs = [(s, k, first_seed + i) for s in surfaces for k in kinds for i in range(seeds)]
     images = len(jobs) * round((LEARN_S + seconds) * RATE_HZ)
     joint: dict[str, dict[str, ArmsTally]] = {s: {k: ArmsTally() for k in kinds} for s in surfaces}
-    steps = (step for s, k, i in jobs for step in follow(Scene(s, k, seconds, i), joint[s][k], by))
+    steps = (step for s, k, i in jobs for step in follow(Scene(s, k, seconds, i), joint[s][k]))
     for _ in track(steps, 'arms', images):
         pass
     return {'arms': {s: {k: t.figures() for k, t in of.items()} for s, of in joint.items()}}

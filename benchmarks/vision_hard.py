@@ -18,12 +18,13 @@ from support.relief.path_tracer import PSF_PX
 
 from benchmarks import vision_peers
 from benchmarks.vision_peers import match, timed, tuned
-from benchmarks.vision_scenes import OURS, RATE_HZ, TRACKERS, Film, Tally, number, track_image
+from benchmarks.vision_scenes import OURS, RATE_HZ, Film, Tally, number, track_image
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render import kernels
 from eol_ros.core.vision.render.clutter import LEVELS, Clutter
 from eol_ros.core.vision.render.renderer import Sensor
+from eol_ros.core.vision.tracker import Tracker
 from eol_ros.settings import TrackerSettings
 from eol_ros.verbs.progress import track
 
@@ -162,13 +163,12 @@ def run(
     kind: str,
     images: int,
     seed: int,
-    by: str = 'edges',
 ) -> None:
     """Add to `tallies` what the tracker makes of one video, and SimpleBlobDetector of `hard`."""
     level = kind if kind in LEVELS else 'hard'
     source = (FlatLight if surface == 'flat' else ReliefLight)(level, seed)
     sensor = Sensor(*films.NOISE, (seed, 0))
-    tracker = TRACKERS[by](TrackerSettings(), source.camera)
+    tracker = Tracker(TrackerSettings(), source.camera)
     tracker.warm_up()
     ours = tallies.setdefault(OURS, HardTally())
     image = np.empty((source.camera.image_height, source.camera.image_width), np.uint8)
@@ -201,14 +201,14 @@ def run(
 
 
 def measure(
-    kinds: list[str], surfaces: list[str], seconds: float, seeds: int, first_seed: int, by: str
+    kinds: list[str], surfaces: list[str], seconds: float, seeds: int, first_seed: int
 ) -> dict:
     """Return figures of each surface and kind, all videos of it together."""
     jobs = [(s, k, seed) for s in surfaces for k in kinds for seed in range(seeds)]
     joint: dict[str, dict[str, dict[str, HardTally]]] = {}
     for surface, kind, seed in track(jobs, 'videos'):
         tallies = joint.setdefault(surface, {}).setdefault(kind, {})
-        run(tallies, surface, kind, round(seconds * RATE_HZ), first_seed + seed, by)
+        run(tallies, surface, kind, round(seconds * RATE_HZ), first_seed + seed)
     return {
         'hard': {
             surface: {kind: {n: t.figures() for n, t in two.items()} for kind, two in of.items()}

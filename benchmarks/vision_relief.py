@@ -11,11 +11,10 @@ import numpy as np
 from support.relief import films
 from support.relief.films import SKIRT_M, calibration, covers
 
-from benchmarks.vision_scenes import TRACKERS
 from eol_ros.core.geometry import N_BLOCKS, PLATFORM_SIDE_M
 from eol_ros.core.vision.calibration.calibrate import from_images
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect.blobs import BlobFinder
+from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
 from eol_ros.verbs.progress import track
@@ -25,12 +24,12 @@ SETTLED = 10  # images after which a block has its name
 FLAT, KNOWN = 'covers taken to be flat', 'outlines of the covers known'
 
 
-def measure(folder: Path, images: int, by: str = 'edges') -> dict:
+def measure(folder: Path, images: int) -> dict:
     """Return figures of each image of a set, `images` exposures each, and of calibrating."""
     shown = films.load(folder)
     result: dict = {'images': images}
     for known in (False, True):
-        at_rest = {film.name: rest(film, images, known, by) for film in track(shown, 'films')}
+        at_rest = {film.name: rest(film, images, known) for film in track(shown, 'films')}
         places = {name: one.pop('places') for name, one in at_rest.items()}
         sigmas = {name: one.pop('sigmas') for name, one in at_rest.items()}
         moved, lit = {}, {}
@@ -49,18 +48,17 @@ def measure(folder: Path, images: int, by: str = 'edges') -> dict:
     return result
 
 
-def rest(film: films.Film, images: int, known: bool, by: str = 'edges') -> dict:
+def rest(film: films.Film, images: int, known: bool) -> dict:
     """Return what `images` exposures of blocks at rest give; `known`: the covers' heights are."""
     camera, truth = calibration(film, known), film.shot.poses
-    first = BlobFinder(calibration=camera).find(films.sensed(film.light, 0))
-    centres = camera.to_pixels(truth[:, :2])
-    found = np.column_stack([first['u'], first['v']])
-    near = np.hypot(*(centres[:, None] - found[None]).transpose(2, 0, 1)) < 10 if len(found) else ()
-    tracker = TRACKERS[by](TrackerSettings(), camera)
+    tracker, first_sight = Tracker(TrackerSettings(), camera), 0
     place, yaw = np.full((2, images, N_BLOCKS, 2), np.nan)
     sigma = np.full((images, N_BLOCKS), np.nan)
     for k in range(images + SETTLED):
         got = tracker.update(k / RATE_HZ, films.sensed(film.light, k))
+        if k == 0 and got.seen.any():
+            apart = camera.to_pixels(truth[:, :2])[:, None] - got.px[got.seen][None]
+            first_sight = int((np.hypot(*apart.transpose(2, 0, 1)) < 10).any(axis=1).sum())
         if k >= SETTLED:
             seen = got.seen
             place[k - SETTLED, seen] = got.world[seen]
@@ -68,15 +66,18 @@ def rest(film: films.Film, images: int, known: bool, by: str = 'edges') -> dict:
             sigma[k - SETTLED, seen] = got.sigma_m[seen]
     left = place - truth[:, :2]
     seen = np.isfinite(left[..., 0])
-    usual = np.nanmedian(place, axis=0)
-    away = np.hypot(*(place - usual).transpose(2, 0, 1))
+    some = seen.sum(axis=0) > 1  # others have no scatter
+    usual = np.nanmedian(place[:, some], axis=0)
+    away = np.hypot(*(place[:, some] - usual).transpose(2, 0, 1))
     # the median of the deviations: one hop does not make its own scale
-    scatter = np.nanmedian(np.abs(place - usual), axis=0).max(axis=1) / 0.6745
+    scatter = np.nanmedian(np.abs(place[:, some] - usual), axis=0).max(axis=1) / 0.6745
     turned = np.angle(np.exp(4j * (yaw[..., 0] - truth[:, 2]))) / 4
-    noise = np.sqrt(np.nanmean(np.nanvar(place, axis=0, ddof=1), axis=1))
+    noise = np.sqrt(np.nanmean(np.nanvar(place[:, some], axis=0, ddof=1), axis=1))
+    places, sigmas = np.full((N_BLOCKS, 2), np.nan), np.full(N_BLOCKS, np.nan)
+    places[some], sigmas[some] = np.nanmean(place[:, some], axis=0), np.nanmedian(sigma[:, some], 0)
     return {
         'noise_um': _rms(noise) * 1e6,
-        'first_sight': int(np.sum(np.any(near, axis=1))) if len(found) else 0,
+        'first_sight': first_sight,
         'coverage': float(seen.mean()),
         'error_mm_rms': _rms(left[seen]) * 2**0.5 * 1e3,
         'error_mm_worst': float(np.nanmax(np.hypot(*left.transpose(2, 0, 1)))) * 1e3,
@@ -84,9 +85,9 @@ def rest(film: films.Film, images: int, known: bool, by: str = 'edges') -> dict:
         'scatter_um': float(np.median(scatter)) * 1e6,
         'hop_mm': float(np.nanmax(away)) * 1e3,
         'hop_scatters': float(np.nanmax(away / scatter)),
-        'sigma_of_scatter': float(np.median(np.nanmedian(sigma, axis=0) / scatter)),
-        'places': np.nanmean(place, axis=0),
-        'sigmas': np.nanmedian(sigma, axis=0),
+        'sigma_of_scatter': float(np.median(sigmas[some] / scatter)),
+        'places': places,
+        'sigmas': sigmas,
     }
 
 

@@ -2,16 +2,13 @@
 """Videos of the twin with known truth, and what each method makes of them."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from benchmarks import vision_peers
 from benchmarks.vision_peers import errors, match, timed, tuned
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.vision.appearance.tracker import AppearanceTracker
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.tracker import Tracker
@@ -19,7 +16,6 @@ from eol_ros.settings import TrackerSettings
 
 RATE_HZ = 60.0
 OURS = 'eol_ros'
-TRACKERS: dict[str, Any] = {'edges': Tracker, 'appearance': AppearanceTracker}
 _TUNING = 4  # images that the peers are tuned on
 
 
@@ -120,22 +116,16 @@ def number(value: float | None, digits: int) -> str:
 
 
 def track_image(
-    tracker: Any, camera: Calibration, stamp_s: float, image: np.ndarray, pose: np.ndarray
+    tracker: Tracker, camera: Calibration, stamp_s: float, image: np.ndarray, pose: np.ndarray
 ) -> tuple[float, np.ndarray, int]:
-    """Return ms, errors (25, 2) px with NaN where nothing was seen, and false blobs of an image.
+    """Return ms, errors (25, 2) px with NaN where nothing was seen, and false blocks of an image.
 
     camera: by which it was taken. pose: (25, 3), the truth.
     """
     tracked, ms = timed(tracker.update, stamp_s, image)
     left = (tracked.world - pose[:, :2]) * camera.px_per_m()
     left[~tracked.seen] = np.nan
-    if isinstance(tracker, Tracker):
-        blobs = np.column_stack([tracker.blobs['u'], tracker.blobs['v']])
-    else:
-        blobs = tracked.px[
-            tracked.seen
-        ]  # it takes no light for a block that is none of the lattice
-    return ms, left, match(blobs, camera.to_pixels(pose[:, :2]))[1]
+    return ms, left, match(tracked.px[tracked.seen], camera.to_pixels(pose[:, :2]))[1]
 
 
 def run_film(
@@ -171,30 +161,32 @@ def run_film(
 def run_clean(noise: str, images: int, bound_px: float, seed: int = 1) -> dict:
     """Return the figures of each method on still blocks at random poses, one image each.
 
-    Ours is given the pose that the image before would have left, as for a block at rest.
+    Of ours the second image of each pose is measured, as for a block at rest.
     """
     renderer = Renderer(RenderOptions(noise=noise), None, seed)
     calibration = renderer.calibration
     rng = np.random.default_rng([seed, 8])
-    finder = BlobFinder(calibration=calibration)
     scenes = []
     for k in range(images + _TUNING):
-        xy = rest_lattice() + rng.normal(0, 0.004, (25, 2))
-        yaw = rng.uniform(-np.pi / 4, np.pi / 4, 25)
-        scenes.append((xy, yaw, renderer.render(xy[:, 0], xy[:, 1], yaw, k)))
-    first, scenes = scenes[:_TUNING], scenes[_TUNING:]
+        rim = rng.uniform(-np.pi / 4, np.pi / 4)
+        c, s = np.cos(rim), np.sin(rim)
+        xy = rest_lattice() @ np.array([[c, s], [-s, c]]) + rng.normal(0, 0.004, (25, 2))
+        yaw = rim + rng.normal(0, 0.08, 25)
+        first, image = (renderer.render(*xy.T, yaw, 2 * k + n).copy() for n in range(2))
+        scenes.append((xy, first, image))
+    tuning, scenes = scenes[:_TUNING], scenes[_TUNING:]
     others = [
-        tuned(peer, [s[2] for s in first], [calibration.to_pixels(s[0]) for s in first])
+        tuned(peer, [s[2] for s in tuning], [calibration.to_pixels(s[0]) for s in tuning])
         for peer in vision_peers.peers()
     ]
     tallies = {OURS: Tally()} | {peer.name: Tally() for peer in others}
     ones = np.ones(25)
-    finder.find(scenes[0][2])
-    for xy, yaw, image in scenes:
+    for xy, first, image in scenes:
         truth = calibration.to_pixels(xy)
-        near = np.column_stack([truth + rng.normal(0, 0.02, truth.shape), yaw])
-        blobs, ms = timed(finder.find, image, near)
-        found = np.column_stack([blobs['u'], blobs['v']])
+        tracker = Tracker(TrackerSettings(), calibration)
+        tracker.update(0.0, first)
+        tracked, ms = timed(tracker.update, 1 / RATE_HZ, image)
+        found = tracked.px[tracked.seen]
         tallies[OURS].add(ms, errors(found, truth), ones, match(found, truth)[1])
         for peer in others:
             found, ms = timed(peer.find, image)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of any renderer, with their truth: both trackers side by side.
+"""Films of any renderer, with their truth.
 
 A folder holds `frames.npy` (n, h, w) uint8, `calibration.yaml`, and `truth.npz` with `t` (n,) s,
 `world` (n, 25, 3) x, y in m and yaw in rad by block id, and `visible` (n, 25), the share in sight.
@@ -12,7 +12,8 @@ from zipfile import BadZipFile
 import numpy as np
 
 from benchmarks.vision_peers import timed
-from benchmarks.vision_scenes import TRACKERS, number
+from benchmarks.vision_scenes import number
+from eol_ros.core.vision.tracker import Tracker
 from eol_ros.devices.files import calibration_file
 from eol_ros.errors import UsageError
 from eol_ros.settings import TrackerSettings
@@ -87,38 +88,34 @@ def score(seen: np.ndarray, px: np.ndarray, at: np.ndarray, visible: np.ndarray)
 
 
 def measure(folders: list[str]) -> dict:
-    """Return figures by folder and tracker."""
-    result: dict[str, dict[str, dict]] = {}
+    """Return figures by folder."""
+    result: dict[str, dict] = {}
     for folder in folders:
         frames, truth, camera = load(Path(folder))
         at = np.stack([camera.to_pixels(pose[:, :2]) for pose in truth['world']])
-        for name, kind in TRACKERS.items():
-            tracker, spent, seen, px = kind(TrackerSettings(), camera), [], [], []
-            tracker.warm_up()
-            images = zip(truth['t'] - truth['t'][0], frames, strict=True)
-            for stamp_s, image in track(images, f'{folder}, {name}', total=len(frames)):
-                tracked, ms = timed(tracker.update, float(stamp_s), np.ascontiguousarray(image))
-                spent.append(ms)
-                seen.append(tracked.seen)
-                px.append(np.nan_to_num(tracked.px, nan=-1e6))
-            figures = score(np.array(seen), np.array(px), at, truth['visible'])
-            figures |= {
-                'ms_median': float(np.median(spent)),
-                'ms_p99': float(np.quantile(spent, 0.99)),
-            }
-            result.setdefault(folder, {})[name] = figures
+        tracker, spent, seen, px = Tracker(TrackerSettings(), camera), [], [], []
+        tracker.warm_up()
+        images = zip(truth['t'] - truth['t'][0], frames, strict=True)
+        for stamp_s, image in track(images, folder, total=len(frames)):
+            tracked, ms = timed(tracker.update, float(stamp_s), np.ascontiguousarray(image))
+            spent.append(ms)
+            seen.append(tracked.seen)
+            px.append(np.nan_to_num(tracked.px, nan=-1e6))
+        result[folder] = score(np.array(seen), np.array(px), at, truth['visible']) | {
+            'ms_median': float(np.median(spent)),
+            'ms_p99': float(np.quantile(spent, 0.99)),
+        }
     return {'truth': result}
 
 
 def table(result: dict) -> str:
     """Return the figures as lines of text."""
     lines = []
-    for folder, trackers in result['truth'].items():
-        for name, f in trackers.items():
-            lines.append(
-                f'{folder} {name:10s} whole {number(f["whole"], 5)} {number(f["rms_px"], 4)} px'
-                f'  partly {number(f["partly"], 3)} {number(f["rms_partly_px"], 3)} px'
-                f'  hidden {f["hidden_reported"]} of {f["hidden"]}  wrong {f["wrong_place"]}'
-                f'  switches {f["switches"]}  {f["ms_median"]:.2f} ms (99 %: {f["ms_p99"]:.2f})'
-            )
+    for folder, f in result['truth'].items():
+        lines.append(
+            f'{folder} whole {number(f["whole"], 5)} {number(f["rms_px"], 4)} px'
+            f'  partly {number(f["partly"], 3)} {number(f["rms_partly_px"], 3)} px'
+            f'  hidden {f["hidden_reported"]} of {f["hidden"]}  wrong {f["wrong_place"]}'
+            f'  switches {f["switches"]}  {f["ms_median"]:.2f} ms (99 %: {f["ms_p99"]:.2f})'
+        )
     return '\n'.join(lines)

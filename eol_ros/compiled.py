@@ -29,9 +29,9 @@ from eol_ros.disk import DISK
 from eol_ros.errors import ConfigError
 
 ROOT = Path(__file__).parent
-# Nodes with compiled loops; the tracker by appearance, which calibration uses, too; the ice
-# recording, which a scene without a recording needs; and the solvers of `eol simulate`.
-PARTS = ('tracker', 'appearance', 'twin', 'sound', 'ice', 'simulate')
+# Nodes with compiled loops; the ice recording, which a scene without a recording needs; and the
+# solvers of `eol simulate`.
+PARTS = ('tracker', 'twin', 'sound', 'ice', 'simulate')
 AT_FIRST = ('tracker', 'twin', 'sound', 'ice')  # what a scene may need
 WAIT_S = 120.0  # wait for a process that compiles the same function; then compile here, too
 WAIT_PARTS_S = 1800.0  # for another `eol compile`

@@ -282,25 +282,6 @@ class TrackerSettings:
     )
     blink_period_s: float = setting(2.0, 'period of the blinking of blink_block', 's', 0.5, 60)
     blink_off_s: float = setting(0.1, 'dark time in each period of blink_block', 's', 0.05, 0.2)
-    method: str = setting(
-        'edges',
-        '`edges`: by the edges of the covers; `appearance`: by learned images of the covers, for '
-        'flat covers, fast rims and bright lamps; takes 4 to 7 times as long',
-        choices=('edges', 'appearance'),
-    )
-    know_covers: bool = setting(
-        True,
-        'identify blocks by the brightness pattern of their covers, in addition to their '
-        'positions; with `method: edges`',
-    )
-    threshold: float = live(
-        0.0,
-        'least brightness, 0 to 255, of a spot that may be a block; 0: decided by contrast alone; '
-        'with `method: edges`',
-        '',
-        0,
-        255,
-    )
     background: str = setting(
         '',
         'background model (PNG) of lamps and reflections to ignore; rewritten each time it is '

@@ -338,8 +338,8 @@ def test_core_is_pure():
 # What is recomputed from a recording or has a digest: its bits follow from IEEE 754 alone.
 SAME_BITS = (
     'core/motion', 'core/light', 'core/montage', 'core/sound', 'core/vision/background',
-    'core/vision/detect', 'core/vision/identity', 'core/vision/tracker.py',
-    'core/vision/tracker_base.py',
+    'core/vision/appearance', 'core/vision/blink.py', 'core/vision/outline.py',
+    'core/vision/symmetry.py', 'core/vision/tracker.py', 'core/vision/turn_by_taps.py',
     'core/vision/calibration/mapping.py', 'core/vision/calibration/model.py',
     'lab/automaton', 'core/algebra.py', 'core/elementary.py',
     'core/elementary_kernels.py',
@@ -350,9 +350,8 @@ FREE = {  # of these modules, with the reason
     'core/sound/presets.py': 'what a preset becomes is recorded as settings',
     'core/sound/takes.py': 'a level that decides where a take ends, which is a file from then on',
     'lab/automaton/ofc.py': 'powers of integers',
-    'core/vision/detect/corners.py': 'calibration only, and that is recorded',
-    'core/vision/detect/falling_light.py': 'calibration only',
-    'core/vision/identity/symmetry.py': 'erfc of the C library in a sum that a threshold decides',
+    'core/vision/appearance/squares.py': 'whole powers, which numba multiplies out',
+    'core/vision/symmetry.py': 'erfc of the C library in a sum that a threshold decides',
 }
 PLATFORM = {
     'dot', 'matmul', 'einsum', 'inner', 'vdot', 'tensordot', 'convolve', 'correlate', 'cov',

@@ -8,8 +8,6 @@ from test_imports import MODULES, ROOT, name
 
 LINES, ARGUMENTS, KERNEL_LINES = 80, 8, 150
 KERNELS = 'njit', 'entry', 'uncounted', 'inlined', 'intrinsic'  # the decorators of compiled code
-# The tracker by edges, which the one by appearance replaces.
-LEAVING = 'core/vision/detect/', 'core/vision/identity/', 'core/vision/tracker.py'
 # Functions that exceed a limit. The first is a kernel: intrinsic() is called on it below.
 MORE = {
     'core/vectors.py:_spring_order',
@@ -43,8 +41,6 @@ def functions(path):
 
 @pytest.mark.parametrize('path', MODULES, ids=name)
 def test_functions_are_short_and_take_few_arguments(path):
-    if name(path).startswith(LEAVING):
-        return
     for function, lines, arguments, compiled in functions(path):
         where = f'{name(path)}:{function}'
         if compiled:

@@ -114,9 +114,9 @@ def test_tracking(places, resting, calibration):
                 image = image.copy()
                 image[200:500, 300:700] = 60
             tracker.update(k / 60, image)
-            yield tracker.blobs
-            yield tracker.lattice.xy
-        yield tracker.packed
+            yield tracker.follower.blocks
+            yield tracker.follower.found
+        yield tracker.follower.faces.light
 
     assert len(places(track)) == 1
 

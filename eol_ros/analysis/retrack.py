@@ -227,10 +227,10 @@ def _name(found: list[str], result: Retracked) -> None:
 def _compare_blocks(
     bag: Bag, lines: list[Heeded], blocks: Table, result: Retracked, track: Any
 ) -> None:
-    from eol_ros.core.vision.trackers import tracker_for
+    from eol_ros.core.vision.tracker import Tracker
 
     settings = settings_of(bag, 'tracker')
-    tracker = tracker_for(settings, _calibration(bag, settings))
+    tracker = Tracker(settings, _calibration(bag, settings))
     for asked in _accepted(lines, 'tracker'):
         for kind, value in for_tracker(asked):
             tracker.requests.add(asked.from_ns, kind, value)

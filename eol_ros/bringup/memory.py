@@ -17,7 +17,6 @@ from eol_ros.disk import DISK, Disk
 from eol_ros.errors import ConfigError
 from eol_ros.scene import Scene, check_value, plain, public
 from eol_ros.settings import by_today, live_fields
-from eol_ros.streams.requests import LEARNT
 
 Kept = dict[str, dict[str, Any]]  # by node
 FLAGS = ('asleep', 'muted')
@@ -81,9 +80,8 @@ class Memory:
         found: dict[str, Any] = {flag: True for flag in FLAGS if kept.get(flag) is True}
         if type(kept.get(HEEDED)) in (int, float):
             found[HEEDED] = kept[HEEDED]
-        for learnt in LEARNT:  # as text; the tracker verifies it
-            if isinstance(kept.get(learnt), str):
-                found[learnt] = kept[learnt]
+        if isinstance(kept.get('covers'), str):  # as the tracker learned them; it verifies it
+            found['covers'] = kept['covers']
         kind = type(self._scene.nodes[node])
         fields = {f: kind.__dataclass_fields__[f] for f in live_fields(kind)}
         settings = {}

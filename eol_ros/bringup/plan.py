@@ -6,14 +6,12 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from eol_ros import compiled
 from eol_ros.bringup.ros_args import RosArgs
 from eol_ros.errors import UsageError, nearest
 from eol_ros.ros import network
 from eol_ros.scene import Scene, machine_node
-from eol_ros.settings import TrackerSettings
 from eol_ros.streams.graph import NAMESPACE, NODES
 
 # One thread for each library: the graph has its own processes, two cores are shared by all of them.
@@ -143,18 +141,11 @@ def compiler(scene: Scene) -> Process | None:
 
     It is no node, and has no name of one.
     """
-    parts = compiled.cold(map(_part, scene.nodes.items()))
+    parts = compiled.cold(scene.nodes)
     if not parts:
         return None
     command = (sys.executable, '-m', 'eol_ros', 'compile', '--parts', ','.join(parts))
     return Process(('compiler',), command, {})
-
-
-def _part(node: tuple[str, Any]) -> str:
-    """Return which of `compiled.PARTS` a node needs, or any other name."""
-    name, settings = node
-    by_appearance = isinstance(settings, TrackerSettings) and settings.method == 'appearance'
-    return 'appearance' if by_appearance else name
 
 
 def domain(scene: Scene) -> int:

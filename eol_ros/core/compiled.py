@@ -173,6 +173,19 @@ class _InnerCompiler(Compiler):
         return super().compile_extra(func)
 
 
+def read_only(image: np.ndarray) -> np.ndarray:
+    """Return `image` as the one type that loops are compiled for: contiguous, not to be written.
+
+    For another type they would be compiled again, while an image waits, and their fast arithmetic
+    might then round differently in the last bit.
+    """
+    if image.flags.c_contiguous and not image.flags.writeable:
+        return image
+    image = np.ascontiguousarray(image).view()
+    image.flags.writeable = False
+    return image
+
+
 def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator that makes a C callback, as `numba.cfunc(signature, cache=True)`."""
 

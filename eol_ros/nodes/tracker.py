@@ -13,11 +13,12 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage
 from std_msgs.msg import String
 
+from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.vision.appearance import learnt
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.requests import BACKGROUND, LEARNED, THRESHOLD, known
+from eol_ros.core.vision.requests import BACKGROUND, COVERS
 from eol_ros.core.vision.states import STATES
-from eol_ros.core.vision.tracker_base import Tracked
-from eol_ros.core.vision.trackers import tracker_for
+from eol_ros.core.vision.tracker import Tracked, Tracker
 from eol_ros.devices.bag.selection import StampGaps
 from eol_ros.devices.camera.preview import Preview
 from eol_ros.devices.files import calibration_file
@@ -46,14 +47,13 @@ class TrackerNode(EolNode):
         super().__init__(settings, **kwargs)
         self.files = TrackerFiles(self.settings, keep=not self.sim_time)
         self.pending: dict[str, Asked] = {}  # by kind: what is not answered yet
-        self.learnt = {kind: self._learnt_before(kind) for kind in LEARNED}
+        self.covers = self._covers_before()  # as they were learned
         self.learnt_s = 0.0  # stamp
         self.told: Calibration | None = None
         self.restart()
         self.blocks = self.publisher('blocks')  # to be known by the time that there are any
         self.tracker.warm_up()
         self.gaps = StampGaps(self.scene.image_rate)
-        self.threshold = self.settings.threshold
         self.writer = blocks.Codec(definition(blocks.TYPE), self.frame_prefix)
         self.calibrations = self.publisher('calibration')
         self.tell_calibration()
@@ -64,11 +64,10 @@ class TrackerNode(EolNode):
             self.preview = Preview(self._show)
             self.health.watches('preview', self.preview.rounds)
         self.health.expects(said('images'))
-        self.health.values['threshold'] = self.threshold
         self.subscribe('block_taps', self.on_tap)
         self.requests.serve(
             calibrate=self.pend, darkness=self.pend, background=self.on_background,
-            **dict.fromkeys(LEARNED, self.on_learnt),
+            covers=self.on_covers,
         )  # fmt: skip
         if self.jpeg:
             self.cost = ConversionCost(self)
@@ -82,7 +81,7 @@ class TrackerNode(EolNode):
             self.infos: Subscription | None = self.subscribe('camera/camera_info', self.on_lens)
 
     def restart(self) -> None:
-        self.tracker = tracker_for(self.settings, self.files.calibration)
+        self.tracker = Tracker(self.settings, self.files.calibration)
         self.images, self.stamp_ns = 0, 0
         self.lamps = self.files.lamps  # to begin with
         for asked in self.pending.values():
@@ -103,11 +102,6 @@ class TrackerNode(EolNode):
 
     def on_tap(self, tap: BlockTap) -> None:
         self.tracker.tap(*taps.to_core(taps.RECORD.take(tap)))
-
-    def on_settings(self, new) -> None:
-        if new.threshold != self.threshold:
-            self.threshold = self.health.values['threshold'] = new.threshold
-            self.tracker.requests.add(self.live_from_ns, THRESHOLD, new.threshold)
 
     def hand_over(self, asked: Asked) -> None:
         for kind, value in for_tracker(asked):
@@ -135,8 +129,8 @@ class TrackerNode(EolNode):
         self.lamps = b''  # a replay has those of that day, and not of today
         self.hand_over(asked)
 
-    def on_learnt(self, asked: Asked) -> None:
-        self.learnt[asked.kind] = b''  # as above
+    def on_covers(self, asked: Asked) -> None:
+        self.covers = b''  # as above
         self.hand_over(asked)
 
     def read_jpeg(self, message: CompressedImage) -> images.Grey:
@@ -175,8 +169,7 @@ class TrackerNode(EolNode):
         self.stamped(self.stamp_ns)
         if not self.images:
             self._begin_with(BACKGROUND, self.lamps)
-            for kind, data in self.learnt.items():
-                self._begin_with(kind, data)
+            self._begin_with(COVERS, self.covers)
         self.gaps.take(self.stamp_ns)
         tracked = self.tracker.update(self.stamp_ns * 1e-9, image)
         self.blocks.publish(self._packed(tracked))
@@ -190,13 +183,13 @@ class TrackerNode(EolNode):
         if self.preview.due(self.stamp_ns, self.settings.preview_hz):
             self.preview.take(self.stamp_ns, image)
 
-    def _learnt_before(self, kind: str) -> bytes:
-        """Return what was learnt of a kind before a restart; nothing where it is damaged."""
+    def _covers_before(self) -> bytes:
+        """Return what was learnt of the covers before a restart; nothing where it is damaged."""
         try:
-            learnt = base64.b64decode(self.resumed.get(kind, ''))
-            if learnt:
-                known(kind, learnt)
-            return learnt
+            covers = base64.b64decode(self.resumed.get(COVERS, ''))
+            if covers:
+                learnt.check(covers, N_BLOCKS)
+            return covers
         except (ConfigError, ValueError, TypeError) as error:
             self.get_logger().warning(f'what was learnt of the blocks before is lost: {error}')
             return b''
@@ -211,9 +204,9 @@ class TrackerNode(EolNode):
         if self.sim_time or abs(self.stamp_ns * 1e-9 - self.learnt_s) < LEARNT_EVERY_S:
             return
         self.learnt_s = self.stamp_ns * 1e-9
-        for kind, learnt in self.tracker.learned().items():
-            self.learnt[kind] = learnt
-            self.keep(**{kind: base64.b64encode(learnt).decode()})
+        if covers := self.tracker.learned():
+            self.covers = covers
+            self.keep(**{COVERS: base64.b64encode(covers).decode()})
 
     def _packed(self, t: Tracked) -> bytes:
         rows = blocks.rows_of(t, self.writer.rows)

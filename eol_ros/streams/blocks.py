@@ -19,7 +19,7 @@ from eol_ros.streams.cdr import NS, Decoder, Fixed, words
 from eol_ros.streams.checks import LARGEST
 
 if TYPE_CHECKING:
-    from eol_ros.core.vision.tracker_base import Tracked
+    from eol_ros.core.vision.tracker import Tracked
 
 TYPE = 'eol_msgs/msg/Blocks'
 FRAME_ID = 'table'

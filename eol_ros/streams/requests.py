@@ -180,10 +180,6 @@ KINDS: dict[str, Kind] = {
              within_s=15.0, internal=True),
         Kind('background', 'an image of what shines without blocks, as PNG; empty for none',
              ('tracker',), internal=True),
-        Kind('yaw_offsets', 'how crooked each block stands, as learnt before, by which names are'
-             ' known after darkness', ('tracker',), internal=True),
-        Kind('cover_patterns', 'how each cover spreads its light, as learnt before, by which names'
-             ' are known', ('tracker',), internal=True),
         Kind('covers', 'how bright each cover is, place by place, as learned before, by which'
              ' names are known', ('tracker',), internal=True),
         Kind('infrared', 'blocks whose infrared light is on, one bit each', ('twin',),
@@ -211,8 +207,7 @@ PROVED = ('tracker', 'motion', 'grains')  # their results are recomputed from a 
 PEOPLE = ('sleep', 'wake', 'test')  # asked of the work, not of a machine or a room
 Columns = Mapping[str, np.ndarray] | np.ndarray  # of a table, by name
 _WRITING = ('move_grain', 'restore_grain')  # to files that are there when it is replayed
-LEARNT = ('yaw_offsets', 'cover_patterns', 'covers')  # of the blocks, by the tracker
-_KEPT = (SET, 'background', *LEARNT)  # hold until the next such request
+_KEPT = (SET, 'background', 'covers')  # hold until the next such request
 
 
 @dataclass(frozen=True)
@@ -262,9 +257,7 @@ def ahead(heeded: list[Heeded], start_ns: int) -> list[Asked]:
 
 def for_tracker(asked: Asked) -> Iterator[tuple[str, Any]]:
     """Yield kind and value of a request as `core.vision.requests` has them."""
-    if asked.kind == SET and 'threshold' in asked.values:
-        yield 'threshold', asked.values['threshold']
-    elif asked.kind in ('background', *LEARNT):
+    if asked.kind in ('background', 'covers'):
         yield asked.kind, asked.data
     elif asked.kind in ('darkness', 'calibrate'):
         yield asked.kind, asked.values.get('until_ns')

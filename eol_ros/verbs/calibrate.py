@@ -146,7 +146,7 @@ def _blocks(args, images):
     from eol_ros.verbs import compile
     from eol_ros.verbs.progress import track
 
-    compile.ensure(['appearance'])
+    compile.ensure(['tracker'])
     return from_images(
         track(_usable(images), 'finding blocks'),
         _start(args, images[0].shape),

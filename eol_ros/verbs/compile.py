@@ -159,32 +159,17 @@ def _twin():
 
 
 def _tracker():
-    from eol_ros.core.vision.calibration.model import Calibration
-    from eol_ros.core.vision.tracker import Tracker
-    from eol_ros.settings import TrackerSettings
-
-    Tracker(TrackerSettings(), Calibration.ideal()).warm_up()
-    # and one that has to calibrate itself, from blocks at rest
-    _watch_at_rest(Tracker(TrackerSettings(), None), 120)
-
-
-def _appearance():
-    from eol_ros.core.vision.appearance.tracker import AppearanceTracker
-    from eol_ros.settings import TrackerSettings
-
-    tracker = AppearanceTracker(TrackerSettings(), None)
-    tracker.warm_up()
-    _watch_at_rest(tracker, 30)  # it calibrates itself
-
-
-def _watch_at_rest(tracker, images: int) -> None:
     import numpy as np
 
     from eol_ros.core.geometry import N_BLOCKS, rest_lattice
     from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+    from eol_ros.core.vision.tracker import Tracker
+    from eol_ros.settings import TrackerSettings
 
+    tracker = Tracker(TrackerSettings(), None)
+    tracker.warm_up()
     renderer, (x, y) = Renderer(RenderOptions(), None, 0), rest_lattice().T
-    for k in range(images):
+    for k in range(30):  # it calibrates itself
         tracker.update(k / 60, renderer.render(x, y, np.zeros(N_BLOCKS), k))
 
 
@@ -237,7 +222,6 @@ def _simulate():
 
 WORK = {
     'tracker': _tracker,
-    'appearance': _appearance,
     'twin': _twin,
     'sound': _sound,
     'ice': _ice,
@@ -246,16 +230,14 @@ WORK = {
 # To tell how far it is: how many functions each of them compiles or loads (numba's own events), and
 # how many seconds of a processor that took, cold, where it was measured.
 FUNCTIONS = {
-    'tracker': 263,
-    'appearance': 255,
+    'tracker': 255,
     'twin': 80,
     'sound': 103,
     'ice': 1,
     'simulate': 141,
 }
 SECONDS = {
-    'tracker': 65,
-    'appearance': 52,
+    'tracker': 52,
     'twin': 49,
     'sound': 45,
     'ice': 10,

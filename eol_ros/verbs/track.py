@@ -18,7 +18,6 @@ EXAMPLES = [
     'eol track images.npy --fps 60 --output answer.npz --json',
     'eol track film.mp4 --calibration table.yaml --output answer.npz',
     'eol track film.mkv --stamps film.txt --output answer.npz',
-    'eol track film.mp4 --calibration table.yaml --tracker appearance --json',
     'eol track bags/2026-11-21 --output answer.npz --overlay seen.mp4',
 ]
 SLIP = [
@@ -49,11 +48,6 @@ def add_arguments(parser):
         '--mirror', action='store_true',
         help='the camera sees the table in a mirror; a calibration file says it by itself',
     )  # fmt: skip
-    parser.add_argument(
-        '--tracker', choices=('edges', 'appearance'), default='edges',
-        help='`edges`: by the edges of the covers; `appearance`: by learned '
-             'faces, for fast rims and clutter',
-    )  # fmt: skip
     parser.add_argument('-o', '--output', metavar='ANS.npz', help='where the answer goes')
     parser.add_argument('--overlay', metavar='OUT.mp4', help='video, or image, with what was seen')
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
@@ -64,7 +58,7 @@ def run(args) -> int:
     from eol_ros.core.motion.felt import Knock
     from eol_ros.core.motion.motion import Motion
     from eol_ros.core.vision.states import TRACKING
-    from eol_ros.core.vision.trackers import tracker_for
+    from eol_ros.core.vision.tracker import Tracker
     from eol_ros.devices.camera.image_sequence import open_source
     from eol_ros.settings import MotionSettings, TrackerSettings
     from eol_ros.verbs.progress import track
@@ -73,8 +67,7 @@ def run(args) -> int:
     if args.output and not Path(args.output).absolute().parent.is_dir():
         raise ConfigError(f'{args.output}: there is no such folder')
     calibration = _calibration(args.calibration, args.mirror)
-    settings = TrackerSettings(mirror=args.mirror, method=args.tracker)
-    tracker = tracker_for(settings, calibration)
+    tracker = Tracker(TrackerSettings(mirror=args.mirror), calibration)
     tracker.warm_up()
     motion = Motion(MotionSettings())
     for tap in source.taps:
@@ -194,7 +187,7 @@ class _Oddities:
 
     def _look_at_sizes(self, tracked) -> None:
         sizes = self._sizes
-        if sizes and sizes.add(tracked.world, self._tracker.sides_px(), tracked.visibility):
+        if sizes and sizes.add(tracked.world, self._tracker.sides_px, tracked.visibility):
             self._sizes = None
             if fault := sizes.fault():
                 _say(tracked.stamp_s, fault)

@@ -68,7 +68,6 @@ CONTROLS: dict[str, Control] = {
         ),
         _setting('radius', 'grains', 'radius'),
         _setting('blend', 'grains', 'blend'),
-        _setting('threshold', 'tracker', 'threshold'),
         Control(
             'axes',
             'descriptors of the two axes',

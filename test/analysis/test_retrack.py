@@ -97,7 +97,7 @@ def run(tmp_path_factory, any_stamp):
                 heard(requests=1)
             picture = renderer.render(at[:, 0], at[:, 1], yaw, i, ir=lit)
             if i == 98:  # what is asked for while running must not spoil the proof
-                tracker.set_parameters([Parameter('threshold', value=60.0)])
+                tracker.set_parameters([Parameter('preview_hz', value=6.0)])
                 heard(requests=4)
             if i == LIVE:  # and changes how slips are found and grains are chosen
                 grains.set_parameters([Parameter('radius', value=0.2)])

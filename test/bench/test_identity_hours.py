@@ -22,7 +22,7 @@ class Hours:
     def __call__(self, seed):
         self.asked.append(seed)
         lasting = self.lasting[seed] / 0.5
-        return {'lattice': {'lasting_failures_per_hour': lasting, 'switches_per_hour': 2.0 * seed}}
+        return {'eol_ros': {'lasting_failures_per_hour': lasting, 'switches_per_hour': 2.0 * seed}}
 
 
 def test_a_run_that_was_cut_off_goes_on_from_what_is_kept(tmp_path):
@@ -30,7 +30,7 @@ def test_a_run_that_was_cut_off_goes_on_from_what_is_kept(tmp_path):
     identity.measure_seeds(hours, range(3, 5), SETTINGS, kept)
     with kept.open('a') as file:
         file.write('{"seed": 5, "sett')  # the power failed
-    found = identity.measure_seeds(hours, range(3, 6), SETTINGS, kept)['lattice']
+    found = identity.measure_seeds(hours, range(3, 6), SETTINGS, kept)['eol_ros']
 
     assert hours.asked == [3, 4, 5]
     assert found['hours'] == 1.5 and found['lasting_failures'] == 3
@@ -43,7 +43,7 @@ def test_a_run_that_was_cut_off_goes_on_from_what_is_kept(tmp_path):
 
 
 def test_without_a_failure_the_rule_of_three_holds():
-    found = identity.together([Hours({0: 0})(0)] * 200, 0.5)['lattice']
+    found = identity.together([Hours({0: 0})(0)] * 200, 0.5)['eol_ros']
     assert found['hours'] == 100.0
     assert found['lasting_per_hour_below_95'] == pytest.approx(0.03, rel=2e-3)
 
@@ -101,8 +101,8 @@ def test_the_places_of_occluded_blocks_are_compared_while_their_names_were_right
     figures = score.figures(1.0, 7)
     assert figures['occluded_6_images_median_mm'] == pytest.approx(5.0)
     assert figures['occluded_30_images_99_percent_mm'] is None
-    pieces = [{'lattice': figures | {'occluded_30_images_median_mm': far}} for far in (None, 4.0)]
-    found = identity.together(pieces, 1.0)['lattice']
+    pieces = [{'eol_ros': figures | {'occluded_30_images_median_mm': far}} for far in (None, 4.0)]
+    found = identity.together(pieces, 1.0)['eol_ros']
     assert found['occluded_30_images_median_mm'] == 4.0
     assert found['occluded_30_images_99_percent_mm'] is None
 
@@ -114,16 +114,32 @@ def test_the_command_adds_seeds_up(tmp_path, capsys):
 
     parser = argparse.ArgumentParser()
     identity.add_arguments(parser)
-    line = f'--hours 0.002 --seeds 2 --methods lattice --json --keep {tmp_path / "kept"}'
+    line = f'--hours 0.0005 --seeds 2 --methods eol_ros --json --keep {tmp_path / "kept"}'
     assert identity.run(parser.parse_args(line.split())) == 0
-    both = json.loads(capsys.readouterr().out)['lattice']
+    both = json.loads(capsys.readouterr().out)['eol_ros']
     alone = [
-        identity.measure(
-            {'lattice': identity.make('lattice', identity.patterns())},
-            0.002, 60.0, seed, askew_rad=np.radians(2.9),
-        )['lattice']
+        identity.measure(['eol_ros'], 0.0005, 60.0, seed, askew_rad=np.radians(2.9))['eol_ros']
         for seed in (1, 2)
-    ]  # fmt: skip
+    ]
     for key in ('missed_percent', 'hidden_percent', 'switches_per_hour'):
         assert both[key] == pytest.approx(np.mean([one[key] for one in alone]))
-    assert both['hours'] == 0.004
+    assert both['hours'] == 0.001
+
+
+@pytest.mark.slow
+def test_images_show_what_the_detections_do():
+    onlooker, table = Onlooker(3, permanent=2), Table(3, 60.0)
+    ours = identity.make('eol_ros', onlooker)
+    ours.begin(table.xy)
+    for _ in range(60):
+        moment = table.step()
+        seen = onlooker.look(moment)
+        image = ours.image(moment, seen)
+        index = ours.update(moment, seen)
+    camera = ours.renderer.calibration
+    at = np.rint(camera.to_pixels(seen.xy)).astype(int)
+    inside = (at >= 0).all(axis=1) & (at < [1280, 800]).all(axis=1)
+    assert inside.sum() > 20 and (seen.true[inside] < 0).any()
+    assert image[at[inside, 1], at[inside, 0]].min() > 100
+    held = index >= 0
+    assert held.sum() > 15 and (seen.true[index[held]] == np.flatnonzero(held)).all()

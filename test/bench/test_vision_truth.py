@@ -65,15 +65,13 @@ def film(folder, images=14):
     calibration_file.save(folder / 'calibration.yaml', Calibration.ideal())
 
 
-def test_a_film_from_its_folder_to_the_figures_of_both_trackers(tmp_path, capsys):
+def test_a_film_from_its_folder_to_its_figures(tmp_path, capsys):
     film(tmp_path)
     assert cli.main(['bench', 'vision', '--truth', str(tmp_path), '--json']) == 0
     found = json.loads(capsys.readouterr().out)['truth'][str(tmp_path)]
-    assert set(found) == {'edges', 'appearance'}
-    for figures in found.values():
-        assert figures['whole'] == 1.0
-        assert figures['rms_px'] < 0.015
-        assert figures['switches'] == figures['wrong_place'] == 0
+    assert found['whole'] == 1.0
+    assert found['rms_px'] < 0.015
+    assert found['switches'] == found['wrong_place'] == 0
 
 
 @pytest.mark.parametrize(

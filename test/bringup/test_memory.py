@@ -23,12 +23,12 @@ KEPT = {
     'grains': {'settings': {'radius': 0.11}},
     'leds': {'asleep': False},
     'motion': {},
-    'tracker': {'yaw_offsets': 'AAAA', 'cover_patterns': 'AAAA'},
+    'tracker': {'covers': 'AAAA'},
 }
 SAME = {
     'sound': {'muted': True, 'settings': {'gain_db': -9.0}},
     'grains': {'settings': {'radius': 0.11}},
-    'tracker': {'yaw_offsets': 'AAAA', 'cover_patterns': 'AAAA'},
+    'tracker': {'covers': 'AAAA'},
 }
 
 

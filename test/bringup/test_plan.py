@@ -99,7 +99,7 @@ def test_the_remapping_rule_of_ros_names_the_namespace(rule):
 
 PARAMETERS = """
 /**: {ros__parameters: {radius: 0.07, seed: 5, mine: 1, nested: {deep: [1, 2]}}}
-/north/*: {ros__parameters: {threshold: 20}}
+/north/*: {ros__parameters: {blink_period_s: 3}}
 grains: {ros__parameters: {radius: 0.08}}
 north: {motion: {ros__parameters: {qos_overrides: {/north/slips: {publisher: {depth: 9}}}}}}
 usb_cam: {ros__parameters: {framerate: 30.0}}
@@ -115,7 +115,7 @@ def test_parameters_become_settings_of_the_scene_or_reach_the_nodes(tmp_path):
     base = scenes.load('rehearsal')
     given = read(base, (*words, *others))
     nodes = given.scene.nodes
-    assert (nodes['grains'].radius, nodes['tracker'].threshold) == (0.08, 20.0)
+    assert (nodes['grains'].radius, nodes['tracker'].blink_period_s) == (0.08, 3.0)
     assert (nodes['tracker'].preview_hz, nodes['sound']) == (5.0, base.nodes['sound'])
     assert nodes['twin'].seed == 5
     for process in plan.processes(given.scene, Path('s.yaml'), ros_args=given):
@@ -242,13 +242,13 @@ def test_a_tracker_runs_behind_a_replay_only_where_there_are_all_images(
 
 def test_settings_that_make_another_run_of_it_are_told(tmp_path):
     was = (
-        'nodes: {tracker: {threshold: 30.0, preview_hz: 5.0}, motion: {stop_s: 0.1}, leds: off,'
-        ' grains: {match: [], weights: []}}'  # as a bag has lists
+        'nodes: {tracker: {blink_period_s: 3.0, preview_hz: 5.0, know_covers: false}, leds: off,'
+        ' motion: {stop_s: 0.1}, grains: {match: [], weights: []}}'  # as a bag has lists
     )
     bag_of(tmp_path / 'bags' / 'run', was, images=9, blocks=9)
     _, notes = playback.settle(scene_with(tmp_path, 'bag: bags'))
 
-    assert notes == ['tracker.threshold is 0.0 here and was 30.0 in the run: it will differ']
+    assert notes == ['tracker.blink_period_s is 2.0 here and was 3.0 in the run: it will differ']
 
 
 def test_a_replay_without_its_bag_does_not_start(tmp_path):

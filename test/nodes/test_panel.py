@@ -279,7 +279,7 @@ def test_what_people_ask_reaches_the_graph(rig):
             told = {'ok': True, 'text': 'radius is 0.125', 'said': said}
             told |= {'node': 'grains', 'values': {'radius': 0.125}}
             assert await post(client, 'radius', {'value': 0.125}) == (200, told)
-            status, answer = await post(client, 'threshold', {'value': 90})
+            status, answer = await post(client, 'calibrate', {})
             assert status == 409 and 'tracker does not run' in answer['error']
         await ws.send_str('{"rim": [0.1, -0.2, 0.3]}')
         await asyncio.to_thread(wait_until, lambda: rig.around.rims)

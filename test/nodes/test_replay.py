@@ -279,14 +279,14 @@ def accept(kind, node, values=(), from_s=0.0, accepted=True):
     return message
 
 
-def threshold(value):
-    return {'threshold': value}
+def preview(value):
+    return {'preview_hz': value}
 
 
 REQUESTS = [
     ('blocks', 0.0, Blocks()),
-    ('request_results', 0.01, accept('set', 'tracker', threshold(30.0), 0.1)),
-    ('request_results', 0.02, accept('set', 'tracker', threshold(40.0), 0.2)),
+    ('request_results', 0.01, accept('set', 'tracker', preview(30.0), 0.1)),
+    ('request_results', 0.02, accept('set', 'tracker', preview(20.0), 0.2)),
     ('request_results', 0.03, accept('calibrate', 'tracker', from_s=0.2)),
     ('request_results', 0.04, accept('set', 'grains', {'radius': 0.1}, 0.2)),
     ('request_results', 0.05, accept('set', 'grains', {'radius': 9.0}, 0.2, accepted=False)),
@@ -302,7 +302,7 @@ REQUESTS = [
     ('block_taps', 0.32, BlockTap()),
     ('blocks', 0.4, Blocks()),
 ]
-SET_40 = ('tracker', 'set', {'threshold': 40.0}, 0.2)
+SET_20 = ('tracker', 'set', {'preview_hz': 20.0}, 0.2)
 RADIUS = ('grains', 'set', {'radius': 0.1}, 0.2)
 DARK = ('tracker', 'darkness', {'until_ns': 9}, 0.35)
 
@@ -310,9 +310,9 @@ DARK = ('tracker', 'darkness', {'until_ns': 9}, 0.35)
 @pytest.mark.parametrize(
     ('start_s', 'ahead'),
     [
-        (0.0, [('tracker', 'set', {'threshold': 30.0}, 0.1), SET_40,
+        (0.0, [('tracker', 'set', {'preview_hz': 30.0}, 0.1), SET_20,
                ('tracker', 'calibrate', {}, 0.2), RADIUS, DARK]),
-        (0.1, [SET_40, RADIUS, DARK]),
+        (0.1, [SET_20, RADIUS, DARK]),
     ],
 )  # fmt: skip
 def test_what_nodes_heeded_is_asked_before_the_images_and_what_people_asked_in_its_time(

@@ -237,7 +237,7 @@ def real():
         Asked('play_grain', 'sound', {'grain': 3}), Asked('infrared', 'twin', {'mask': 7}),
         Asked('move_grain', 'grains', {'grain': 3, 'x': 0.5, 'y': 0.5}), Asked('calibrate'),
         Asked('recall_preset', 'sound', {'preset': 'a', 'over_s': 1.0}),
-        Asked('background', 'tracker', data=b'PNG'), Asked('yaw_offsets', 'tracker', data=b'123'),
+        Asked('background', 'tracker', data=b'PNG'), Asked('covers', 'tracker', data=b'123'),
         Asked('darkness', 'tracker', {'until_ns': now_ns()}),
     ]  # fmt: skip
     found['requests'] = [packed(request_to_msg(asked, now_ns())) for asked in asks]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from eol_ros.core.vision import states
-from eol_ros.core.vision.tracker_base import Tracked
+from eol_ros.core.vision.tracker import Tracked
 from eol_ros.streams import blocks
 from eol_ros.streams.cdr import Decoder
 from eol_ros.streams.definition import parse

@@ -8,13 +8,11 @@ small step.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numba import njit
 
 from eol_ros.core.geometry import BLOCK_MASS_KG, COLS, N_BLOCKS, PITCH_M, ROWS, rest_lattice
-from eol_ros.core.vision.identity import cover_patterns
 
 SPRING_N_PER_M = 40.0
 GRAVITY_MPS2 = 9.81
@@ -307,53 +305,3 @@ def _cover(xy, shoulder, hand, width, hidden, touched):
         near = np.hypot(dx - t * ax, dy - t * ay)
         hidden[i] |= near < width + 0.02
         touched[i] |= near < width + 0.06  # half the diagonal of a cover
-
-
-class Ours:
-    """The tracker's own identity, fed with detections instead of images.
-
-    covers (m, 25, SIZE): patterns of each block's cover as images show them, of which each look
-    takes one by chance; None: the covers are not looked at.
-    """
-
-    def __init__(self, covers: np.ndarray | None = None) -> None:
-        self.covers, self.random = covers, np.random.default_rng(13)
-
-    def begin(self, xy: np.ndarray) -> None:
-        from eol_ros.core.vision.identity.fitting import turn
-        from eol_ros.core.vision.identity.identity import Identity
-
-        self.identity = Identity(covers=self.covers is not None)
-        lattice = self.identity.lattice
-        lattice.angle = float(turn(lattice.rest, xy, np.ones(N_BLOCKS, bool)))
-
-    @property
-    def ambiguous(self) -> bool:
-        lattice = self.identity.lattice
-        return bool(lattice.ambiguous or lattice.state != 1)
-
-    @property
-    def xy(self) -> np.ndarray:
-        return self.identity.lattice.xy
-
-    def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
-        self.identity.tap(stamp_s, block, sigma_s)
-
-    def update(self, moment: Any, seen: Any) -> np.ndarray:
-        """Return the detection of each block (25,), -1 for none."""
-        lattice = self.identity.lattice
-
-        def glance(at: np.ndarray, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            true = seen.true[at]
-            shown = self.covers[self.random.integers(len(self.covers), size=len(at)), true]
-            off = yaw - moment.yaw[true]
-            quarters = np.round(off / (np.pi / 2)).astype(int) % 4
-            cells = cover_patterns.TURNED_CELLS[quarters]
-            good = seen.whole[at] & np.isfinite(shown[:, 0])
-            return np.take_along_axis(shown, cells, axis=1), good
-
-        self.identity.update(
-            moment.stamp_s, seen.xy, seen.yaw, seen.sigma,
-            glance=None if self.covers is None else glance,
-        )  # fmt: skip
-        return lattice.index if lattice.state == 1 else np.full(N_BLOCKS, -1)

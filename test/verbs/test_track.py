@@ -48,11 +48,11 @@ def answer(stack):
     return np.load(out)
 
 
-def test_the_appearance_tracker_sees_the_same(stack, answer):
-    camera, out = stack.with_name('ideal.yaml'), stack.with_name('appearance.npz')
+def test_with_a_calibration_it_sees_the_same(stack, answer):
+    camera, out = stack.with_name('ideal.yaml'), stack.with_name('known.npz')
     calibration_file.save(camera, Calibration.ideal())
     words = ['track', str(stack), '--output', str(out), '--fps', '60', '--calibration', str(camera)]
-    assert cli.main([*words, '--tracker', 'appearance']) == 0
+    assert cli.main(words) == 0
     found = np.load(out)
     for k in range(COUNT):
         seen = found['visible'][k]
@@ -62,8 +62,8 @@ def test_the_appearance_tracker_sees_the_same(stack, answer):
     assert [row['block'] for row in found['slips']] == [7]
 
 
-def test_the_appearance_tracker_calibrates_by_the_blocks_too(stack, capsys):
-    assert cli.main(['track', str(stack), '--tracker', 'appearance', '--json']) == 0
+def test_without_one_it_calibrates_by_the_blocks(stack, capsys):
+    assert cli.main(['track', str(stack), '--json']) == 0
     states = json.loads(capsys.readouterr().out)['states']
     assert set(states) <= {'calibrating', 'tracking'} and sum(states.values()) == COUNT
 

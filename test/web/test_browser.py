@@ -775,12 +775,12 @@ def test_the_panel_by_keyboard_alone(graph, browser):
         seen.append(run(browser, FOCUSED))
     names = {s['name'] for s in seen if s}
     assert all(s['name'] and s['ring'] for s in seen if s), [s for s in seen if s and not s['name']]
-    for name in ('Sleep', 'Wake', 'Test', 'Calibrate', 'Learn background', 'Threshold',
+    for name in ('Sleep', 'Wake', 'Test', 'Calibrate', 'Learn background',
                  'Listen here', 'Table', 'Reach', '中文'):  # fmt: skip
         assert name in names
     assert len({s['at'] for s in seen if s}) == count
     # Keys of the image, and Enter on a control.
-    for key, view in (('t', 'threshold'), ('n', 'off'), ('s', 'source')):
+    for key, view in (('n', 'off'), ('s', 'source')):
         run(browser, 'document.activeElement.blur()')
         press(browser, key)
         until_page(browser, f'document.querySelector("#camera canvas").dataset.view === "{view}"')
@@ -843,37 +843,6 @@ def test_outlines_are_of_the_picture_that_is_shown(graph, browser):
         ages.append(known[-1] - picture_s)
         time.sleep(0.05)
     assert max(ages) > 0.01, 'else there was nothing to tell apart'
-
-
-def test_the_threshold_is_tried_and_kept(graph, browser):
-    """Through the tracker and back: no cover is as bright as 250, each is brighter than none."""
-    address = show(
-        graph, browser, '/', 'document.querySelector("#camera canvas").dataset.images > 0'
-    )
-    press(browser, 't')
-    slider, words = (f'document.getElementById("{name}")' for name in ('threshold', 'camera-state'))
-    box = run(browser, 'return document.querySelector("#histogram").getBoundingClientRect().height')
-    assert 10 < box < 100
-    white = """
-        const {canvas} = eol.camera, {width, height} = canvas;
-        const {data} = canvas.getContext('2d').getImageData(0, 0, width, height);
-        let sum = 0;
-        for (let i = 0; i < data.length; i += 4) sum += data[i] > 200;
-        return sum / (width * height);
-    """
-    for value, seen in ((100, 25), (250, 0), (0, 25)):
-        run(browser, f'{slider}.value = {value}; {slider}.oninput()')
-        run(browser, 'document.getElementById("keep-threshold").focus()')
-        if value == 100:  # in the image before it is kept: the covers alone are white
-            wait_until(lambda: 0.005 < run(browser, white) < 0.2)
-        press(browser, 'Enter')
-        wait_until(
-            lambda value=value: float(status(address)['tracker']['values']['threshold']) == value
-        )
-        until_page(browser, f'{words}.textContent.startsWith("{seen} of 25")')
-    visit(browser, address, '/')
-    until_page(browser, f'{slider}.value === "0"')
-    assert complaints(browser) == []
 
 
 @pytest.mark.parametrize('path', ['/', '/table', '/about'])

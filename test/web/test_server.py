@@ -150,7 +150,6 @@ def test_each_control_reaches_the_graph(serve):
     server = serve()
     bodies = {
         'radius': {'value': 0.05},
-        'threshold': {'value': 90},
         'play': {'grain': 7},
         'axes': {'x': 'centroid_mean_hz', 'y': 'loudness'},
         'move': {'grain': 3, 'x': 0.5, 'y': 1},
@@ -182,7 +181,6 @@ def test_each_control_reaches_the_graph(serve):
     for name in ('sleep', 'wake', 'mute', 'unmute', 'test', 'calibrate', 'learn_background'):
         assert (name, '', {}, people) in calls
     assert ('set', 'grains', {'radius': 0.05}, people) in calls
-    assert ('set', 'tracker', {'threshold': 90.0}, people) in calls
     axes = {'x_axis': 'centroid_mean_hz', 'y_axis': 'loudness'}
     assert ('set', 'grains', axes, people) in calls
     assert ('set', 'twin', {'hands': 'visitors'}, people) in calls

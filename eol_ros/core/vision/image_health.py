@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Is what the camera sends usable at all? One line says why not."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
@@ -13,9 +15,9 @@ STEP = 16  # every 16th pixel of every 16th row says enough, for 5 us
 BLACK = 3  # grey levels: an image without spread and this dark is black
 FROZEN_S = 0.5
 WHOLE = 0.98  # of an outline in view
-SIZED_IMAGES = 20  # of blocks in full view say how large they are
+SIZED_IMAGES = 5  # of blocks in full view say how large they are
 SIZED_BLOCKS = 12
-UNLIKE = 0.0022  # spread of sizes; at most 0.0012 with the right covers, 0.003 with others
+UNLIKE = 0.0047  # spread of sizes: path-traced 0.0033 at most with the right covers, else 0.0069
 LIVELY = 60  # so many still images that all differed prove that the camera has noise
 
 
@@ -80,8 +82,10 @@ class Sizes:
         self._ratios: list[np.ndarray] = []
         self.spread = np.nan  # of the sizes of blocks over what they should be; NaN: not known yet
 
-    def add(self, world: np.ndarray, side_px: np.ndarray, visibility: np.ndarray) -> bool:
-        """Take in one image: places (25, 2) in m, sides (25,) px and shares in view (25,).
+    def add(
+        self, world: np.ndarray, sides_px: Callable[[], np.ndarray], visibility: np.ndarray
+    ) -> bool:
+        """Take in one image: places (25, 2) in m, shares in view (25,), what measures sides in px.
 
         True when enough images have come, and `spread` is known.
         """
@@ -91,11 +95,14 @@ class Sizes:
         if whole.sum() < SIZED_BLOCKS:
             return False
         ratios = np.full(N_BLOCKS, np.nan)
-        ratios[whole] = side_px[whole] / self._expected_px(world[whole])
+        ratios[whole] = sides_px()[whole] / self._expected_px(world[whole])
         self._ratios.append(ratios)
         if len(self._ratios) < SIZED_IMAGES:
             return False
         often = np.isfinite(self._ratios).sum(axis=0) > SIZED_IMAGES // 2
+        if often.sum() < SIZED_BLOCKS:
+            self._ratios.clear()
+            return False
         sizes = np.nanmedian(np.array(self._ratios)[:, often], axis=0)
         self.spread = float(1.4826 * np.median(np.abs(sizes - np.median(sizes))))
         return True

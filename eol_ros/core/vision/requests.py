@@ -13,15 +13,11 @@ import cv2
 import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.vision.appearance import learnt
 from eol_ros.core.vision.background.model import BackgroundLearner, BackgroundModel
-from eol_ros.core.vision.identity.cover_patterns import CoverPatterns
-from eol_ros.core.vision.identity.yaw_signature import Yaws
 from eol_ros.errors import ConfigError
 
-THRESHOLD, BACKGROUND, DARKNESS, CALIBRATE, YAW_OFFSETS, COVER_PATTERNS, COVERS = KINDS = (
-    'threshold', 'background', 'darkness', 'calibrate', 'yaw_offsets', 'cover_patterns', 'covers',
-)  # fmt: skip
-LEARNED = YAW_OFFSETS, COVER_PATTERNS, COVERS  # the first two by the tracker by edges
+BACKGROUND, DARKNESS, CALIBRATE, COVERS = KINDS = 'background', 'darkness', 'calibrate', 'covers'
 
 
 @dataclass(frozen=True)
@@ -49,15 +45,6 @@ def unpacked(png: bytes) -> BackgroundModel:
     return BackgroundModel(light)
 
 
-def known(kind: str, data: bytes) -> Any:
-    """Return what was learned, from the bytes of a request of LEARNED; raises ConfigError."""
-    if kind == COVERS:
-        from eol_ros.core.vision.appearance import learnt  # only with that tracker
-
-        return learnt.check(data, N_BLOCKS)
-    return Yaws.unpacked(data) if kind == YAW_OFFSETS else CoverPatterns.unpacked(data)
-
-
 class Requests:
     """Requests in order of their stamps, and the darkness in which lamps are learnt."""
 
@@ -69,11 +56,9 @@ class Requests:
     def add(self, from_ns: int, kind: str, value: Any = None) -> None:
         """Let a request count from the first image of stamp >= from_ns.
 
-        `threshold`: value is grey levels. `background`: a PNG, or nothing for none. `darkness`: the
-        infrared light is off until the stamp `value` in ns. `calibrate`: by the blocks.
-        `yaw_offsets`: how crooked each block stands, as it was learnt before (`Yaws.packed`).
-        `cover_patterns`: how each cover spreads its light, likewise (`CoverPatterns.packed`).
-        `covers`: the same for the appearance tracker (`AppearanceTracker.learned`).
+        `background`: a PNG, or nothing for none. `darkness`: the infrared light is off until the
+        stamp `value` in ns. `calibrate`: by the blocks. `covers`: how bright each cover is, as it
+        was learned before (`Tracker.learned`).
 
         Raises:
             ConfigError: another kind, no image, or nothing that was learnt.
@@ -82,8 +67,8 @@ class Requests:
             raise ConfigError(f'{kind} is nothing that a tracker can be asked for')
         if kind == BACKGROUND:
             value = unpacked(value) if value else None
-        elif kind in LEARNED:
-            value = known(kind, value)
+        elif kind == COVERS:
+            value = learnt.check(value, N_BLOCKS)
         self._waiting.append((from_ns * 1e-9, kind, value))
         self._waiting.sort(key=lambda request: request[0])
 

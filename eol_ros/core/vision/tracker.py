@@ -6,45 +6,72 @@ hangs in the museum, to the bit.
 """
 
 import math
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from eol_ros.core import elementary
-from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
+from eol_ros.core.compiled import read_only
+from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.vision.appearance import learnt, model
+from eol_ros.core.vision.appearance.follow import Follower
+from eol_ros.core.vision.background.model import BackgroundModel
+from eol_ros.core.vision.blink import Blink
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect import cover_light, scan, search
-from eol_ros.core.vision.detect.blobs import BLOB, BlobFinder
-from eol_ros.core.vision.detect.brightness import Brightness
-from eol_ros.core.vision.detect.homes import Homes
-from eol_ros.core.vision.detect.lasting_misfit import LastingMisfit
-from eol_ros.core.vision.identity.blink import Blink
-from eol_ros.core.vision.identity.identity import Identity
-from eol_ros.core.vision.requests import (
-    BACKGROUND,
-    CALIBRATE,
-    COVER_PATTERNS,
-    THRESHOLD,
-    YAW_OFFSETS,
-)
+from eol_ros.core.vision.image_health import Watch
+from eol_ros.core.vision.requests import BACKGROUND, CALIBRATE, COVERS, DARKNESS, Outcome, Requests
 from eol_ros.core.vision.states import CALIBRATING, FAULT, LOST, SEARCHING, TRACKING
-from eol_ros.core.vision.tracker_base import M_STEP, PX_STEP, BaseTracker, Tracked, on_grid
-from eol_ros.said import said
+from eol_ros.core.vision.turn_by_taps import TurnByTaps
+from eol_ros.errors import ConfigError
+from eol_ros.said import clauses, said
 from eol_ros.settings import TrackerSettings
 
 if TYPE_CHECKING:
-    from eol_ros.core.vision.background.model import BackgroundModel
+    from eol_ros.core.vision.calibration import self_calibration
 
-# By more no block goes or turns from image to image: it is another one that has its id now.
-GOES_M, TURNS = 0.02, math.radians(45)
-STEPS = np.array([M_STEP, PX_STEP])
-NOWHERE = np.full((2, N_BLOCKS, 2), np.nan)
+SEEK_S = 0.5  # between two searches for squares whose size is not known
+WHOLE = 0.8  # visible of each block when the camera is calibrated by the blocks
+REST_S = 20.0  # for so long a calibration that was asked for waits for the blocks to rest
+SETTLE_S = 0.3  # after a new calibration; longer than any rest that motion compares with
+LAMP_LEVEL = 5  # grey levels
+# Answers lie on grids far finer than any noise (1 um, 0.001 px, 15 urad; a sigma to 2 %), so that a
+# bag packs them well: what is rounded off adds less than 0.1 % to the variance of a still block.
+M_STEP, PX_STEP, RAD_STEP = 2.0**-20, 2.0**-10, 2.0**-16
+SIGMA_STEPS = 64
 
 
-class Tracker(BaseTracker):
-    """Keeps the 25 blocks of one camera.
+def on_grid(yaw: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return yaw and sigma (25,) on the grids of answers."""
+    turned, coarse = np.empty((2, len(yaw)))
+    mapping.rounded(yaw, sigma_m, RAD_STEP, SIGMA_STEPS, turned, coarse)
+    return turned, coarse
+
+
+class Tracked(NamedTuple):
+    """All blocks in one image, as in eol_msgs/Blocks; arrays by block id.
+
+    px (25, 2) and world (25, 2) in m hold for hidden blocks too (`seen` false), carried by their
+    neighbours; both are NaN while the state is searching or fault, world also while calibrating.
+    yaw (25,) rad, unwrapped. sigma_m, visibility (25,). why: one line when the state is not
+    tracking.
+    changed: blocks whose covers were lately found to be others than before.
+    """
+
+    stamp_s: float
+    px: np.ndarray
+    yaw: np.ndarray
+    world: np.ndarray
+    seen: np.ndarray
+    sigma_m: np.ndarray
+    visibility: np.ndarray
+    state: int
+    symmetry_ambiguous: bool
+    why: str = ''
+    changed: tuple[int, ...] = ()
+
+
+class Tracker:
+    """Keeps the 25 blocks of one camera by the faces of their covers.
 
     Parameters
     ----------
@@ -53,106 +80,90 @@ class Tracker(BaseTracker):
     calibration : Calibration or None
         Of this camera. None starts with pixels and nominal metres of the size of the squares, and
         asks the settings for a mirror.
-    finder : object, optional
-        What finds squares in an image; anything with `find(image, predicted)`.
 
     Examples
     --------
     >>> from eol_ros.core.geometry import rest_lattice
     >>> from eol_ros.core.vision.render.renderer import Renderer
     >>> camera, at = Calibration.ideal(), rest_lattice()
-    >>> tracker, renderer = Tracker(TrackerSettings(), camera), Renderer(calibration=camera)
-    >>> for k in range(30):
-    ...     image = renderer.render(at[:, 0], at[:, 1], np.zeros(25), k)
-    ...     found = tracker.update(k / 60, image)
+    >>> renderer = Renderer(calibration=camera)
+    >>> tracker = Tracker(TrackerSettings(), camera)
+    >>> found = tracker.update(0.0, renderer.render(at[:, 0], at[:, 1], np.zeros(25), 0))
     >>> bool(found.state == TRACKING), int(found.seen.sum())
     (True, 25)
     >>> bool(np.abs(found.world - at).max() < 1e-4)  # m
     True
     """
 
-    def __init__(
-        self,
-        settings: TrackerSettings,
-        calibration: Calibration | None,
-        finder: BlobFinder | None = None,
-    ):
-        super().__init__(settings, calibration)
-        self._take(calibration)
-        self.predicted = np.zeros((N_BLOCKS, 8))
-        self.finder = finder or BlobFinder(calibration, settings.threshold)
-        blink = None
-        if settings.blink_block >= 0:
-            blink = Blink(settings.blink_block, settings.blink_period_s, settings.blink_off_s)
-        self.identity = Identity(settings.trust_start, blink, settings.know_covers)
-        self.lattice = self.identity.lattice
-        self.visibility: np.ndarray = np.zeros(N_BLOCKS, np.float32)
-        self.brightness, self.misfit, self.homes = Brightness(), LastingMisfit(), Homes()
-        self._renamings = 0
-        self._stood, self._stood_yaw = self.lattice.xy, self.lattice.yaw  # in the last image
-        self.last_s = -np.inf
-        self._image, self._xy = np.zeros((0, 0), np.uint8), np.zeros((0, 2))  # of the last one
-        self.blobs = np.zeros(0, BLOB)  # of the last image, for overlays
-
-    def _take(self, calibration: Calibration | None) -> None:
-        self.calibration = calibration
+    def __init__(self, settings: TrackerSettings, calibration: Calibration | None):
+        self.settings, self.calibration = settings, calibration
+        self.watch, self.requests = Watch(calibration), Requests()
+        self.outcome: Outcome | None = None  # of the last request
+        self.learning: self_calibration.SelfCalibration | None = None
+        self.asked_s = math.inf  # when a new calibration was asked for
+        self.settled_s = -math.inf  # until then metres are new, and nobody should compare
+        self.background: BackgroundModel | None = None  # the light that is taken off each image
+        self.turn = TurnByTaps()
+        self.follower: Follower | None = None
         if calibration is not None:
-            self.watch.calibration = calibration
-        self.packed = calibration.packed() if calibration is not None else np.zeros(mapping.NUMBERS)
+            self.follower = Follower(calibration, settings.trust_start)
+        self.blink: Blink | None = None
+        if settings.blink_block >= 0:
+            self.blink = Blink(settings.blink_block, settings.blink_period_s, settings.blink_off_s)
+        self._image = np.zeros((0, 0), np.uint8)  # the last one
+        self._sought_s = -math.inf
+        self._covers: np.ndarray | None = None  # learned before, until there is a follower
 
     def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
-        """Take a knock of a block's accelerometer: it counts a fixed time after its stamp."""
-        self.identity.tap(stamp_s, block, sigma_s)
+        """Take a tap that the accelerometer of `block` felt: it counts a fixed time later."""
+        self.turn.tap(stamp_s, block, sigma_s)
 
-    def learned(self) -> dict[str, bytes]:
-        """Return what was learned of the blocks, by the request that brings it back."""
-        found = {YAW_OFFSETS: self.lattice.yaws, COVER_PATTERNS: self.identity.covers}
-        return {k: v.packed() for k, v in found.items() if v is not None and v.looks.any()}
+    def learned(self) -> bytes:
+        """Return what was learned of the covers, for the request `covers`; b'' for nothing yet."""
+        follower = self.follower
+        if follower is None or follower.ambiguous or not follower.blocks['known'].any():
+            return b''
+        return learnt.pack(follower.faces, follower.blocks, follower.found)
 
-    @property
-    def background(self) -> 'BackgroundModel | None':
-        """The light that is taken off each image."""
-        return self.finder.background
+    def sides_px(self) -> np.ndarray:
+        """Measure how wide each block (25,) is in the last image; NaN where not all of it shows."""
+        from eol_ros.core.vision.appearance.squares import squares_of
+        from eol_ros.core.vision.calibration import corners
 
-    @background.setter
-    def background(self, light: 'BackgroundModel | None') -> None:
-        self.finder.background = light
+        follower, calibration = self.follower, self.calibration
+        if follower is None or calibration is None or not len(self._image):
+            return np.full(N_BLOCKS, np.nan)
+        return corners.sides_px(self._image, squares_of(calibration, follower.blocks), calibration)
 
     def side_px(self) -> float:
         """Return the side of a block in the middle of the last image, 0 when none was found."""
-        return float(np.median(self.blobs['side_px'])) if len(self.blobs) else 0.0
+        if self.follower is None or not self.follower.blocks['seen'].any():
+            return 0.0
+        return float(np.median(self.follower.found['side_px'][self.follower.blocks['seen']]))
 
-    def sides_px(self) -> np.ndarray:
-        """Return the side (25,) of each block in the last image, 0 where it was not seen."""
-        seen, sides = self.lattice.seen, np.zeros(N_BLOCKS)
-        sides[seen] = self.blobs['side_px'][self.lattice.index[seen]]
-        return sides
+    def image_angles(self, tracked: Tracked) -> np.ndarray:
+        """Return the angle (25,) of each block in the image, u right and v up, for overlays."""
+        if self.calibration is None:
+            return tracked.yaw
+        return self.calibration.yaw_to_image(tracked.px, tracked.yaw)
+
+    def cover_height_m(self) -> float:
+        """Return the height of what is measured above the platform."""
+        return self.calibration.cover_height_m if self.calibration is not None else 0.0
 
     def warm_up(self) -> None:
-        """Compile or load all compiled code, on throw-away state, before the first image comes.
-
-        A video of the lattice without a column, then at rest, then moving; a side goes and comes
-        back; all goes and comes.
-        """
-        import cv2
-
-        calibration = self.calibration or Calibration.ideal()
-        spare = Tracker(self.settings, calibration)
-        shape = calibration.image_height, calibration.image_width
-        half = BLOCK_SIDE_M / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        for k in range(90):
-            image: np.ndarray = np.full(shape, 12, np.uint8)
-            moved = rest_lattice() + max(k - 15, 0) * 4e-4
-            if k < 2:
-                moved = moved[moved[:, 0] > moved[:, 0].min()]
-            for corners in moved[:, None] + half if not 60 <= k < 70 else []:
-                outline = np.rint(calibration.to_pixels(corners) * 16).astype(np.int32)
-                cv2.fillConvexPoly(image, outline, 200, cv2.LINE_AA, 4)
-            if 30 <= k < 45:
-                image[:, : shape[1] // 2] = 12
-            image = cv2.GaussianBlur(image, (0, 0), 1.2)
-            image.flags.writeable = False  # as it comes over the wire: a type of its own
-            spare.update(k / 60, image)
+        """Compile or load all compiled code, on throw-away state, before the first image comes."""
+        camera = self.calibration or Calibration.ideal()
+        spare = Tracker(self.settings, camera)
+        assert spare.follower is not None
+        image = np.full((camera.image_height, camera.image_width), 12, np.uint8)
+        half = 0.42 * spare.follower.px_per_m * 0.084
+        for u, v in camera.to_pixels(spare.follower.rest):
+            rows = slice(max(round(v - half), 0), max(round(v + half), 0))
+            image[rows, max(round(u - half), 0) : max(round(u + half), 0)] = 180
+        for k in range(16):
+            spare.update(k / 60, image if k != 14 else image // 8)
+        spare.sides_px()
 
     def update(self, stamp_s: float, image: np.ndarray) -> Tracked:
         """Take the next image; never raises for a bad one.
@@ -175,175 +186,181 @@ class Tracker(BaseTracker):
         >>> int(tracker.update(0.0, np.zeros((800, 1280), np.uint8)).seen.sum())
         0
         """
-        image = scan.read_only(image)
+        image = read_only(image)
         for kind, value in self.requests.due(stamp_s):
             self._fulfil(stamp_s, kind, value)
         if self.requests.dark(stamp_s, image):
-            self.lattice.break_off(stamp_s)
-            self.blobs = self.blobs[:0]
-            return self._answer(stamp_s, LOST, said('lamps_learnt'))
+            return self._lose(stamp_s, LOST, said('lamps_learnt'))
         self._enlighten()
         fault = self.watch.fault(stamp_s, image)
+        if not fault and self.background is not None:
+            try:
+                image = read_only(self.background.remove(image))
+            except ConfigError as error:
+                fault = str(error)
         if fault:
-            self.lattice.break_off(stamp_s)
-            self.blobs = self.blobs[:0]
-            return self._answer(stamp_s, FAULT, fault)
-        lattice = self.lattice
-        tracking = lattice.state == TRACKING
-        blobs = self.finder.find(image, self._predicted(stamp_s))
-        all_good, good, faint, sound = search.judged(blobs, tracking)
-        if not all_good:
-            blobs, faint, sound = blobs[good], faint[good], sound[good]
-        self.blobs = blobs
-        if self.calibration is None:
-            if len(blobs) < 9:
-                return self._answer(stamp_s, SEARCHING, f'{len(blobs)} squares: no scale yet')
-            from eol_ros.core.vision.calibration import (
-                self_calibration,  # and scipy with it: only here
-            )
+            return self._lose(stamp_s, FAULT, fault)
+        if self.follower is None and (why := self._begin(stamp_s, image)):
+            return self._answer(stamp_s, SEARCHING, why)
+        follower = self.follower
+        assert follower is not None
+        self._image, blocks = image, follower.update(stamp_s, image)
+        if not follower.lattice or blocks['seen'].sum() < model.LEAST:
+            self.turn.lost(stamp_s)
+            if self.blink is not None:
+                self.blink.forget()
+            self.watch.rests(False)
+            if not follower.lattice:
+                return self._answer(stamp_s, SEARCHING, said('no_squares'))
+            return self._answer(stamp_s, LOST, said('out_of_sight'))
+        self._orient(stamp_s)
+        self.watch.rests(follower.rests())
+        return self._answer(stamp_s, *self._state(stamp_s, image))
 
-            self._take(self_calibration.nominal(image.shape, self.side_px(), self.settings.mirror))
-            assert self.calibration is not None
-            self.learning = self_calibration.SelfCalibration(self.calibration)
-        xy, yaw, sigma = mapping.poses(self.packed, blobs, BLOCK_SIDE_M)
-        self._image, self._xy = image, xy
-        self.identity.update(stamp_s, xy, yaw, sigma, faint, self._glance, sound, self._bare)
-        self.watch.rests(lattice.state == TRACKING and lattice.rests())
-        seen = lattice.seen
-        self.visibility, contrast = np.empty(N_BLOCKS, np.float32), np.empty(N_BLOCKS)
-        search.by_block(blobs, seen, lattice.index, self.visibility, contrast)
-        if self._renamings != lattice.renamings:
-            self._renamings = lattice.renamings
-            others = elementary.hypot(*(lattice.xy - self._stood).T) > GOES_M
-            others |= np.abs(lattice.yaw - self._stood_yaw) > TURNS
-            others |= not tracking  # nobody knows what became of them in the dark
-            self.brightness.renamed(others)
-            self.misfit.renamed(others)
-            self.homes.renamed(others)
-            self.finder.renamed(others)
-        self._stood, self._stood_yaw = lattice.xy.copy(), lattice.yaw.copy()
-        self.brightness.learn(stamp_s - self.last_s, seen, self.visibility, contrast)
-        self.misfit.learn(stamp_s - self.last_s, lattice.index, blobs)
-        self.homes.learn(stamp_s - self.last_s, lattice.xy, seen, self.visibility)
-        self.last_s = stamp_s
-        if lattice.state == TRACKING:
-            return self._answer(stamp_s, *self._state(stamp_s, image))
-        why = {SEARCHING: said('no_lattice', count=len(blobs)), LOST: said('out_of_sight')}
-        return self._answer(stamp_s, lattice.state, why.get(lattice.state, ''))
+    def _lose(self, stamp_s: float, state: int, why: str) -> Tracked:
+        if self.follower is not None:
+            self.follower.lose()
+        return self._answer(stamp_s, state, why)
 
-    def _glance(self, detections: np.ndarray, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return how light is spread over the covers of detections (k,), as Identity asks."""
-        patterns, good = (
-            np.empty((len(detections), cover_light.SIZE)),
-            np.empty(len(detections), bool),
-        )
-        cover_light.glance(
-            self.packed, self._image, self._xy, self.blobs, detections, yaw, patterns, good
-        )
-        return patterns, good
+    def _begin(self, stamp_s: float, image: np.ndarray) -> str:
+        """Begin without a calibration, where a lattice of squares is in sight; else say why not."""
+        if 0.0 <= stamp_s - self._sought_s < SEEK_S:
+            return said('no_squares')
+        from eol_ros.core.vision.appearance import squares
+        from eol_ros.core.vision.calibration import self_calibration  # and scipy: only here
 
-    def _bare(self, xy: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-        """Return at which places (k, 2) m of blocks turned by yaw (k,) is nothing but platform."""
-        return self.finder.bare(self._image, self._near(xy, yaw))
+        self._sought_s = stamp_s
+        height, width = image.shape
+        start = Calibration.ideal(width, height)
+        found = squares.find_squares(image, start, self.settings.mirror)
+        if found.calibration is None:
+            return found.why
+        self.calibration = self.watch.calibration = found.calibration
+        self.follower = Follower(found.calibration, self.settings.trust_start)
+        self.learning = self_calibration.SelfCalibration(found.calibration)
+        if self._covers is not None:
+            self._recall(self._covers)
+        return ''
+
+    def _recall(self, covers: np.ndarray) -> None:
+        """Take what was learned of the covers (25,) before."""
+        follower, self._covers = self.follower, covers
+        if follower is not None:
+            learnt.unpack(covers, follower.faces, follower.blocks, follower.found)
+
+    def _orient(self, stamp_s: float) -> None:
+        """Turn the ids, where the blink of a block or taps tell how."""
+        follower, turn = self.follower, self.turn
+        assert follower is not None
+        blocks, quarters, known = follower.blocks, None, True
+        xy, seen = np.column_stack([blocks['x'], blocks['y']]), blocks['seen']
+        if self.blink is not None and not turn.confirmed:
+            quarters = self.blink.update(stamp_s, xy, seen)
+        if quarters is None:
+            known = not follower.ambiguous
+            quarters = turn.update(stamp_s, xy, seen, follower.found['sigma_m'], known)
+        if quarters is None:
+            return
+        follower.turn(quarters)
+        turn.settled(final=known)
+        if self.blink is not None:
+            self.blink.forget()
 
     def _fulfil(self, stamp_s: float, kind: str, value: Any) -> None:
         """Do what was asked for, from this image on."""
-        if kind == THRESHOLD:
-            self.finder.threshold = value
-        elif kind == BACKGROUND:
+        if kind == BACKGROUND:
             self.background = value
-        elif kind == YAW_OFFSETS:
-            self.lattice.yaws = value
-        elif kind == COVER_PATTERNS:
-            if self.identity.covers is not None:
-                self.identity.covers = value
+        elif kind == COVERS:
+            self._recall(value)
         elif kind == CALIBRATE:
             self._ask(stamp_s)
 
-    def _start(self) -> Calibration:
-        """Return a straight camera with the scale, covers and lens of the calibration."""
-        from eol_ros.core.vision.calibration import self_calibration
+    def _tell(self, kind: str, text: str, refused: bool) -> None:
+        self.outcome = Outcome(kind, refused, text)
 
-        known = super()._start()
-        shape = known.image_height, known.image_width
-        start = self_calibration.nominal(shape, known.px_per_m() * BLOCK_SIDE_M, known.mirrored)
-        return replace(
-            start,
-            cover_height_m=known.cover_height_m,
-            covers=known.covers,
-            distortion_coefficients=known.distortion_coefficients,
-        )
+    def _enlighten(self) -> None:
+        """Use what was learnt in a darkness that is over."""
+        try:
+            background = self.requests.learnt()
+        except ConfigError as error:
+            self._tell(DARKNESS, str(error), True)
+        else:
+            if background is not None:
+                self.background = background
+                share = 100 * float((background.light > LAMP_LEVEL).mean())
+                self._tell(DARKNESS, said('background_learnt', percent=f'{share:.1f}'), False)
 
-    def _squares(self, stamp_s: float) -> np.ndarray | None:
-        from eol_ros.core.vision.appearance.squares import SQUARE
+    def _ask(self, stamp_s: float) -> None:
+        """Begin with the calibration that was asked for, or say why not."""
+        if self.calibration is None:
+            self._tell(CALIBRATE, said('not_calibrated', why=said('no_squares')), True)
+        elif self.learning is None:
+            from eol_ros.core.vision.calibration import self_calibration
 
-        lattice = self.lattice
-        if not (lattice.seen.all() and self.visibility.min() > 0.8 and lattice.rests()):
+            self.learning = self_calibration.SelfCalibration(self.calibration)
+            self.asked_s = stamp_s
+        elif math.isinf(self.asked_s):
+            self._tell(CALIBRATE, said('not_calibrated', why=said('learns_scale')), True)
+
+    def _state(self, stamp_s: float, image: np.ndarray) -> tuple[int, str]:
+        """Return the state of a tracker that sees its blocks, and why it is not TRACKING."""
+        if self.learning is not None:
+            learning = self.learning
+            self._learn(stamp_s, image, learning)
+            if self.learning is not None and math.isinf(self.asked_s):
+                return CALIBRATING, learning.why
+        return (CALIBRATING, 'metres are new') if stamp_s < self.settled_s else (TRACKING, '')
+
+    def _learn(
+        self, stamp_s: float, image: np.ndarray, learning: 'self_calibration.SelfCalibration'
+    ) -> None:
+        """Calibrate by the blocks themselves, as soon as all of them rest in full view."""
+        found = learning.add(image, self._squares())
+        if found is not None:
+            self._recalibrate(found)
+            left = {'px': f'{found.residual_px:.3f}', 'mm': f'{found.residual_mm:.2f}'}
+            self._tell(CALIBRATE, clauses([said('calibrated', **left), learning.note]), False)
+            self.learning = None
+            if math.isfinite(self.asked_s):
+                self.settled_s = stamp_s + SETTLE_S
+        elif math.isfinite(self.asked_s) and (learning.refused or stamp_s - self.asked_s > REST_S):
+            self._tell(CALIBRATE, said('not_calibrated', why=learning.why), True)
+            self.learning = None
+        if self.learning is None:
+            self.asked_s = math.inf
+
+    def _squares(self) -> np.ndarray | None:
+        """Return the squares (25,) SQUARE of the last image; None if not all rest in full view."""
+        from eol_ros.core.vision.appearance.squares import squares_of
+
+        follower, calibration = self.follower, self.calibration
+        assert follower is not None and calibration is not None
+        blocks, visible = follower.blocks, follower.found['visible']
+        if not (blocks['seen'].all() and visible.min() > WHOLE and follower.rests()):
             return None
-        blobs, squares = self.blobs[lattice.index], np.zeros(N_BLOCKS, SQUARE)
-        for name in SQUARE.names or ():
-            squares[name] = blobs[name]
-        if self.calibration is not None and self.calibration.covers is not None:
-            self._predicted(stamp_s)
-            squares['theta'] += self.predicted[:, 4] * (np.pi / 2)
-        return squares
+        return squares_of(calibration, blocks)
 
     def _recalibrate(self, found: Calibration) -> None:
-        assert self.calibration is not None
-        self.lattice.move(found.to_table(self.calibration.to_pixels(self.lattice.xy)))
-        self._take(found)
-        self.finder.calibration = found
-
-    def _predicted(self, stamp_s: float) -> np.ndarray | None:
-        """Where squares are expected, (n, 6), for the finder; see BlobFinder.find."""
-        lattice = self.lattice
-        if self.calibration is None:
-            return None
-        if lattice.state != TRACKING:
-            near = self._near(lattice.around_xy, lattice.around_yaw)
-            return near if len(near) else None
-        ahead = stamp_s - self.last_s
-        mapping.expected(
-            self.packed,
-            lattice.xy,
-            lattice.velocity,
-            lattice.yaw,
-            self.brightness.contrast * self.brightness.exposure,
-            ahead if 0 < ahead < 0.1 else 0.0,
-            self.predicted,
-            self._bend(),
-        )
-        self.predicted[:, 5] = stamp_s - lattice.seen_s
-        self.homes.expected(self.packed, self.predicted[:, 6:])
-        if lattice.ambiguous:  # then it is not known which cover is which
-            self.predicted[:, 4] = -1.0
-        return self.predicted
-
-    def _near(self, xy: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-        """Return places (k, 2) m of blocks nobody knows as the finder takes them, (k, 6)."""
-        still, near = np.zeros_like(xy), np.empty((len(xy), 6))
-        light = still[:, 0].copy()
-        mapping.expected(self.packed, xy, still, yaw, light, 0.0, near, self._bend())
-        near[:, 4:] = -1.0, np.inf
-        return near
-
-    def _bend(self) -> float:
-        return mapping.BEND if self.calibration and self.calibration.covers is not None else 0.0
+        """Use another calibration of the same camera from the next image on."""
+        assert self.follower is not None
+        self.follower.recalibrate(found)
+        self.calibration = self.watch.calibration = found
 
     def _answer(self, stamp_s: float, state: int, why: str) -> Tracked:
-        lattice = self.lattice
-        px, world = NOWHERE.copy()
-        yaw, sigma = on_grid(lattice.yaw, lattice.sigma / self.misfit.lasting)
-        if state in (SEARCHING, FAULT) or self.calibration is None:
-            seen, visibility = np.zeros(N_BLOCKS, bool), np.zeros(N_BLOCKS, np.float32)
-        else:
-            seen = lattice.seen.copy()
-            visibility = self.visibility * seen
-            mapping.answer(
-                self.packed, lattice.xy, seen, lattice.index, self.blobs, STEPS, px, world
-            )
-            if state == CALIBRATING or self.learning is not None:
-                world[:] = np.nan
+        yaw, sigma = np.zeros((2, N_BLOCKS))
+        px = world = np.full((N_BLOCKS, 2), np.nan)
+        seen, visible = np.zeros(N_BLOCKS, bool), np.zeros(N_BLOCKS)
+        follower, calibration, changed = self.follower, self.calibration, list[int]()
+        if follower is not None and calibration is not None:
+            blocks, found = follower.blocks, follower.found
+            yaw, sigma = on_grid(blocks['yaw'], found['sigma_m'])
+            changed = np.flatnonzero(follower.changed_s >= stamp_s - model.CHANGED_S).tolist()
+            if state not in (SEARCHING, FAULT):
+                seen, visible = blocks['seen'].copy(), found['visible']
+                at = np.column_stack([blocks['x'], blocks['y']])
+                px = np.rint(calibration.to_pixels(at) / PX_STEP) * PX_STEP
+                if state != CALIBRATING and self.learning is None:
+                    world = np.rint(at / M_STEP) * M_STEP
         return Tracked(
             stamp_s,
             px,
@@ -351,9 +368,9 @@ class Tracker(BaseTracker):
             world,
             seen,
             sigma,
-            visibility,
+            np.where(seen, visible, 0.0).astype(np.float32),
             state,
-            bool(lattice.ambiguous),
+            follower is not None and bool(follower.ambiguous),
             why,
-            self.identity.names.changed(stamp_s),
+            tuple(changed),
         )

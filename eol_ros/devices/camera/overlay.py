@@ -8,7 +8,7 @@ import numpy as np
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
 from eol_ros.core.vision.states import STATES, TRACKING
-from eol_ros.core.vision.tracker_base import Tracked
+from eol_ros.core.vision.tracker import Tracked
 from eol_ros.devices.files import picture_file
 from eol_ros.devices.files.names import is_text
 from eol_ros.errors import ConfigError

@@ -9,7 +9,7 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.image_health import Sizes
 from eol_ros.core.vision.requests import DARKNESS, Outcome, packed
 from eol_ros.core.vision.states import CALIBRATING, LOST, SEARCHING, TRACKING
-from eol_ros.core.vision.tracker_base import BaseTracker, Tracked
+from eol_ros.core.vision.tracker import Tracked, Tracker
 from eol_ros.disk import read
 from eol_ros.errors import EolError
 from eol_ros.said import clauses, said
@@ -59,7 +59,7 @@ class TrackerFiles:
         self._sized_s = -math.inf
         self._covers = ''  # what is wrong with them, in words
 
-    def look(self, tracker: BaseTracker, tracked: Tracked) -> None:
+    def look(self, tracker: Tracker, tracked: Tracked) -> None:
         """Notice covers that are not those of the calibration; `words` then says so."""
         if tracked.state != TRACKING or tracked.symmetry_ambiguous or tracker.calibration is None:
             return
@@ -70,13 +70,13 @@ class TrackerFiles:
             if 0 <= tracked.stamp_s - self._sized_s < SIZED_EVERY_S:
                 return
             self._sizes = Sizes(tracker.calibration)
-        if self._sizes.add(tracked.world, tracker.sides_px(), tracked.visibility):
+        if self._sizes.add(tracked.world, tracker.sides_px, tracked.visibility):
             self._covers = ''
             if self._sizes.fault():
                 self._covers = said('other_covers', spread=f'{self._sizes.spread:.1%}')
             self._sizes, self._sized_s = None, tracked.stamp_s
 
-    def news(self, tracker: BaseTracker, stamp_s: float) -> Outcome | None:
+    def news(self, tracker: Tracker, stamp_s: float) -> Outcome | None:
         """Keep what a request has brought; return its outcome, and where it is kept, once."""
         outcome = tracker.outcome
         if outcome is None or outcome is self._seen:
@@ -105,7 +105,7 @@ class TrackerFiles:
             return good and not self.told.refused, clauses([self.told.text, text])
         return good, text
 
-    def _keep(self, tracker: BaseTracker, kind: str) -> str:
+    def _keep(self, tracker: Tracker, kind: str) -> str:
         """Write down what was learnt; return where, for people."""
         if not self._writes:
             return ''

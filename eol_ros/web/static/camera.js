@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The live infrared picture with the outlines, ids and states of the blocks over it.
 
-import { fit, fontPx, INK, MOVE, QUIET, THREAD, write } from './paint.js';
+import { fit, fontPx, INK, MOVE, QUIET, write } from './paint.js';
 import { say } from './i18n.js';
 import { part } from './modes.js';
 
@@ -27,9 +27,6 @@ function imageSize(bytes) {
 export class CameraView {
   constructor(card) {
     this.canvas = card.querySelector('canvas');
-    this.histogram = card.querySelector('#histogram');
-    this.slider = card.querySelector('#threshold');
-    this.row = card.querySelector('#threshold-row');
     this.buttons = [...card.querySelectorAll('[data-view]')];
     this.size = { width: 1280, height: 800 };
     this.part = null; // of the image that shows the table: its middle and its side, pixels
@@ -37,15 +34,7 @@ export class CameraView {
     this.outlines = true;
     this.labels = new Map();
     this.past = [];
-    this.level = Number(this.slider.value);
     for (const button of this.buttons) button.onclick = () => this.show(button.dataset.view);
-    this.slider.oninput = () => {
-      this.level = Number(this.slider.value);
-      this.slider.nextElementSibling.value = this.level || say('threshold_none');
-      this.slider.setAttribute('aria-valuetext', this.slider.nextElementSibling.value);
-      this.dirty = true;
-    };
-    this.slider.oninput();
     const toggle = card.querySelector('#outlines');
     this.toggleOutlines = () => {
       this.outlines = !this.outlines;
@@ -62,18 +51,9 @@ export class CameraView {
     this.show('source');
   }
 
-  // What the tracker works with, unless somebody is trying another value here.
-  showThreshold(value) {
-    if (value === undefined || value === this.told) return;
-    this.told = value;
-    this.slider.value = value;
-    this.slider.oninput();
-  }
-
   show(view) {
     this.view = view;
     for (const button of this.buttons) button.setAttribute('aria-pressed', button.dataset.view === view);
-    this.row.hidden = view !== 'threshold';
     this.canvas.dataset.view = view;
     this.dirty = true;
     this.onview(view);
@@ -165,8 +145,7 @@ export class CameraView {
     const { k, left, top } = (this.lies = this.lie(cut, w, h));
     if (shown) {
       const place = [left + k * cut.x, top + k * cut.y, k * cut.w, k * cut.h];
-      if (this.view === 'threshold') this.drawThreshold(brush, ...place);
-      else brush.drawImage(this.picture, ...place);
+      brush.drawImage(this.picture, ...place);
     }
     if (this.view === 'off') {
       brush.fillStyle = QUIET;
@@ -175,42 +154,6 @@ export class CameraView {
       brush.fillText(say('picture_off'), w / 2, 2 * fontPx(1));
     }
     if (this.outlines && this.past.length) this.drawBlocks(brush);
-  }
-
-  drawThreshold(brush, ...place) {
-    const small = (this.small ??= new OffscreenCanvas(1, 1));
-    const of = `${this.stamp} ${this.level}`;
-    if (this.smallOf === of) return brush.drawImage(small, ...place);
-    this.smallOf = of;
-    small.width = this.picture.width;
-    small.height = this.picture.height;
-    const pen = small.getContext('2d', { willReadFrequently: true });
-    pen.drawImage(this.picture, 0, 0);
-    const pixels = pen.getImageData(0, 0, small.width, small.height);
-    const data = new Uint32Array(pixels.data.buffer);
-    const counts = new Uint32Array(256);
-    for (let i = 0; i < data.length; i++) {
-      const grey = data[i] & 255;
-      counts[grey]++;
-      if (this.level) data[i] = grey >= this.level ? 0xffffffff : 0xff000000;
-    }
-    pen.putImageData(pixels, 0, 0);
-    brush.drawImage(small, ...place);
-    this.drawHistogram(counts);
-  }
-
-  drawHistogram(counts) {
-    const brush = this.histogram.getContext('2d');
-    const { width, height } = this.histogram;
-    brush.clearRect(0, 0, width, height);
-    const most = Math.log1p(Math.max(...counts));
-    for (let i = 0; i < 256; i++) {
-      const tall = (height * Math.log1p(counts[i])) / most;
-      brush.fillStyle = i >= this.level ? INK : '#5d6972';
-      brush.fillRect(i, height - tall, 1, tall);
-    }
-    brush.fillStyle = THREAD;
-    brush.fillRect(this.level, 0, 1, height);
   }
 
   // The block whose cover lies under a place on the canvas; -1 for none.

@@ -84,7 +84,6 @@ link.on('cascades', (day) => cascades.take(day));
 let hours = null; // what the node of that name said last
 // Values of a node: all of its state, or those that a request has just set.
 function learn(node, values) {
-  if (node === 'tracker') camera.showThreshold(values.threshold);
   if (['grains', 'sound'].includes(node)) instrument.take(node, values);
   if (node === 'grains') {
     showReach(values.radius);
@@ -182,7 +181,7 @@ link.on('hello', ({ pin }) => {
 // What people ask for
 
 function lock(locked) {
-  for (const element of document.querySelectorAll('[data-control], #radius, #keep-threshold, #blend, #axis-x, #axis-y, #hover')) element.disabled = locked;
+  for (const element of document.querySelectorAll('[data-control], #radius, #blend, #axis-x, #axis-y, #hover')) element.disabled = locked;
   space.lock(locked);
   instrument.lock(locked);
 }
@@ -222,7 +221,6 @@ async function act(name, body = {}) {
 for (const button of document.querySelectorAll('[data-control]')) button.onclick = () => act(button.dataset.control);
 $('radius').oninput = () => sayReach(sliderReach());
 $('radius').onchange = () => act('radius', { value: Number(sliderReach().toPrecision(2)) });
-$('keep-threshold').onclick = () => act('threshold', { value: camera.level });
 $('pin-form').onsubmit = async (event) => {
   event.preventDefault();
   forget();
@@ -243,7 +241,6 @@ $('listen').onclick = async () => {
 };
 function retell() {
   if (space.corpus) space.setCorpus(space.corpus);
-  camera.slider.oninput();
   redraw();
   nodes.draw();
   instrument.retell();
@@ -256,7 +253,7 @@ function retell() {
 
 addEventListener('keydown', (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || /INPUT|SELECT/.test(event.target.tagName)) return;
-  const views = { s: 'source', t: 'threshold', n: 'off' };
+  const views = { s: 'source', n: 'off' };
   if (views[event.key]) camera.show(views[event.key]);
   if (event.key === 'o') camera.toggleOutlines();
   if (event.key === 'l') $('listen').click();

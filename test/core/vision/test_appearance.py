@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The appearance tracker: its parts against independent oracles, then videos with known truth."""
+"""The tracker: its parts against independent oracles, then videos with known truth."""
 
 import inspect
 import math
@@ -13,17 +13,17 @@ from support.vision_bound import position_bound_px
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
+from eol_ros.core.vision import outline
 from eol_ros.core.vision.appearance import find, fit, learnt, model, neighbours, pixels
 from eol_ros.core.vision.appearance.follow import Follower
 from eol_ros.core.vision.appearance.register import register
-from eol_ros.core.vision.appearance.tracker import AppearanceTracker
 from eol_ros.core.vision.calibration import covers
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect import outline
-from eol_ros.core.vision.identity.symmetry import TURNED
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import NOISE_LEVELS, Renderer, RenderOptions
 from eol_ros.core.vision.states import FAULT, LOST, SEARCHING, TRACKING
+from eol_ros.core.vision.symmetry import TURNED
+from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
 
@@ -319,7 +319,7 @@ def test_printed_covers_lie_where_they_were_put(name, most_mm, mirror):
         matrix[0, 2] = camera.image_width - 1 - matrix[0, 2]
         camera = replace(camera, homography=flip @ camera.homography, camera_matrix=matrix)
         assert camera.mirrored
-    tracker = AppearanceTracker(TrackerSettings(), camera)
+    tracker = Tracker(TrackerSettings(), camera)
     found = []
     for k in range(40):
         image = films.sensed(film.light, k)
@@ -572,7 +572,7 @@ def test_a_quarter_turn_in_the_dark_is_told_by_the_covers(quarters):
 @pytest.mark.parametrize('quarters', [0, 1, 3])
 def test_which_way_round_the_lattice_lies_is_told_by_taps(quarters):
     renderer = Renderer(RenderOptions(noise='L2'), None, 2)
-    tracker = AppearanceTracker(TrackerSettings(trust_start=False), renderer.calibration)
+    tracker = Tracker(TrackerSettings(trust_start=False), renderer.calibration)
     at, slips = REST.copy(), {30 + 20 * n: place for n, place in enumerate([3, 16, 8, 22, 14, 1])}
     for k in range(180):
         place = slips.get(k - k % 10 if k % 20 >= 10 else -1)
@@ -648,7 +648,7 @@ def test_the_glow_of_a_lamp_is_no_block():
 def test_states_of_the_tracker():
     renderer = Renderer(RenderOptions(noise='L2'), None, 2)
     camera = renderer.calibration
-    tracker = AppearanceTracker(TrackerSettings(), camera)
+    tracker = Tracker(TrackerSettings(), camera)
     dark = np.random.default_rng(1).integers(8, 14, (800, 1280)).astype(np.uint8)
     empty = tracker.update(0.0, dark)
     assert empty.state == SEARCHING and np.isnan(empty.world).all() and not empty.seen.any()
@@ -686,14 +686,13 @@ def test_what_was_learned_is_known_to_the_next_tracker_in_its_first_image():
         drawn = renderer.render(*at.T, np.full(25, angle), k)
         return textured(drawn, camera, at, angle, patterns)
 
-    first = AppearanceTracker(TrackerSettings(), camera)
+    first = Tracker(TrackerSettings(), camera)
     for k in range(30):
         first.update(k / 60, image(k, 0.0))
     learned = first.learned()
     for quarters in (0, 1, 3):
-        after = AppearanceTracker(TrackerSettings(trust_start=False), camera)
-        for kind, data in learned.items():
-            after.requests.add(0, kind, data)
+        after = Tracker(TrackerSettings(trust_start=False), camera)
+        after.requests.add(0, 'covers', learned)
         angle = quarters * math.pi / 2
         found = after.update(1.0, image(40 + quarters, angle))
         assert found.seen.all() and not found.symmetry_ambiguous
@@ -714,7 +713,7 @@ def test_damaged_covers_are_refused_in_one_line(spoil):
         covers['spread'][3, 2, 1] = -1.0
     spoilt = covers.tobytes()[: -3 if spoil == 'short' else None]
     with pytest.raises(ConfigError, match='learned covers'):
-        AppearanceTracker(TrackerSettings(), camera).requests.add(0, 'covers', spoilt)
+        Tracker(TrackerSettings(), camera).requests.add(0, 'covers', spoilt)
 
 
 def test_twice_the_same_bits():

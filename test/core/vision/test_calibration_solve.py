@@ -7,10 +7,10 @@ import pytest
 from support.relief import films, scene
 
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.vision.calibration import calibrate
+from eol_ros.core.vision import outline
+from eol_ros.core.vision.calibration import calibrate, falling_light
 from eol_ros.core.vision.calibration.charuco import Board, from_board
-from eol_ros.core.vision.detect import falling_light, outline
-from eol_ros.core.vision.detect.corners import corners
+from eol_ros.core.vision.calibration.corners import corners
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.errors import ConfigError

@@ -6,10 +6,11 @@ import pytest
 
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.background.model import BackgroundLearner, BackgroundModel
-from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.core.vision.render import clutter as renderer_clutter
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError
+from eol_ros.settings import TrackerSettings
 
 pytestmark = pytest.mark.slow  # the first run compiles
 
@@ -47,16 +48,16 @@ def test_lamps_are_learnt_and_taken_off(monkeypatch):
     assert np.quantile(off, 0.99) < 2.5
     rms = {}
     for name, used in (('with', clutter), ('without', None)):
-        finder, left = BlobFinder(), []
-        finder.background = used
+        left = []
         for k in range(8):
+            tracker = Tracker(TrackerSettings(), renderer.calibration)
+            tracker.background = used
             xy = rest_lattice() + np.random.default_rng(k).normal(0, 0.01, (25, 2))
-            blobs = finder.find(renderer.render(*xy.T, np.full(25, 0.1), 100 + k))
-            truth = renderer.calibration.to_pixels(xy)
-            far = np.hypot(blobs['u'][:, None] - truth[:, 0], blobs['v'][:, None] - truth[:, 1])
-            assert far.min(axis=1).max() < 2
-            left.append(far.min(axis=0))
-        rms[name] = np.sqrt((np.array(left) ** 2).mean())
+            found = tracker.update(0.0, renderer.render(*xy.T, np.full(25, 0.1), 100 + k))
+            assert found.seen.sum() > 22
+            left.append(545 * np.hypot(*(found.world - xy)[found.seen].T))
+            assert left[-1].max() < 2
+        rms[name] = np.sqrt((np.concatenate(left) ** 2).mean())
     assert rms['with'] < 0.7 * rms['without']
 
 

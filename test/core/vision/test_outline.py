@@ -10,11 +10,11 @@ import pytest
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, BODY_HEIGHT_M, rest_lattice
 from eol_ros.core.terrain import CoverShape, cover_mesh, land_edges, landscape, tile
+from eol_ros.core.vision import outline
+from eol_ros.core.vision.appearance.squares import SQUARE
 from eol_ros.core.vision.calibration.calibrate import raise_plane
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect import outline
-from eol_ros.core.vision.detect.blobs import BLOB, BlobFinder
 from eol_ros.core.vision.render.renderer import Renderer
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError
@@ -146,7 +146,7 @@ def test_corners_stand_where_those_of_the_printed_cover_do(mirror):
     )
     if mirror:  # the same turn round the square as seen in the image
         flat, top, rim = (part[[2, 3, 0, 1]][::-1] for part in (flat, top, rim))
-    blob = np.zeros(1, BLOB)
+    blob = np.zeros(1, SQUARE)
     middle = flat.mean(axis=0)
     blob['u'], blob['v'] = middle
     blob['theta'] = camera.yaw_to_image([middle], [pose[2]])
@@ -279,73 +279,3 @@ def test_the_tracker_is_right_about_the_twins_covers(shape, gap_m):
 
     # the twin's walls shine on nothing: half of SHINE_PX, 0.17 mm here, is the outline's own
     assert error_mm[0] < 0.4 and error_mm[1] > 3 * error_mm[0]
-
-
-FINE = 8  # parts of a pixel, each way
-
-
-def lit_cover(at_px, angle, bite_px=0.0):
-    """Return light (96, 96) of a cover 46 px wide that falls to half towards its edges.
-
-    Every side is bitten by `bite_px` over a fifth of its length. Drawn in parts of a pixel, blurred
-    by the lens, then taken up by pixels.
-    """
-    v, u = (np.mgrid[: 96 * FINE, : 96 * FINE] + 0.5) / FINE - 0.5
-    c, s = np.cos(angle), np.sin(angle)
-    x, y = (u - at_px[0]) * c - (v - at_px[1]) * s, -(u - at_px[0]) * s - (v - at_px[1]) * c
-    half = HALF_M * 545
-    inside = np.ones(x.shape, bool)
-    deep = np.full(x.shape, half)
-    for d, t in ((x, y), (-x, -y), (y, x), (-y, -x)):
-        edge = half - np.where(np.abs(t - 10) < 0.2 * half, bite_px, 0.0)
-        inside &= d < edge
-        deep = np.minimum(deep, edge - d)
-    # each quarter falls at its own rate, as land does
-    light = 12.0 + np.where(inside, 170 * (1 - 0.55 * np.exp(-deep / (6 + 4 * (x > y)))), 0.0)
-    light = cv2.GaussianBlur(light, (0, 0), 1.2 * FINE)
-    return cv2.resize(light, (96, 96), interpolation=cv2.INTER_AREA)
-
-
-def flat_covers_with_heights():
-    """Return a camera for covers whose heights are known, all in the calibration's plane."""
-    land = np.full((25, 4, 5), 1e3 * PLANE_M)
-    covers = CoverOutlines(1e3 * PLANE_M, land)
-    return replace(Calibration.ideal(), cover_height_m=PLANE_M, covers=covers)
-
-
-def measured(light, at_px, angle, seeds):
-    """Return places (n, 2) and sigmas (n,) px of a cover's `light`, known by its name."""
-    finder = BlobFinder(calibration=flat_covers_with_heights())
-    low = np.array([600, 360])
-    expected = np.array([[*(low + np.round(at_px)), angle, 0.0, 0.0]])
-    places, sigmas = [], []
-    for seed in seeds:
-        rng = np.random.default_rng(seed)
-        image = np.full((800, 1280), 12.0)
-        image[low[1] : low[1] + 96, low[0] : low[0] + 96] = light
-        part = image[340:480, 580:720]
-        part += np.sqrt(4 + 0.1 * part) * rng.standard_normal(part.shape)
-        found = finder.find(np.clip(np.rint(image), 0, 255).astype(np.uint8), expected)
-        places.append([found['u'][0] - low[0], found['v'][0] - low[1]])
-        sigmas.append(found['sigma_px'][0])
-    return np.array(places), np.array(sigmas)
-
-
-@pytest.mark.slow
-def test_a_cover_whose_light_falls_is_off_by_the_same_wherever_in_a_pixel_it_lies():
-    angle, off = 0.003, []  # all lines of a side meet their pixels alike
-    for k in range(6):
-        at = np.array([47.0 + k / 6, 47.3])
-        places, _ = measured(lit_cover(at, angle), at, angle, range(12))
-        off.append(places.mean(axis=0) - at)
-
-    assert np.std(off, axis=0).max() < 0.007
-
-
-@pytest.mark.slow
-def test_what_an_outline_is_always_off_by_is_not_scatter():
-    at, angle = np.array([47.2, 46.7]), 0.1
-    places, sigmas = measured(lit_cover(at, angle, bite_px=0.5), at, angle, range(60))
-    scatter = np.sqrt(places.var(axis=0).mean())
-
-    assert scatter / 1.5 < np.median(sigmas) < 1.5 * scatter

@@ -3,18 +3,19 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.relief import films
 
 from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.vision.appearance import find, register
 from eol_ros.core.vision.background.model import BackgroundModel
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect import scan, search
-from eol_ros.core.vision.detect.blobs import BlobFinder
 from eol_ros.core.vision.render import clutter as renderer_clutter
+from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+from eol_ros.core.vision.requests import packed
 from eol_ros.core.vision.states import CALIBRATING, FAULT, LOST, SEARCHING, TRACKING
 from eol_ros.core.vision.tracker import Tracker
-from eol_ros.core.vision.trackers import tracker_for
 from eol_ros.settings import TrackerSettings
 
 pytestmark = pytest.mark.slow
@@ -33,18 +34,8 @@ def stills():
     return [renderer.render(x, y, np.zeros(25), k).copy() for k in range(70)]
 
 
-@pytest.fixture(params=['edges', 'appearance'])
-def method(request):
-    return request.param
-
-
 @pytest.fixture
-def tracker(method):
-    return tracker_for(TrackerSettings(method=method), Calibration.ideal())
-
-
-@pytest.fixture
-def by_edges():
+def tracker():
     return Tracker(TrackerSettings(), Calibration.ideal())
 
 
@@ -133,19 +124,19 @@ def test_stamps_that_stop_jump_and_run_backwards(tracker, stills):
 
 
 @pytest.mark.parametrize('scale', [0.4, 2.5])
-def test_a_calibration_of_another_camera_gives_no_pose(method, stills, scale):
+def test_a_calibration_of_another_camera_gives_no_pose(stills, scale):
     ideal = Calibration.ideal()
     other = dataclasses.replace(
         ideal, homography=ideal.homography @ np.diag([1 / scale, 1 / scale, 1])
     )
-    for tracked in feed(tracker_for(TrackerSettings(method=method), other), stills[:5]):
+    for tracked in feed(Tracker(TrackerSettings(), other), stills[:5]):
         assert tracked.state != TRACKING
         assert not tracked.seen.any()
         assert tracked.why
 
 
-def test_without_calibration_pixels_come_at_once_and_metres_after_rest(method, stills):
-    tracker = tracker_for(TrackerSettings(method=method), None)
+def test_without_calibration_pixels_come_at_once_and_metres_after_rest(stills):
+    tracker = Tracker(TrackerSettings(), None)
     answers = feed(tracker, stills)
     assert answers[0].state == CALIBRATING
     assert answers[0].seen.all()
@@ -156,11 +147,11 @@ def test_without_calibration_pixels_come_at_once_and_metres_after_rest(method, s
         assert np.allclose(tracked.px, Calibration.ideal().to_pixels(rest_lattice()), atol=0.03)
 
 
-def test_blocks_that_rest_off_their_lattice_are_no_measure(method):
+def test_blocks_that_rest_off_their_lattice_are_no_measure():
     xy = rest_lattice()
     xy[[3, 8, 11, 20]] += [[0.04, 0], [0.03, 0.02], [-0.03, 0.02], [0.02, 0.04]]
     renderer = Renderer(RenderOptions(), Calibration.ideal(), 2)
-    tracker = tracker_for(TrackerSettings(method=method), None)
+    tracker = Tracker(TrackerSettings(), None)
     images = [renderer.render(*xy.T, np.zeros(25), k).copy() for k in range(45)]
     last = feed(tracker, images)[-1]
     assert last.state == CALIBRATING
@@ -181,9 +172,9 @@ def test_darkness_then_light_says_that_the_turn_is_open(tracker, stills):
     assert np.allclose(again.world, rest_lattice(), atol=1e-4)
 
 
-def test_same_images_same_answer_to_the_bit(method, stills):
+def test_same_images_same_answer_to_the_bit(stills):
     def run():
-        tracker = tracker_for(TrackerSettings(method=method), Calibration.ideal())
+        tracker = Tracker(TrackerSettings(), Calibration.ideal())
         tracker.warm_up()
         answers = feed(tracker, stills[:20])
         return b''.join(
@@ -245,12 +236,13 @@ def test_lamps_are_not_learnt_while_blocks_are_lit(tracker, scattered):
     assert 'blocks are lit' in tracker.outcome.text
 
 
-def test_requests_written_down_make_the_same_answers_again(method, scattered):
+def test_requests_written_down_make_the_same_answers_again(scattered):
     _, lit, dark = scattered
     images = [*lit[:20], *dark, *lit[20:]]
+    lamps = packed(BackgroundModel(np.full_like(lit[0], 9)))
 
     def run(ask):
-        tracker = tracker_for(TrackerSettings(method=method), Calibration.ideal())
+        tracker = Tracker(TrackerSettings(), Calibration.ideal())
         answers = []
         for k, image in enumerate(images):
             ask(tracker, k)
@@ -258,9 +250,9 @@ def test_requests_written_down_make_the_same_answers_again(method, scattered):
         return b''.join(a.tobytes() for t in answers for a in (t.world, t.px, t.visibility))
 
     asked = [
-        (ns(10), 'threshold', 60.0),
+        (ns(10), 'background', lamps),
         (ns(20), 'darkness', ns(48)),
-        (ns(58), 'threshold', 0.0),
+        (ns(58), 'background', b''),
     ]
 
     def live(tracker, k):
@@ -276,31 +268,23 @@ def test_requests_written_down_make_the_same_answers_again(method, scattered):
     assert run(live) != run(lambda tracker, k: None)
 
 
-def test_no_image_compiles_anything_again(by_edges, stills):
+def test_no_image_compiles_anything_again(tracker, stills):
     """After warm_up every kind of image finds its loops ready: also the first without lamps."""
-    by_edges.warm_up()
-    loops = (search.at_predictions, scan.sample, mapping.glance)
+    tracker.warm_up()
+    loops = (register.register, find.noise_by_level, mapping.glance)
     ready = [list(loop.signatures) for loop in loops]
     image = stills[0]
     over_the_wire = np.frombuffer(image.tobytes(), np.uint8).reshape(image.shape)
     for k, kind in enumerate((over_the_wire, image.copy(), np.asfortranarray(image))):
-        by_edges.update(k / 60, kind)
-    by_edges.finder.background = BackgroundModel(np.zeros_like(image))
-    assert by_edges.update(0.1, image).seen.all()
+        tracker.update(k / 60, kind)
+    tracker.background = BackgroundModel(np.zeros_like(image))
+    assert tracker.update(0.1, image).seen.all()
     assert [list(loop.signatures) for loop in loops] == ready
 
 
-def test_a_threshold_leaves_dimmer_squares_out(by_edges, stills):
-    feed(by_edges, stills[:3])
-    by_edges.requests.add(ns(3), 'threshold', 250.0)
-    assert not feed(by_edges, stills[3:5], 3)[-1].seen.any()
-    by_edges.requests.add(ns(5), 'threshold', 100.0)
-    assert feed(by_edges, stills[5:12], 5)[-1].seen.all()
-
-
-def test_a_calibration_asked_for_is_made_from_still_blocks(method, stills):
+def test_a_calibration_asked_for_is_made_from_still_blocks(stills):
     wrong = Calibration.ideal(px_per_m=535.0)
-    tracker = tracker_for(TrackerSettings(method=method), wrong)
+    tracker = Tracker(TrackerSettings(), wrong)
     before = feed(tracker, stills[:12])[-1]
     assert before.world[24, 0] > 0.353
     tracker.requests.add(ns(12), 'calibrate')
@@ -326,36 +310,10 @@ def test_a_calibration_is_refused_while_blocks_do_not_rest(tracker):
     assert tracked.state == TRACKING
 
 
-def test_only_blocks_that_were_others_are_learnt_again_when_names_change():
-    calibration, rest = Calibration.ideal(), rest_lattice()
-    tracker = Tracker(TrackerSettings(), calibration)
-    renderer = Renderer(RenderOptions(noise='L2'), calibration, 3)
-    image = renderer.render(*rest.T, np.zeros(25), 0)
-    for k in range(40):
-        assert tracker.update(k / 60, image).state == TRACKING or k < 20
-    update, looks = tracker.identity.update, tracker.brightness.looks.copy()
-    assert looks.min() > 10
-
-    def exchanged(*args):
-        update(*args)
-        tracker.lattice._exchange(3, 4)
-
-    tracker.identity.update = exchanged
-    tracker.update(40 / 60, image)
-    assert (np.flatnonzero(tracker.brightness.looks < looks) == [3, 4]).all()
-
-    tracker.identity.update = update
-    tracker.lattice.turn_ids(1)  # between two images, as taps do; the block in the middle stays
-    tracker.brightness.contrast[20] = 1000.0  # no other block's may be asked for
-    tracker.update(41 / 60, image)
-    assert (tracker.brightness.looks <= 1).all()
-    assert tracker.brightness.contrast.max() < 500.0
-
-
-def half_hidden(method, images, flash=None, dimmed=1.0):
+def half_hidden(images, flash=None, dimmed=1.0):
     """Return what is made of block 12, hidden for a while and then half in sight again."""
     calibration, rest = Calibration.ideal(), rest_lattice()
-    tracker = tracker_for(TrackerSettings(method=method), calibration)
+    tracker = Tracker(TrackerSettings(), calibration)
     renderer = Renderer(RenderOptions(noise='L2'), calibration, 3)
     over = np.array([[rest[12, 0] - 0.07, -0.9, rest[12, 0] - 0.07, rest[12, 1], 0.0]])
     for k in range(images + 20):
@@ -373,22 +331,22 @@ def half_hidden(method, images, flash=None, dimmed=1.0):
     return tracked
 
 
-def test_a_half_hidden_block_is_known_again_after_a_flash_and_in_another_exposure(method):
+def test_a_half_hidden_block_is_known_again_after_a_flash_and_in_another_exposure():
     rest = rest_lattice()
     flash = 3.0 * np.eye(25)[12]
     for changes in ((), (flash,), (None, 0.55)):
-        tracked = half_hidden(method, 30, *changes)
+        tracked = half_hidden(30, *changes)
         assert tracked.seen[12]
         assert np.hypot(*(tracked.world[12] - rest[12])) < 2e-4
 
 
 @pytest.mark.parametrize('shift', [(0.0, 0.0), (0.09, -0.07)])
-def test_a_lattice_is_placed_by_blocks_of_which_arms_hide_half(method, shift):
+def test_a_lattice_is_placed_by_blocks_of_which_arms_hide_half(shift):
     """A border row and a column are half in sight: without them any of four places would do."""
     calibration, xy = Calibration.ideal(), rest_lattice() + shift
     right, bottom = xy[24, 0] + 0.06, xy[0, 1] - 0.06
     arms = np.array([[right, -0.9, right, 0.9, 0.055], [-0.9, bottom, 0.9, bottom, 0.055]])
-    tracker = tracker_for(TrackerSettings(method=method), calibration)
+    tracker = Tracker(TrackerSettings(), calibration)
     renderer = Renderer(RenderOptions(noise='L2'), calibration, 3)
     share = renderer.visible_share(*xy.T, np.zeros(25), 0, arms=arms)
     assert (abs(share[[1, 9]] - 0.5) < 0.1).all()
@@ -399,39 +357,115 @@ def test_a_lattice_is_placed_by_blocks_of_which_arms_hide_half(method, shift):
     assert np.abs(tracked.world - xy)[tracked.seen].max() < 3e-4
 
 
-@pytest.mark.parametrize(
-    ('grey', 'across', 'state'),
-    [(80.0, None, TRACKING), (14.0, None, SEARCHING), (80.0, 100.0, SEARCHING)],
-)
-def test_a_column_hidden_at_the_start_lies_where_the_platform_is_not_bare(grey, across, state):
-    """Not where a sleeve is as dark as the platform, nor where another arm is across from it."""
-    calibration, xy = Calibration.ideal(), rest_lattice() + [0.05, -0.03]
-    over, other = xy[4, 0], xy[0, 0] - 0.174
-    arms = [[over, -0.9, over, 0.9, 0.08, grey]]
-    if across:
-        arms.append([other, -0.9, other, 0.9, 0.06, across])
+@pytest.mark.parametrize('shift', [(0.05, -0.03), (0.12, -0.03)])
+@pytest.mark.parametrize('grey', [80.0, 14.0])
+def test_a_column_that_a_sleeve_hides_at_the_start_is_known(grey, shift):
+    """Also where the sleeve is as dark as the platform, and the rim pushed by 0.7 pitches."""
+    calibration, xy = Calibration.ideal(), rest_lattice() + shift
+    arms = np.array([[xy[4, 0], -0.9, xy[4, 0], 0.9, 0.08, grey]])
     tracker = Tracker(TrackerSettings(), calibration)
     renderer = Renderer(RenderOptions(noise='L2'), calibration, 3)
     for k in range(6):
-        image = renderer.render(*xy.T, np.zeros(25), k, arms=np.array(arms))
-        if k == 3:  # what is known of lamps does not take the platform for something else
-            tracker.finder.background = BackgroundModel(np.full_like(image, 3))
-        tracked = tracker.update(k / 60, image)
-    assert tracked.state == state
-    if state == TRACKING:
-        assert np.array_equal(np.flatnonzero(tracked.seen), np.flatnonzero(np.arange(25) % 5 < 4))
-        assert np.abs(tracked.world - xy)[tracked.seen].max() < 3e-4
+        tracked = tracker.update(k / 60, renderer.render(*xy.T, np.zeros(25), k, arms=arms))
+    assert tracked.state == TRACKING
+    assert np.array_equal(np.flatnonzero(tracked.seen), np.flatnonzero(np.arange(25) % 5 < 4))
+    assert np.abs(tracked.world - xy)[tracked.seen].max() < 3e-4
 
 
-def test_only_platform_is_bare(stills):
-    """Not a cover, what an arm hides, half of it in the image, or what is not in it."""
-    finder, calibration = BlobFinder(Calibration.ideal()), Calibration.ideal()
-    image = stills[0].copy()
-    xy = rest_lattice()
-    image[:, 640 - 22 : 640 + 22] = 90  # over the column in the middle, and beyond it
-    finder.find(image)
-    places = np.array([xy[0], xy[12], [0.0, 0.522], [0.522, 0.1], [0.6, 0.1], [0.1, 5.0]])
-    px = calibration.to_pixels(places)
-    near = np.column_stack([px, np.zeros(len(px))])
-    near[4, :2] = 700.0, 10.0
-    assert finder.bare(image, near).tolist() == [False, False, False, True, False, False]
+@pytest.mark.parametrize('level', ['ordinary', 'hard'])
+def test_clutter_hides_no_block_and_adds_none(level):
+    camera, yaw = clutter_calibration(level), np.random.default_rng(4).normal(0, 0.08, 25)
+    whole, errors = 0, []
+    for seed in (11, 22):
+        renderer = Renderer(RenderOptions(clutter=level), camera, seed)
+        tracker = Tracker(TrackerSettings(), camera)
+        for k in range(60):
+            xy = turned(rest_lattice(), 0.003 * k) + [0.0005 * k, 0.0]
+            image = renderer.render(*xy.T, yaw + 0.003 * k, k)
+            visible = renderer.visible_share(*xy.T, yaw + 0.003 * k, k)
+            tracked = tracker.update(k / 60, image)
+            off = np.hypot(*(tracked.world - xy).T)
+            assert (off[tracked.seen] < 0.005).all()  # no name of another, nothing that is no block
+            assert not tracked.seen[visible < 0.02].any()
+            assert k < 6 or tracked.seen[visible > 0.98].all()
+            errors.append(off[tracked.seen & (visible > 0.98)] * 545)
+            whole += (visible > 0.98).sum()
+    assert whole > 2000
+    rms = np.sqrt((np.concatenate(errors) ** 2).mean() / 2)
+    assert rms < {'ordinary': 0.05, 'hard': 0.1}[level]
+
+
+def test_blocks_out_of_the_picture_do_no_harm(tracker):
+    renderer = Renderer(RenderOptions(noise='L2'))
+    xy = rest_lattice() + [0.0, 0.38]  # the upper row is cut by the edge of the image
+    for k in range(6):
+        tracked = tracker.update(k / 60, renderer.render(*xy.T, np.zeros(25), k))
+    apart = np.hypot(*(xy[:, None] - tracked.world[tracked.seen][None]).transpose(2, 0, 1))
+    assert apart.min(axis=1)[:20].max() < 1e-3  # which row is out of sight is not known
+    assert apart.min(axis=0).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    'image',
+    [
+        np.random.default_rng(0).normal(60, 20, (800, 1280)).clip(0, 255).astype(np.uint8),
+        (np.indices((800, 1280)).sum(axis=0) // 8).astype(np.uint8),
+    ],
+    ids=['noise', 'ramp'],
+)
+def test_nothing_is_found_where_nothing_is(tracker, image):
+    assert not any(tracked.seen.any() for tracked in feed(tracker, [image] * 3))
+
+
+def test_path_traced_covers_are_known_again_with_their_names_turned():
+    """Darkness, then the table in another quarter: one image tells all names, without taps."""
+    shown = {film.name: film for film in films.load(films.TURNED)}
+    first = shown['tilted-0-0']
+    tracker = Tracker(TrackerSettings(), films.calibration(first, False))
+    feed(tracker, [films.sensed(first.light, k) for k in range(60)])
+    now, dark = 1.0, np.full(first.light.shape, 3, np.uint8)
+    for seed, name in enumerate(('tilted-2-1', 'tilted-1-2')):
+        for _ in range(8):
+            now += 3 / 8
+            tracker.update(now, dark)
+        film = shown[name]
+        found = tracker.update(now + 1 / 60, films.sensed(film.light, seed))
+        assert found.state == TRACKING and not found.symmetry_ambiguous
+        off = np.hypot(*(found.world - film.shot.poses[:, :2]).T)[found.seen]
+        assert len(off) >= 20 and off.max() < 0.05
+
+
+def images_of(at, count):
+    """Return images of textured covers without arms; block i stands where at[i] says."""
+    camera = clutter_calibration('hard')
+    renderer = Renderer(RenderOptions(clutter='hard'), camera, 5)
+    poses = np.column_stack([rest_lattice()[at], np.random.default_rng(1).normal(0, 0.05, 25)])
+    clear = (
+        k
+        for k in range(0, 9000, 30)
+        if renderer.visible_share(*poses.T, k).min() == 1 and not len(renderer.clutter.arms(k)[0])
+    )
+    return [renderer.render(*poses.T, next(clear), flash=np.zeros(25)) for _ in range(count)]
+
+
+def test_names_stay_where_two_covers_are_exchanged():
+    tracker = Tracker(TrackerSettings(), clutter_calibration('hard'))
+    exchanged = np.arange(25)
+    exchanged[[3, 8]] = 8, 3
+    before, after = images_of(np.arange(25), 4), images_of(exchanged, 4)
+    for k in range(400):
+        found = tracker.update(k / 40, before[k % 4] if k < 200 else after[k % 4])
+        assert found.seen.all() and not found.symmetry_ambiguous and found.changed == ()
+        assert np.abs(found.world - rest_lattice()).max() < 1e-3
+
+
+def test_a_block_whose_light_blinks_tells_the_turn():
+    settings = TrackerSettings(trust_start=False, blink_block=4, blink_period_s=1.0)
+    tracker, renderer = Tracker(settings, Calibration.ideal()), Renderer(RenderOptions())
+    xy, at = turned(rest_lattice(), -np.pi / 2), np.arange(25)
+    for k in range(230):
+        lit = np.where((at == 4) & (0.5 <= k / 60 % 1.0 < 0.6), 0.0, 1.0)
+        tracked = tracker.update(k / 60, renderer.render(*xy.T, np.zeros(25), k, ir=lit))
+        assert k != 20 or tracked.symmetry_ambiguous
+    assert not tracked.symmetry_ambiguous
+    assert np.allclose(tracked.world, xy, atol=1e-4)

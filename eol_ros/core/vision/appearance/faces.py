@@ -20,7 +20,7 @@ from eol_ros.core.vision.appearance.model import (
     YOUNG,
 )
 from eol_ros.core.vision.appearance.pixels import AREA, GREY, LIGHT, A, B
-from eol_ros.core.vision.identity.symmetry import TURNED
+from eol_ros.core.vision.symmetry import TURNED
 
 _LEAST, _MOST = model.SPREAD
 

@@ -20,7 +20,7 @@ from eol_ros.core.vision.appearance.model import YOUNG
 from eol_ros.core.vision.appearance.register import FOUND, register
 from eol_ros.core.vision.calibration.covers import FLAT
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.identity.symmetry import UNTURNED
+from eol_ros.core.vision.symmetry import UNTURNED
 
 BLOCK = np.dtype(
     [

@@ -24,8 +24,7 @@ from eol_ros.core.vision.appearance.model import (
     TOGETHER,
 )  # fmt: skip
 from eol_ros.core.vision.calibration.mapping import to_pixel
-from eol_ros.core.vision.detect.outline import NONE, outside
-from eol_ros.core.vision.detect.scan import span
+from eol_ros.core.vision.outline import NONE, outside
 
 # Numbers of a pixel. Of a patch: block coordinates in px of the block's scale, pixels that it
 # stands for, brightness of the face there and its slopes, variance of the brightness, part of a
@@ -53,6 +52,15 @@ PATCH = np.dtype(
     ]
 )  # fmt: skip
 """One block's patch; its numbers are kept beside it."""
+
+
+@njit(inline='always')
+def span(at, slope, half, low, high):
+    """Narrow `low`, `high` to where |at + slope x| <= half."""
+    if abs(slope) < 1e-9:
+        return (low, high) if abs(at) <= half else (1.0, 0.0)
+    a, b = (-half - at) / slope, (half - at) / slope
+    return max(low, min(a, b)), min(high, max(a, b))
 
 
 @njit(cache=True)

@@ -8,12 +8,12 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import arctan2, cos, sin
+from eol_ros.core.vision import outline
 from eol_ros.core.vision.appearance import faces, fit, pixels
 from eol_ros.core.vision.appearance import model as m
 from eol_ros.core.vision.appearance.model import LANES
 from eol_ros.core.vision.appearance.pixels import AREA, EDGE, GREY, SPREAD, Q
 from eol_ros.core.vision.calibration import mapping
-from eol_ros.core.vision.detect import outline
 
 FOUND = np.dtype(
     [

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
+from eol_ros.core.compiled import read_only
 from eol_ros.core.geometry import (
     BLOCK_SIDE_M,
     N_BLOCKS,
@@ -19,12 +20,12 @@ from eol_ros.core.geometry import (
     rest_lattice,
 )
 from eol_ros.core.verdict import Verdict, judged, worst
+from eol_ros.core.vision import outline
 from eol_ros.core.vision.appearance.squares import find_squares
+from eol_ros.core.vision.calibration.corners import corners
 from eol_ros.core.vision.calibration.covers import CoverOutlines
+from eol_ros.core.vision.calibration.falling_light import NEAR_SHINE_PX, side_sigma
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect import outline, scan
-from eol_ros.core.vision.detect.corners import corners
-from eol_ros.core.vision.detect.falling_light import NEAR_SHINE_PX, side_sigma
 from eol_ros.core.vision.image_health import Watch
 from eol_ros.errors import ConfigError
 from eol_ros.said import clauses, said
@@ -430,7 +431,7 @@ def from_squares(
         ConfigError: as `from_blocks`.
     """
     ids, covers = np.arange(N_BLOCKS), start.covers
-    looks = [(image, *_upright(squares)) for image, squares in seen]
+    looks = [(image, *outline.upright(squares)) for image, squares in seen]
 
     def solved(camera: Calibration | None, lens: int) -> Solution:
         views = []
@@ -471,14 +472,6 @@ def from_squares(
     return replace(best, note=note)
 
 
-def _upright(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return squares with angles within 45 degrees, and right angles (n,) to the blocks' x axes."""
-    quarters = np.rint(squares['theta'] / (np.pi / 2))
-    upright = squares.copy()
-    upright['theta'] -= quarters * (np.pi / 2)
-    return upright, quarters.astype(int) % 4
-
-
 def all_blocks(image: np.ndarray, start: Calibration, mirror: bool) -> np.ndarray:
     """Return the 25 squares in `image` (h, w) as a SQUARE array in order of id.
 
@@ -491,7 +484,7 @@ def all_blocks(image: np.ndarray, start: Calibration, mirror: bool) -> np.ndarra
     fault = Watch(None).fault(0.0, image)
     if fault:
         raise ConfigError(fault)
-    found = find_squares(scan.read_only(image), start, mirror)
+    found = find_squares(read_only(image), start, mirror)
     if found.calibration is None:
         raise ConfigError(found.why)
     if not found.seen.all():

@@ -266,29 +266,6 @@ class Calibration:
         yaw = np.asarray(yaw, float)
         return elementary.arctan2(kept.imag, kept.real) + (-yaw if self.mirrored else yaw)
 
-    def poses_to_table(self, px: ArrayLike, theta: ArrayLike, side_px: ArrayLike) -> np.ndarray:
-        """Return x, y, yaw, (n, 3), of squares fitted in the image.
-
-        The middles of the four edges are carried over, not the centre: under tilt or distortion the
-        centre of the image of a square is not the image of its centre (0.05 px at 5 degrees).
-        `theta` is counter-clockwise with u right and v up.
-        """
-        px = np.asarray(px, float).reshape(-1, 2)
-        theta = np.broadcast_to(np.asarray(theta, float), len(px))
-        half = np.broadcast_to(np.asarray(side_px, float), len(px)) / 2
-        right = np.stack([elementary.cos(theta), -elementary.sin(theta)], axis=1) * half[:, None]
-        away = np.stack([-elementary.sin(theta), -elementary.cos(theta)], axis=1) * half[:, None]
-        east, north, west, south = self.to_table(
-            np.concatenate([px + right, px + away, px - right, px - away])
-        ).reshape(4, -1, 2)
-        centre = (east + north + west + south) / 4
-        x_axis, y_axis = east - west, north - south
-        # the y axis turned back by a right angle, so that both speak of the same direction; in a
-        # mirror it lies on the other side of the x axis
-        back = np.stack([y_axis[:, 1], -y_axis[:, 0]], axis=1)
-        both = x_axis + (-back if self.mirrored else back)
-        return np.column_stack([centre, elementary.arctan2(both[:, 1], both[:, 0])])
-
     def side_px(self, px: ArrayLike, side_m: float) -> np.ndarray:
         """Return the image side (n,) of a square of `side_m` centred at `px` (n, 2)."""
         px = np.asarray(px, float).reshape(-1, 2)

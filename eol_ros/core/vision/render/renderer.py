@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from eol_ros.core import elementary
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
+from eol_ros.core.vision import outline
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.detect import outline
 from eol_ros.core.vision.render import kernels
 from eol_ros.core.vision.render.clutter import LEVELS, Clutter
 from eol_ros.errors import ConfigError

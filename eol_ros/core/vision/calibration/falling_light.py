@@ -16,7 +16,6 @@ and on eight of these with lenses of 0.85 to 1.92 px. No real table was measured
 """
 
 import numpy as np
-from scipy.special import erf
 
 SHARE = 0.55
 INSIDE = 0.2
@@ -94,6 +93,8 @@ def _fitted(
     And its blur, which is fitted to all sides together where `blur_steps` are allowed for it. By
     Gauss-Newton, of the least squares over all pixels, in shares of each side's step.
     """
+    from scipy.special import erf  # only who calibrates needs it
+
     n = np.maximum(seen[..., 0], 1.0)
     d, light = seen[..., 1] / n - at[:, None], seen[..., 2] / n
     weight = np.where((d > window[0] * blur_px) & (d < window[1] * blur_px), seen[..., 0], 0.0)

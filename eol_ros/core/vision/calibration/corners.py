@@ -6,10 +6,14 @@ import math
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.compiled import njit
+from eol_ros.core.compiled import njit, read_only
 from eol_ros.core.elementary_kernels import arctan2
-from eol_ros.core.vision.detect import falling_light, outline, profile_steps, profiles, scan
+from eol_ros.core.vision import outline
+from eol_ros.core.vision.calibration import falling_light, profile_steps, profiles
+from eol_ros.core.vision.calibration.model import Calibration
 
+BLUR_PX = 1.25  # of a lens in focus
+WHOLE = 0.6  # share of a side that agrees
 ROUNDS = 8  # at most, of reading all sides again where they were found
 SETTLED_PX = 0.005  # what no further round would change
 
@@ -138,13 +142,27 @@ def side_lines(image, squares, blur, tables, work, ends, out, seen):
             out[s, side, 1] = -arctan2(lines[side, 1], 1.0)
 
 
+def sides_px(image: np.ndarray, squares: np.ndarray, camera: Calibration) -> np.ndarray:
+    """Return how wide blocks (n,) are between their sides, px; NaN where a side is not whole.
+
+    squares: SQUARE (n,), where they stand in `image`, of type `read_only`.
+    """
+    upright, quarters = outline.upright(squares)
+    tables = outline.tables(camera, upright, quarters, falling_light.NEAR_SHINE_PX)
+    places = np.column_stack([upright['u'], upright['v'], upright['theta'], upright['side_px'] / 2])
+    lines, (work, ends) = np.zeros((len(squares), 4, 3)), profiles.workspace()
+    seen = np.zeros((0, 4, falling_light.BINS, 3))
+    side_lines(image, places, BLUR_PX, tables, work, ends, lines, seen)
+    return np.where((lines[..., 2] > WHOLE).all(axis=1), lines[..., 0].sum(axis=1) / 2, np.nan)
+
+
 def corners(
     image: np.ndarray,
     blobs: np.ndarray,
-    blur_px: float = 1.25,
+    blur_px: float = BLUR_PX,
     tables: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return the corners (n, 4, 2) in px of `blobs` (BLOB array); NaN where a side is not whole.
+    """Return the corners (n, 4, 2) in px of `blobs` (SQUARE array); NaN where a side is not whole.
 
     Order as seen from the block's own axes: (+x -y), (+x +y), (-x +y), (-x -y). With tables of
     covers with relief sides are where falling_light finds them.
@@ -156,7 +174,7 @@ def corners(
     lines = np.zeros((len(squares), 4, 3))
     seen = np.zeros((covers, 4, falling_light.BINS, 3))
     work, ends = profiles.workspace()
-    side_lines(scan.read_only(image), squares, blur_px, tables, work, ends, lines, seen)
+    side_lines(read_only(image), squares, blur_px, tables, work, ends, lines, seen)
     if covers:
         wide = float(np.median(blobs['side_px']))
         lines[..., 0] += falling_light.edges(seen, blur_px, wide)
@@ -172,7 +190,7 @@ def corners(
     found = np.full((len(squares), 4, 2), np.nan)
     for corner, (one, other) in enumerate(((3, 0), (0, 1), (1, 2), (2, 3))):
         pair = np.stack([normal[:, one], normal[:, other]], axis=1)
-        whole = (lines[:, one, 2] > 0.6) & (lines[:, other, 2] > 0.6)
+        whole = (lines[:, one, 2] > WHOLE) & (lines[:, other, 2] > WHOLE)
         if whole.any():
             offset = np.stack([reach[whole, one], reach[whole, other]], axis=1)
             found[whole, corner] = (

@@ -6,19 +6,16 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.vision.detect.profiles import (
+from eol_ros.core.vision.calibration.profiles import (
     _A,
     _B,
     _C,
     _D,
     _E,
-    BEGIN,
-    COUNT,
     FIRST,
     IN,
     LANES,
     LINES,
-    MIN_CONTRAST,
     OFFSET,
     OUT,
     TAP,
@@ -193,72 +190,3 @@ def _even(work, n):
     scale = before / max(after, np.float32(1e-9))
     for i in range(n):
         work[WEIGHT + i] *= scale
-
-
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def saturate_alike(work, ends, sides):
-    """Take for saturated on all sides what lies as far inside as saturated pixels of any side do.
-
-    For covers with relief: as light falls towards their edges, an edge is found further outside the
-    less of the light inside is seen. Where it is seen as far on all sides, the block stays.
-    """
-    n, taps = ends[LANES], ends[TAPS_USED]
-    f_slope, full, zero = np.float32(sides.slope), np.float32(FULL), np.float32(0.0)
-    inmost = np.float32(-SOFT_EDGE[1] * sides.blur)
-    bright = zero
-    for i in range(n):
-        bright += work[VALID + i] if work[IN + i] >= np.float32(BRIGHT) else zero
-        work[_E + i] = inmost
-    if bright == zero:
-        return
-    pixels = work[TAP:]
-    for k in range(taps):
-        at, ahead = k * LINES, f_slope * np.float32(k)
-        for i in range(n):
-            away = work[FIRST + i] + ahead
-            away = away if pixels[at + i] >= full else inmost
-            work[_E + i] = away if away > work[_E + i] else work[_E + i]
-    end = inmost
-    for side in range(4):
-        lines = work[ends[BEGIN + side] :]
-        total = count = zero
-        for i in range(ends[COUNT + side]):
-            total += lines[VALID + i] * lines[_E + i]
-            count += lines[VALID + i]
-        mean = total / max(count, np.float32(1.0))
-        end = mean if count > zero and mean > end else end
-    end += np.float32(0.5) * f_slope  # half a pixel further out the light comes down to FULL
-    for k in range(taps):
-        at, ahead = k * LINES, f_slope * np.float32(k)
-        for i in range(n):
-            away = work[FIRST + i] + ahead
-            pixels[at + i] = full if away < end else pixels[at + i]
-
-
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def search(work, ends, slope):
-    """Fill the offset of every profile by its steepest step, for a square known only roughly."""
-    n, taps = ends[LANES], ends[TAPS_USED]
-    zero, sure = np.float32(0.0), np.float32(3 * MIN_CONTRAST)
-    f_slope = np.float32(slope)
-    for i in range(n):
-        work[WEIGHT + i] = sure
-        work[OFFSET + i] = zero
-    pixels = work[TAP:]
-    for k in range(taps - 6):
-        at = k * LINES
-        ahead = f_slope * np.float32(k + 3)
-        for i in range(n):
-            step = (
-                pixels[at + i]
-                + pixels[at + LINES + i]
-                + pixels[at + 2 * LINES + i]
-                - pixels[at + 4 * LINES + i]
-                - pixels[at + 5 * LINES + i]
-                - pixels[at + 6 * LINES + i]
-            )
-            better = step > work[WEIGHT + i]
-            work[OFFSET + i] = work[FIRST + i] + ahead if better else work[OFFSET + i]
-            work[WEIGHT + i] = step if better else work[WEIGHT + i]
-    for i in range(n):
-        work[WEIGHT + i] = work[VALID + i] if work[WEIGHT + i] > sure else zero

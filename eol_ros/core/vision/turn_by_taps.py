@@ -5,7 +5,7 @@ import numpy as np
 
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.slips import START, SlipDetector
-from eol_ros.core.vision.identity.symmetry import Coincidence
+from eol_ros.core.vision.symmetry import Coincidence
 from eol_ros.settings import MotionSettings
 
 RESTED_S = 0.085  # a block seen at rest for less may have begun before it came into view

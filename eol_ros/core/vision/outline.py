@@ -150,13 +150,21 @@ def outside(table, side, t):
     return first + (at - np.float32(b)) * (second - first)
 
 
+def upright(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return squares with angles within 45 degrees, and right angles (n,) to the blocks' x axes."""
+    quarters = np.rint(squares['theta'] / (np.pi / 2))
+    upright = squares.copy()
+    upright['theta'] -= quarters * (np.pi / 2)
+    return upright, quarters.astype(int) % 4
+
+
 def tables(
     calibration: Calibration,
     blobs: np.ndarray,
     quarters: np.ndarray,
     shine: np.float32 = SHINE_PX,
 ) -> np.ndarray:
-    """Return tables (n, SIZE) of blocks 0 to n - 1, found as `blobs` (n,), a BLOB array.
+    """Return tables (n, SIZE) of blocks 0 to n - 1, found as `blobs` (n,), a SQUARE array.
 
     quarters (n,): right angles from each square's angle in the image to the block's own x axis;
     shine: as of `tabulate`.

@@ -9,7 +9,7 @@ import numpy as np
 
 from eol_ros.core import elementary
 from eol_ros.core.geometry import N_BLOCKS, neighbours
-from eol_ros.core.vision.identity.symmetry import UNTURNED
+from eol_ros.core.vision.symmetry import UNTURNED
 
 EARLY_S, LATE_S = 0.02, 0.08  # a light is believed again only some images after it came back
 BEAT_S = 0.05  # blinks may be off the beat by so much

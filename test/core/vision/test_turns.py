@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from support.stick_slip import Onlooker, Table
 
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.vision.identity.blink import Blink
-from eol_ros.core.vision.identity.fitting import rotate_cell
-from eol_ros.core.vision.identity.identity import Identity
-from eol_ros.core.vision.identity.symmetry import TURNED, UNTURNED, Coincidence
+from eol_ros.core.vision.blink import Blink
+from eol_ros.core.vision.symmetry import TURNED, UNTURNED, Coincidence
 
 pytestmark = pytest.mark.slow
 
@@ -17,14 +14,13 @@ def turned(xy, angle):
     return xy @ np.array([[c, s], [-s, c]])
 
 
-def feed(identity, stamp_s, xy, names):
-    shown = xy[names]
-    identity.update(stamp_s, shown, np.zeros(len(shown)), np.full(len(shown), 1e-4))
-
-
 def test_tables_of_turned_ids_agree():
+    rest = rest_lattice()
     for quarters in range(4):
-        assert list(TURNED[quarters]) == [rotate_cell(b, quarters) for b in range(25)]
+        there = turned(rest, quarters * np.pi / 2)  # a block goes to the place that another had
+        assert np.allclose(rest[TURNED[quarters]], there) or np.allclose(
+            rest[UNTURNED[quarters]], there
+        )
         assert list(TURNED[quarters][UNTURNED[quarters]]) == list(range(25))
 
 
@@ -84,51 +80,28 @@ def test_the_middle_block_is_no_witness():
     assert np.diff(np.sort(coincidence.belief))[-1] > 11.5
 
 
-def test_a_turn_in_the_dark_is_put_right_by_taps():
-    identity, onlooker = Identity(), Onlooker(4, arms=0.0, false_per_image=0.0)
-    table = Table(4, 60.0)
-    heard = 0
-    quarter = np.pi / 2
-    for k in range(900):
-        moment = table.step()
-        if k == 100:
-            onlooker.dark_until_s = moment.stamp_s + 1.5
-        seen = onlooker.look(moment)
-        angle = quarter if k >= 100 else 0.0  # somebody turns everything by a right angle
-        for stamp_s, block in onlooker.listen(table.begun[heard:]):
-            identity.tap(stamp_s, block, 0.008)
-        heard = len(table.begun)
-        identity.update(moment.stamp_s, turned(seen.xy, angle), seen.yaw, seen.sigma)
-        if k == 195:
-            assert identity.lattice.ambiguous
-    assert not identity.lattice.ambiguous
-    held = identity.lattice.index >= 0
-    assert list(seen.true[identity.lattice.index[held]]) == list(np.flatnonzero(held))
+def beats(blink, quarters, images, hidden=lambda k: ()):
+    """Return what the blink of block 4 tells in so many images of a lattice turned by quarters."""
+    place, answers = turned(rest_lattice(), quarters * np.pi / 2), []
+    at = UNTURNED[quarters, 4]
+    for k in range(images):
+        seen = np.ones(25, bool)
+        seen[at] = not 0.5 <= k / 60 % 1.0 < 0.6
+        seen[list(hidden(k))] = False
+        answers.append(blink.update(k / 60, place, seen))
+    return [answer for answer in answers if answer is not None]
 
 
 @pytest.mark.parametrize('quarters', [0, 1, 3])
 def test_a_blinking_block_tells_the_turn(quarters):
-    identity = Identity(trust_start=False, blink=Blink(4, 1.0, 0.1))
-    place = turned(rest_lattice(), quarters * np.pi / 2)
-    for k in range(240):
-        now = k / 60
-        names = [b for b in range(25) if not (b == 4 and 0.5 <= now % 1.0 < 0.6)]
-        if 90 <= k < 110:
-            names = [b for b in names if b not in (10, 11)]  # an arm
-        feed(identity, now, place, names)
-        if k == 20:
-            assert identity.lattice.ambiguous
-    assert not identity.lattice.ambiguous
-    assert np.allclose(identity.lattice.xy, place, atol=1e-6)
+    found = beats(Blink(4, 1.0, 0.1), quarters, 240, lambda k: (10, 11) if 90 <= k < 110 else ())
+    assert found and set(found) == {quarters}
 
 
 def test_an_arm_on_the_beat_of_nothing_is_no_blink():
-    identity = Identity(trust_start=False, blink=Blink(4, 1.0, 0.1))
-    random = np.random.default_rng(1)
-    dark = {}
+    random, blink, dark = np.random.default_rng(1), Blink(4, 1.0, 0.1), {}
     for k in range(600):
         if k % 37 == 0:
             dark = {int(random.integers(0, 25)): k + int(random.integers(3, 9))}
-        names = [b for b in range(25) if dark.get(b, 0) <= k]
-        feed(identity, k / 60, rest_lattice(), names)
-    assert identity.lattice.ambiguous
+        seen = np.array([dark.get(block, 0) <= k for block in range(25)])
+        assert blink.update(k / 60, rest_lattice(), seen) is None

@@ -3,7 +3,7 @@
 
 Sides are read along whole pixels, never resampled, so each pixel counts once. Every profile
 answers by a matched filter how far its edge lies from where it was expected, against the light
-that stands there inside and outside. For axes and signs see edges.
+that stands there inside and outside.
 """
 
 import math
@@ -13,7 +13,7 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin, tan
-from eol_ros.core.vision.detect import outline
+from eol_ros.core.vision import outline
 
 REACH_PX = 4.8  # of a profile at least, along the normal, to both sides of its edge
 TAPS = 22  # pixels of a profile at 45 degrees
@@ -22,7 +22,6 @@ VECTOR = 16  # lanes; each side begins with a new vector, and two lanes at least
 SIDE_LINES = 88  # of one side; a wider one is read on every second line
 CORNER = 1.4  # blurs left out at each end of a side, where two edges mix
 UNLIKE = 1.0  # of the variance from line to line, what differs between level zone and edge
-WIDER = 5  # lines than a grain that sparkles is the light of another cover
 OTHER, SOFT_OTHER = 0.1, 0.2  # of the contrast, light that is not the platform's
 # And of an arm along half a side, of which it leaves hardly a line dark: grains are not so dense.
 ARM, SOFT_ARM, HARDLY = 0.05, 0.1, 0.1
@@ -40,22 +39,20 @@ MIN_CONTRAST = 8.0  # grey levels
 # knows, it can tell that they do not overlap and turns every loop over profiles into vector code.
 # Of two arrays it cannot: it then asks at run time where they lie, and where it is in doubt it goes
 # a slower way whose sums have other last bits. No loop here may read one array and write another.
-(FIRST, T, NU, NV, VALID, IN, OUT, OFFSET, WEIGHT, _A, _B, _C, _D, _E, _F) = (
-    k * LINES for k in range(15)
+FIELDS = 13
+(FIRST, T, VALID, IN, OUT, OFFSET, WEIGHT, _A, _B, _C, _D, _E, _F) = (
+    k * LINES for k in range(FIELDS)
 )
-TAP = 15 * LINES  # then the pixels of the profiles, tap after tap
+TAP = FIELDS * LINES  # then the pixels of the profiles, tap after tap
 
-# `ends` holds where each side begins, all lanes, taps, lines of each side, lines of all sides, and
-# of these the ones that cross no outline; then where in the image the lines of one side begin.
-BEGIN, LANES, TAPS_USED, COUNT, ALL, BESIDE, PLACES = 0, 4, 5, 6, 10, 11, 12
+# `ends` holds where each side begins, all lanes, taps and lines of each side; then where in the
+# image the lines of one side begin.
+BEGIN, LANES, TAPS_USED, COUNT, PLACES = 0, 4, 5, 6, 10
 
 # `spread` holds what levels finds of all profiles together: the variance of one pixel inside and
-# outside; the parts of them that are texture, which unlike noise is alike from pixel to pixel; the
-# fall of light over the width of an edge that the flats beside it show, as a share of the contrast;
-# all lines for each one that is not cut short by a corner; and the share of lines with a cover's
-# light on the wrong side.
-VARIANCE_IN, VARIANCE_OUT, TEXTURE_IN, TEXTURE_OUT, FALL, AROUND, GLARE = range(7)
-SPREAD = 7
+# outside, and the parts of them that are texture, which unlike noise is alike from pixel to pixel.
+VARIANCE_IN, VARIANCE_OUT, TEXTURE_IN, TEXTURE_OUT = range(4)
+SPREAD = 4
 
 
 class Sides(NamedTuple):
@@ -86,8 +83,9 @@ def sides_of(theta, half, blur, soft):
 
 
 def workspace() -> tuple[np.ndarray, np.ndarray]:
-    """Return scratch arrays of fit_squares, so that a live image allocates nothing."""
-    return np.zeros((15 + TAPS) * LINES, np.float32), np.zeros(PLACES + SIDE_LINES + 1, np.int64)
+    """Return scratch arrays: `work` and `ends`."""
+    ends = np.zeros(PLACES + SIDE_LINES + 1, np.int64)
+    return np.zeros((FIELDS + TAPS) * LINES, np.float32), ends
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
@@ -106,7 +104,7 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
     flat, places = image.reshape(height * width), ends[PLACES:]
     steep = abs(cos(theta))
     taps = min(2 * int(REACH_PX / steep + 0.5) + 2, TAPS)
-    at = total = beside = 0
+    at = 0
     for side in range(4):
         angle = theta + side * math.pi / 2
         nu, nv = cos(angle), -sin(angle)
@@ -136,7 +134,6 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
         f_tf, f_ts = np.float32(t_fast), np.float32(t_slow)
         f_out, f_lean = np.float32(out), np.float32(lean)
         back = np.float32(0.5 - step * (taps - 1) * 0.5)
-        f_nu, f_nv = np.float32(nu), np.float32(nv)
         # first pixels between these lie in the image with all that follow, and lines between those
         reach = step * (taps - 1)
         least = np.float32(max(0, -reach) - base)
@@ -161,8 +158,6 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
             lines[VALID + i] = valid
             lines[FIRST + i] = f_fast * (start - f_middle - edge) - outer
             lines[T + i] = t
-            lines[NU + i] = f_nu
-            lines[NV + i] = f_nv
             lines[_F + i] = start
         if table[0] > zero:
             tilt = np.float32(-tan(theta))
@@ -174,7 +169,6 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
                 away = outline.outside(table, side, t)
                 if away == outline.NONE:
                     lines[VALID + i] = zero
-                    beside += 1
                     continue
                 t += away * tilt
                 outer = f_out + f_lean * t + away
@@ -201,14 +195,13 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
                 for k in range(taps):
                     lines[TAP + k * LINES + i] = zero
         at += whole
-        total += n
-    ends[LANES], ends[TAPS_USED], ends[ALL], ends[BESIDE] = at, taps, total, beside
+    ends[LANES], ends[TAPS_USED] = at, taps
 
 
 # What these take are values, not places in `work`: where a number that is known while compiling
 # is part of an index, loops over them do not become vector code.
 @njit(inline='always')
-def _inside(pixel, before, first, away, t, cut, falls, sums):
+def _inside(pixel, before, first, away, t, cut, sums):
     """Add `pixel`, `away` from its edge and after `before`, to sums of differences to `first`."""
     one, zero = np.float32(1.0), np.float32(0.0)
     lean, limit, flat = cut
@@ -216,21 +209,20 @@ def _inside(pixel, before, first, away, t, cut, falls, sums):
     w = w if away < -flat else zero
     change = w * (pixel - before)
     x = w * (pixel - first)
-    n, light, rough, fall, square = sums
-    return n + w, light + x, rough + change * change, fall + falls * change, square + x * x
+    n, light, rough, square = sums
+    return n + w, light + x, rough + change * change, square + x * x
 
 
 @njit(inline='always')
-def _outside(pixel, before, last, away, t, cut, f_both, sums):
+def _outside(pixel, last, away, t, cut, sums):
     """As _inside, of differences to `last`."""
     one, zero = np.float32(1.0), np.float32(0.0)
     lean, limit, flat = cut
     w = one if abs(t + away * lean) <= limit else zero
     w = w if away > flat else zero
     x = w * (pixel - last)
-    both = w if away > f_both else zero
-    n, light, fall, square = sums
-    return n + w, light + x, fall + both * (pixel - before), square + x * x
+    n, light, square = sums
+    return n + w, light + x, square + x * x
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
@@ -238,46 +230,42 @@ def _zones(work, n, taps, sides):
     """Sum each profile's pixels inside and outside: counts to A and C, sums to B and D.
 
     Sums are of differences to the innermost and the outermost pixel, so that their squares, to
-    OFFSET and WEIGHT, keep their digits. To E the squared changes from pixel to pixel inside, to F
-    the changes inside and outside; of soft sides only those outside, further from the edge by a
-    pixel. Left out is what lies further along the side than its limit.
+    OFFSET and WEIGHT, keep their digits. To E the squared changes from pixel to pixel inside.
+    Left out is what lies further along the side than its limit.
     """
     f_slope, f_lean = np.float32(sides.slope), np.float32(sides.lean)
     f_limit, f_flat = np.float32(sides.limit), np.float32(FLAT * sides.blur)
-    zero, one = np.float32(0.0), np.float32(1.0)
-    falls = zero if sides.soft else one
-    f_both = f_flat + (f_slope if sides.soft else zero)  # without the foot of the edge
+    zero = np.float32(0.0)
     # all FLAT_TAPS pixels in one go: sums stay in registers, and loops over profiles vector code
     cut = f_lean, f_limit, f_flat
     d1, d2, d3 = f_slope, f_slope * np.float32(2), f_slope * np.float32(3)
     d4, d5 = f_slope * np.float32(4), f_slope * np.float32(5)
     for i in range(n):
-        d, t, sums = work[FIRST + i], work[T + i], (zero, zero, zero, zero, zero)
+        d, t, sums = work[FIRST + i], work[T + i], (zero, zero, zero, zero)
         p0, p1, p2 = work[TAP + i], work[TAP + LINES + i], work[TAP + 2 * LINES + i]
         p3, p4 = work[TAP + 3 * LINES + i], work[TAP + 4 * LINES + i]
         p5 = work[TAP + 5 * LINES + i]
-        sums = _inside(p0, p0, p0, d, t, cut, falls, sums)
-        sums = _inside(p1, p0, p0, d + d1, t, cut, falls, sums)
-        sums = _inside(p2, p1, p0, d + d2, t, cut, falls, sums)
-        sums = _inside(p3, p2, p0, d + d3, t, cut, falls, sums)
-        sums = _inside(p4, p3, p0, d + d4, t, cut, falls, sums)
-        sums = _inside(p5, p4, p0, d + d5, t, cut, falls, sums)
-        work[_A + i], work[_B + i], work[_E + i], work[_F + i], work[OFFSET + i] = sums
-    outside = work[TAP + (taps - FLAT_TAPS - 1) * LINES :]  # one pixel before the first of these
+        sums = _inside(p0, p0, p0, d, t, cut, sums)
+        sums = _inside(p1, p0, p0, d + d1, t, cut, sums)
+        sums = _inside(p2, p1, p0, d + d2, t, cut, sums)
+        sums = _inside(p3, p2, p0, d + d3, t, cut, sums)
+        sums = _inside(p4, p3, p0, d + d4, t, cut, sums)
+        sums = _inside(p5, p4, p0, d + d5, t, cut, sums)
+        work[_A + i], work[_B + i], work[_E + i], work[OFFSET + i] = sums
+    outside = work[TAP + (taps - FLAT_TAPS) * LINES :]
     start = f_slope * np.float32(taps - FLAT_TAPS)
     d0, d1, d2, d3, d4, d5 = start, start + d1, start + d2, start + d3, start + d4, start + d5
     for i in range(n):
-        d, t, beyond = work[FIRST + i], work[T + i], (zero, zero, work[_F + i], zero)
+        d, t, beyond = work[FIRST + i], work[T + i], (zero, zero, zero)
         p0, p1, p2 = outside[i], outside[LINES + i], outside[2 * LINES + i]
         p3, p4, p5 = outside[3 * LINES + i], outside[4 * LINES + i], outside[5 * LINES + i]
-        p6 = outside[6 * LINES + i]
-        beyond = _outside(p1, p0, p6, d + d0, t, cut, f_both, beyond)
-        beyond = _outside(p2, p1, p6, d + d1, t, cut, f_both, beyond)
-        beyond = _outside(p3, p2, p6, d + d2, t, cut, f_both, beyond)
-        beyond = _outside(p4, p3, p6, d + d3, t, cut, f_both, beyond)
-        beyond = _outside(p5, p4, p6, d + d4, t, cut, f_both, beyond)
-        beyond = _outside(p6, p5, p6, d + d5, t, cut, f_both, beyond)
-        work[_C + i], work[_D + i], work[_F + i], work[WEIGHT + i] = beyond
+        beyond = _outside(p0, p5, d + d0, t, cut, beyond)
+        beyond = _outside(p1, p5, d + d1, t, cut, beyond)
+        beyond = _outside(p2, p5, d + d2, t, cut, beyond)
+        beyond = _outside(p3, p5, d + d3, t, cut, beyond)
+        beyond = _outside(p4, p5, d + d4, t, cut, beyond)
+        beyond = _outside(p5, p5, d + d5, t, cut, beyond)
+        work[_C + i], work[_D + i], work[WEIGHT + i] = beyond
 
 
 @njit(cache=True, inner=True, fastmath=True, error_model='numpy')
@@ -338,20 +326,18 @@ def levels(work, ends, sides, spread):
     """Measure the light inside and outside along every profile, and judge which ones show an edge.
 
     Fills IN, OUT and `spread` (SPREAD,), and clears VALID of profiles that show no edge like the
-    others. Only what stands outside tells soft sides from a lamp. Returns (contrast, level inside)
-    of the block, or zeros.
+    others. Returns (contrast, level inside) of the block, or zeros.
     """
     soft = sides.soft
-    n, wide, taps = ends[ALL], ends[LANES], ends[TAPS_USED]
+    wide, taps = ends[LANES], ends[TAPS_USED]
     outermost = work[TAP + (taps - 1) * LINES :]
     _zones(work, wide, taps, sides)
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
-    total = short = zero
+    total = zero
     for i in range(wide):
         a, c = work[_A + i], work[_C + i]
         full = one if a >= two else zero
         full = full if c >= two else zero
-        short += (one - full) * work[VALID + i]
         valid = full * work[VALID + i]
         work[VALID + i] = valid
         total += valid
@@ -380,12 +366,8 @@ def levels(work, ends, sides, spread):
         return 0.0, 0.0
     mean_in /= count
     near = np.float32(1e9 if soft else 0.5 * contrast)
-    bright = np.float32(mean_in - 0.25 * contrast)
-    glare = v_in = v_out = k_in = k_out = changes = trend = zero
+    v_in = v_out = k_in = k_out = changes = zero
     for i in range(wide):
-        glow = one if work[OUT + i] > bright else zero
-        glow = glow if work[_C + i] >= two else zero
-        glare += glow
         valid = work[VALID + i] if abs(work[IN + i] - mean_in) <= near else zero
         work[VALID + i] = valid
     for i in range(wide):  # apart from what is written: `outermost` might be part of that
@@ -395,16 +377,7 @@ def levels(work, ends, sides, spread):
         v_out += valid * (work[WEIGHT + i] - work[_D + i] * off_out)
         k_in += valid * (work[_A + i] - one)
         changes += valid * work[_E + i]
-        trend += valid * work[_F + i]
         k_out += valid * (work[_C + i] - one)
-    for i in range(wide if soft else 0):
-        glow = one if work[OUT + i] > bright else zero
-        work[_F + i] = glow if work[_C + i] >= two else zero
-    if soft:  # these stand among sparkling grains, too
-        glare = zero
-        for i in range(WIDER, wide - WIDER):
-            before, after = work[_F + i - WIDER], work[_F + i + WIDER]
-            glare += work[_F + i] * (before if before > after else after)
     inner, outer = max(float(k_in), 1.0), max(float(k_out), 1.0)
     spread[VARIANCE_IN] = max(v_in / inner, 0.25)
     spread[VARIANCE_OUT] = max(v_out / outer, 0.25)
@@ -412,11 +385,6 @@ def levels(work, ends, sides, spread):
     noise = max(0.55 * changes / inner, spread[VARIANCE_OUT])
     spread[TEXTURE_IN] = max(spread[VARIANCE_IN] - noise, 0.0)
     spread[TEXTURE_OUT] = 0.0
-    # a lamp's glow falls on and on, a cover has an edge between two flats
-    lines = outer if soft else inner + outer
-    spread[FALL] = -trend / lines / sides.slope * 2 * (FLAT * sides.blur) / contrast
-    spread[AROUND] = n / max(n - ends[BESIDE] - float(short), 1.0)
-    spread[GLARE] = glare / max(n, 1)
     return contrast, mean_in
 
 
