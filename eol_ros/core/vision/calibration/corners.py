@@ -111,7 +111,6 @@ def side_lines(image, squares, blur, tables, work, ends, out, seen):
     """
     spread = np.zeros(profiles.SPREAD)
     lines, placed = np.zeros((4, 2)), np.zeros(outline.SIZE, np.float32)
-    square = (0.0, 0.0)  # no shear: each side has a line of its own
     for s in range(squares.shape[0]):
         u, v, theta, half = squares[s, 0], squares[s, 1], squares[s, 2], squares[s, 3]
         out[s] = 0.0
@@ -120,7 +119,7 @@ def side_lines(image, squares, blur, tables, work, ends, out, seen):
         sides = profiles.sides_of(theta, half, blur, soft)
         for _ in range(ROUNDS):
             _placed(tables[s], half, lines, placed)
-            profiles.gather(image, u, v, theta, half, blur, square, placed, work, ends)
+            profiles.gather(image, u, v, theta, half, blur, placed, work, ends)
             contrast, _ = profiles.levels(work, ends, sides, spread)
             if contrast == 0.0:
                 out[s, :, 2] = 0.0

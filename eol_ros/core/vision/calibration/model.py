@@ -261,8 +261,17 @@ class Calibration:
         return self.distort(project(self.homography, np.asarray(xy, float).reshape(-1, 2)))
 
     def yaw_to_image(self, px: ArrayLike, yaw: ArrayLike) -> np.ndarray:
-        """Return the image angle (n,) of squares at `px` (n, 2) with `yaw` (n,) on the table."""
-        kept, _ = self._derivatives(px)
+        """Return the image angle (n,) of squares at `px` (n, 2) with `yaw` (n,) on the table.
+
+        With table vectors and image vectors (v up) as complex numbers the image of w is
+        a w + b conj(w); the angle of a square is that of `a`. In a mirror w is the vector's mirror
+        image.
+        """
+        centre = self.to_table(np.asarray(px, float).reshape(-1, 2))
+        ends = [self.to_pixels(centre + sign * s) for s in np.eye(2) * 0.02 for sign in (1, -1)]
+        across, along = ends[0] - ends[1], ends[2] - ends[3]
+        one, other = across[:, 0] - 1j * across[:, 1], along[:, 0] - 1j * along[:, 1]
+        kept = one + 1j * other if self.mirrored else one - 1j * other
         yaw = np.asarray(yaw, float)
         return elementary.arctan2(kept.imag, kept.real) + (-yaw if self.mirrored else yaw)
 
@@ -275,28 +284,6 @@ class Calibration:
         across, along = ends[0] - ends[1], ends[2] - ends[3]
         area = np.abs(across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0])
         return np.sqrt(area)
-
-    def shear(self, px: ArrayLike) -> np.ndarray:
-        """Return (n, 2) real and imaginary part of what lens and tilt make of squares at `px`.
-
-        With table vectors and image vectors (v up) as complex numbers the image of w is
-        a w + b conj(w). A square at image angle theta keeps its angle and size by `a`; by
-        e = b / conj(a) exp(-2 i theta) it becomes a parallelogram: see profiles.gather. In a mirror
-        w is the vector's mirror image.
-        """
-        kept, bent = self._derivatives(px)
-        ratio = bent / np.conj(kept)
-        return np.column_stack([ratio.real, ratio.imag])
-
-    def _derivatives(self, px: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Return a and b (n,) of `shear` at `px` (n, 2), in px for a vector of 8 cm."""
-        centre = self.to_table(np.asarray(px, float).reshape(-1, 2))
-        ends = [self.to_pixels(centre + sign * s) for s in np.eye(2) * 0.02 for sign in (1, -1)]
-        across, along = ends[0] - ends[1], ends[2] - ends[3]
-        one, other = across[:, 0] - 1j * across[:, 1], along[:, 0] - 1j * along[:, 1]
-        if self.mirrored:
-            other = -other
-        return one - 1j * other, one + 1j * other
 
     def packed(self) -> np.ndarray:
         """Return all numbers of it in one row (32,), as mapping takes them."""

@@ -89,11 +89,9 @@ def workspace() -> tuple[np.ndarray, np.ndarray]:
 
 
 @njit(cache=True, fastmath=True, error_model='numpy')
-def gather(image, u, v, theta, half, blur, shear, table, work, ends):
+def gather(image, u, v, theta, half, blur, table, work, ends):
     """Copy the profiles of all sides into `work`, from TAP on (tap, line), running outwards.
 
-    shear (2,): how lens and tilt make the square a parallelogram here: a side of normal angle phi
-    lies `half Re e` further out and leans by `Im e` on t, with e = shear exp(-2 i phi).
     table: of outline, how far outside of the square the outline of a cover with relief stands.
 
     Fills first (d of the first tap), t, normal and validity of every line, and ends (see
@@ -108,9 +106,6 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
     for side in range(4):
         angle = theta + side * math.pi / 2
         nu, nv = cos(angle), -sin(angle)
-        twice_c, twice_s = nu * nu - nv * nv, -2 * nu * nv  # cos and sin of twice the angle
-        out = half * (shear[0] * twice_c + shear[1] * twice_s)
-        lean = shear[1] * twice_c - shear[0] * twice_s
         tu, tv = -sin(angle), -cos(angle)
         along_row = side % 2 == 0  # sides 0 and 2 are steep: rows cross them
         fast, slow = (nu, nv) if along_row else (nv, nu)
@@ -132,7 +127,6 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
         f_stride, f_half, f_slow = np.float32(stride), np.float32(half), np.float32(slow)
         f_fast, per_fast = np.float32(fast), np.float32(1.0 / fast)
         f_tf, f_ts = np.float32(t_fast), np.float32(t_slow)
-        f_out, f_lean = np.float32(out), np.float32(lean)
         back = np.float32(0.5 - step * (taps - 1) * 0.5)
         # first pixels between these lie in the image with all that follow, and lines between those
         reach = step * (taps - 1)
@@ -148,15 +142,14 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
             along = f_low + line * f_stride
             edge = (f_half - f_slow * along) * per_fast  # from the centre
             t = edge * f_tf + along * f_ts
-            outer = f_out + f_lean * t
-            start = np.floor(f_middle + edge + outer * per_fast + back)
+            start = np.floor(f_middle + edge + back)
             valid = one if start >= least else zero
             valid = valid if start <= most else zero
             valid = valid if line >= from_line else zero
             valid = valid if line <= to_line else zero
             valid = valid if line <= last else zero
             lines[VALID + i] = valid
-            lines[FIRST + i] = f_fast * (start - f_middle - edge) - outer
+            lines[FIRST + i] = f_fast * (start - f_middle - edge)
             lines[T + i] = t
             lines[_F + i] = start
         if table[0] > zero:
@@ -171,11 +164,10 @@ def gather(image, u, v, theta, half, blur, shear, table, work, ends):
                     lines[VALID + i] = zero
                     continue
                 t += away * tilt
-                outer = f_out + f_lean * t + away
-                start = np.floor(f_middle + edge + outer * per_fast + back)
+                start = np.floor(f_middle + edge + away * per_fast + back)
                 inside = start >= least and start <= most and line >= from_line
                 lines[VALID + i] = one if inside and line <= to_line else zero
-                lines[FIRST + i] = f_fast * (start - f_middle - edge) - outer
+                lines[FIRST + i] = f_fast * (start - f_middle - edge) - away
                 lines[T + i] = t
                 lines[_F + i] = start
         # Now the pixels, tap after tap: one line after the other would write far apart. By unsigned
