@@ -12,7 +12,6 @@ from benchmarks.vision_scenes import RATE_HZ
 from eol_ros import cli
 from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.slips import START, SlipEvent
-from eol_ros.core.vision.appearance.tracker import AppearanceTracker
 from eol_ros.core.vision.render.renderer import Sensor
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.settings import TrackerSettings
@@ -77,7 +76,7 @@ def test_a_block_that_slides_is_seen_to_slide_as_far(surface, capsys):
 
 def carried_off(arm, images=20):
     """Return how far the middle block of printed covers is led off its place under an arm, px,
-    and how many sigmas that is; both medians, NaN if it is not reported.
+    and how many sigmas that is; both medians, NaN if most images do not show it.
 
     arm: two ends and a radius, m, from the block's own place.
     """
@@ -95,7 +94,9 @@ def carried_off(arm, images=20):
     assert np.isfinite(places[10:100]).all()
     home = np.median(places[40:100], axis=0)
     off = np.hypot(*(np.array(places[100:]) - home).T)
-    return np.median(off) * source.camera.px_per_m(), np.median(off / sigma[100:])
+    if np.isfinite(off).mean() < 0.7:
+        return np.nan, np.nan
+    return np.nanmedian(off) * source.camera.px_per_m(), np.nanmedian(off / sigma[100:])
 
 
 @pytest.mark.slow
@@ -141,7 +142,7 @@ def test_a_face_learned_from_an_arm_is_forgotten_once_the_block_is_clear():
     source = vision_hard.ReliefLight('hard', 881523)
     sensor, tracker = (
         Sensor(*NOISE, (881523, 0)),
-        AppearanceTracker(TrackerSettings(), source.camera),
+        Tracker(TrackerSettings(), source.camera),
     )
     image = np.empty((source.camera.image_height, source.camera.image_width), np.uint8)
     for k in range(200):

@@ -205,6 +205,12 @@ class Tracker:
         follower = self.follower
         assert follower is not None
         self._image, blocks = image, follower.update(stamp_s, image)
+        if (other := follower.elsewhere(stamp_s, image)) is not None:
+            self.follower = follower = other
+            blocks = other.blocks
+            self.turn.lost(stamp_s)
+            if self.blink is not None:
+                self.blink.forget()
         if not follower.lattice or blocks['seen'].sum() < model.LEAST:
             self.turn.lost(stamp_s)
             if self.blink is not None:

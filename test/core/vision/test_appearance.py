@@ -358,7 +358,7 @@ def test_a_printed_cover_beside_a_lamp_is_learned_from_the_first_image_on(beside
 @pytest.mark.parametrize('name', ['straight', 'lens', 'tilted-0mm'])
 def test_printed_covers_taken_to_be_flat_are_seen_all_the_same(name):
     film = next(f for f in films.load() if f.name == name)
-    tracker = AppearanceTracker(TrackerSettings(), films.calibration(film, False))
+    tracker = Tracker(TrackerSettings(), films.calibration(film, False))
     found = [tracker.update(k / 60, films.sensed(film.light, k)) for k in range(60)]
     assert all(f.seen.all() for f in found[30:])
     off = np.array([f.world for f in found[30:]]) - film.shot.poses[:, :2]
@@ -766,3 +766,26 @@ def test_loops_that_llvm_may_reorder_are_compiled_with_their_caller_alone(module
     for text in inspect.getsource(module).split('\n@njit')[1:]:
         options = text.split('\ndef ')[0]
         assert 'fastmath' not in options or 'inner=True' in options, text[:120]
+
+
+@pytest.mark.parametrize('pushed', [-0.12, 0.06])
+@pytest.mark.parametrize('axis', [0, 1])
+def test_a_lattice_found_a_row_beside_its_place_is_put_right(pushed, axis):
+    """While two opposite borders are hidden, two places of the lattice explain the others alike."""
+    renderer = Renderer(RenderOptions(noise='L2'), None, 2)
+    at = REST + pushed * np.eye(2)[axis]
+    tracker = Tracker(TrackerSettings(), renderer.calibration)
+    row = np.arange(25) // 5 if axis else np.arange(25) % 5
+    hidden = renderer.calibration.to_pixels(at[(row == 0) | (row == 4)])[:, axis]
+    wrong = 0
+    for k in range(110):
+        image = renderer.render(*at.T, np.zeros(25), k).copy()
+        if k < 20:
+            place = np.arange(image.shape[1 - axis])
+            dark = np.abs(place[:, None] - hidden).min(axis=1) < 40
+            image[(dark, slice(None)) if axis else (slice(None), dark)] = 12
+        found = tracker.update(k / 60, image)
+        wrong += bool(np.nanmax(np.hypot(*(found.world - at).T)) > 0.1)
+    assert wrong  # else this test shows nothing
+    assert found.seen.all()
+    assert np.hypot(*(found.world - at).T).max() < 1e-3

@@ -6,6 +6,7 @@ all; a block out of sight is looked for where they put it. With most blocks out 
 lattice is sought.
 """
 
+import copy
 import math
 
 import numpy as np
@@ -78,6 +79,8 @@ class Follower:
         self._places, self._angles = np.zeros((2, 13, 13), np.float32)
         self.changed_s = np.full(n, -math.inf)
         self._stood, self._stands_s = np.full((n, 2), np.nan), math.inf  # where, and since when
+        # which blocks were seen since the lattice was found; when it is sought once more if not all
+        self._met, self._again_s, self._pause_s = np.zeros(n, bool), math.inf, model.AGAIN_S[0]
 
     def _take_camera(self, calibration: Calibration) -> None:
         self._calibration = calibration
@@ -142,6 +145,7 @@ class Follower:
             self._lost = 0 if good.sum() >= model.SEEN_BLOCKS else self._lost + 1
             if good.sum() >= model.LEAST:
                 self._seen_s = stamp_s
+        self._met |= blocks['seen']
         xy, seen = np.column_stack([blocks['x'], blocks['y']]), blocks['seen']
         if not (seen.any() and np.abs(xy - self._stood)[seen].max() <= model.REST_M):
             self._stood, self._stands_s = xy, stamp_s
@@ -295,7 +299,52 @@ class Follower:
         good = self._judge(self._all)
         if good.sum() < model.SEEN_BLOCKS:
             self._sought_s = stamp_s
+        self._met[:], self._pause_s = False, model.AGAIN_S[0]
+        self._again_s = stamp_s + self._pause_s
         return good
+
+    def elsewhere(self, stamp_s: float, image: np.ndarray) -> 'Follower | None':
+        """Return what follows the same blocks as a lattice a row further on, if they are one.
+
+        None while all blocks have been seen, and between two looks. Where arms hide the blocks of
+        two borders, the lattice can be found a row beside its place.
+        """
+        if self._met.all() or stamp_s < self._again_s or self.blocks['seen'].sum() < model.LEAST:
+            return None
+        self._pause_s = min(2 * self._pause_s, model.AGAIN_S[1])
+        self._again_s = stamp_s + self._pause_s
+        side = math.isqrt(len(self.rest))
+        index, seen = np.arange(len(self.rest)).reshape(side, side), self.blocks['seen']
+        for axis in (0, 1):
+            for way in (1, -1):
+                order = np.roll(index, way, axis)
+                new = np.take(index, 0 if way > 0 else -1, axis)
+                left = int(seen[np.take(index, -1 if way > 0 else 0, axis)].sum())
+                other = copy.deepcopy(self)
+                other._rename(order.ravel(), new)
+                good = other.blocks['seen'].copy()
+                for block in new:
+                    other._seek(stamp_s, image, block, good)
+                if good[new].sum() >= left + model.MORE:
+                    _take(other.blocks, other.found, other._near, good, math.inf)
+                    return other
+        return None
+
+    def _rename(self, order: np.ndarray, new: np.ndarray) -> None:
+        """Give each block what block order (n,) had; of the blocks `new` nothing is known."""
+        for rows in (self.blocks, self.found, self.changed_s, self._met):
+            rows[:] = rows[order]
+        self.faces.turn(order, 0)
+        for block in new:
+            self._forget(int(block))
+        self.blocks['seen'][new] = self._met[new] = False
+        for name in ('right', 'up', 'yaw_offset', 'evidence'):
+            self.blocks[name][new] = 0.0
+        self.blocks['sure_px'][new] = model.LOST_PX
+        self._patches[0]['starts'] = 0
+        xy = np.column_stack([self.blocks['x'], self.blocks['y']])
+        neighbours.predict(self.rest, xy, self.blocks['seen'], self._near)
+        self._pause_s = model.AGAIN_S[0]
 
     def _approach(self, image: np.ndarray) -> float:
         """Fit all blocks from places that are some px off; return the evidence of their sides."""

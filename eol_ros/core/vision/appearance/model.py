@@ -111,6 +111,8 @@ LOST_PX = 6.0
 LEAST = (
     5  # blocks: fewer do not say what is usual for all, and with fewer in sight the lattice is lost
 )
+MORE = 3  # blocks more of a border in sight make it the right one
+AGAIN_S = 0.5, 600.0  # from one look for it to the next, while a block was never seen: first, last
 SEEN_BLOCKS, LOST_IMAGES = 8, 6  # with fewer blocks for longer, the lattice is sought again
 LEARN_PX = 4.0  # in one image: a cell of a face; faster blocks are not learned from
 STILL_PX = 1.0  # slower ones show the width of edges
