@@ -37,6 +37,8 @@ class Bank:
         (g, 2) where on the table each grain lies, m; NaN for none.
     descriptors : mapping, optional
         Values (g,) by name; NaN for none.
+    guarded : bool
+        GUARD zeros lie before and behind each of `sounds` in its memory, so none is copied.
 
     Examples
     --------
@@ -54,25 +56,23 @@ class Bank:
         sample_rate: float,
         places: ArrayLike | None = None,
         descriptors: Mapping[str, np.ndarray] | None = None,
+        guarded: bool = False,
     ):
         self.sample_rate = sample_rate
         self._describe(descriptors)
         self.places = None if places is None else np.asarray(places, float).reshape(-1, 2)
-        sizes = [len(s) for s in sounds]
-        self._samples = np.zeros(sum(sizes) + GUARD * (len(sizes) + 1), np.float32)
-        begins = np.empty(len(sizes), np.int64)
-        at = GUARD
-        for i, sound in enumerate(sounds):
-            self._samples[at : at + len(sound)] = sound
-            begins[i] = at
-            at += len(sound) + GUARD
-        self._backwards: np.ndarray | None = None
-        file = np.asarray(file, np.int64)
-        first = np.round(np.asarray(start, float) * sample_rate).astype(np.int64)
+        self._file = np.asarray(file, np.int64)
+        self._sounds = [
+            s if guarded else np.pad(np.asarray(s, np.float32), GUARD)[GUARD:-GUARD] for s in sounds
+        ]
+        self._turned: list[np.ndarray] = []  # the same, backwards: grains of `_is_turned`
+        self._first = np.round(np.asarray(start, float) * sample_rate).astype(np.int64)
         length = np.round(np.asarray(duration, float) * sample_rate).astype(np.int64)
-        room = np.array(sizes, np.int64)[file] - first
+        room = np.array([len(s) for s in sounds], np.int64)[self._file] - self._first
         self.length = np.clip(length, 0, np.maximum(room, 0))  # (g,) samples
-        self.address = self._samples.ctypes.data + 4 * (begins[file] + first)  # (g,) of sample 0
+        begins = np.array([s.ctypes.data for s in self._sounds], np.int64)
+        self.address = begins[self._file] + 4 * self._first  # (g,) of sample 0
+        self._is_turned = np.zeros(len(self.length), bool)
 
     def __len__(self) -> int:
         return len(self.length)
@@ -89,16 +89,23 @@ class Bank:
             self._shares[name] = found
         return self._shares[name]
 
-    @property
-    def backwards(self) -> np.ndarray:
-        """Addresses (g,) of the last sample of each grain, of a copy that goes back from there.
+    def backwards(self, grains: np.ndarray) -> np.ndarray:
+        """Return the addresses (g,) of the last sample of each grain, to be read from there back.
 
-        The copy is made when somebody first asks for it.
+        Valid are those of `grains`, which are copied the first time that they are named.
         """
-        if self._backwards is None:
-            self._backwards = self._samples[::-1].copy()
-        size, start = self._samples.nbytes, self._samples.ctypes.data
-        return self._backwards.ctypes.data + size - (self.address - start) - 4 * self.length
+        if not self._turned:  # memory that nothing is written to takes no room
+            self._turned += [np.zeros(len(s) + 2 * GUARD, np.float32) for s in self._sounds]
+        ends = np.array([len(s) for s in self._sounds], np.int64)[self._file]
+        for grain in np.unique(grains[~self._is_turned[grains]]).tolist():
+            sound, end = self._sounds[self._file[grain]], int(ends[grain])
+            first = max(int(self._first[grain]) - GUARD, 0)  # voices read a little beyond
+            last = min(int(self._first[grain] + self.length[grain]) + GUARD, end)
+            turned = self._turned[self._file[grain]][GUARD:-GUARD]
+            turned[end - last : end - first] = sound[first:last][::-1]
+            self._is_turned[grain] = True
+        begins = np.array([s[GUARD:].ctypes.data for s in self._turned], np.int64)
+        return begins[self._file] + 4 * (ends - self._first - self.length)
 
     def placed(
         self, places: ArrayLike, descriptors: Mapping[str, np.ndarray] | None = None
@@ -198,7 +205,8 @@ def numbered_rows(
     """Return what `voice_rows` does, and the number (m,) of the trigger that each is of."""
     t = np.ascontiguousarray(triggers)
     v, number = np.zeros(len(t), VOICE), np.empty(len(t), np.int64)
-    backwards = bank.backwards if (t['rate'] < 0).any() else bank.address
+    back = t['grain'][(t['rate'] < 0) & (t['grain'] >= 0) & (t['grain'] < len(bank))]
+    backwards = bank.backwards(back) if len(back) else bank.address
     count = _voices(
         t, bank.length, bank.address, backwards, float(bank.sample_rate), channels, v, number
     )

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read and write sound files through libsndfile: any format, rate and number of channels."""
 
+import contextlib
 import io
+import itertools
 import math
 import os
 import re
 import struct
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,58 +47,97 @@ class Sound:
         return len(self.samples) / self.rate
 
 
-def read_mono(path, rate: int | None = None) -> Sound:
+def read_mono(path, rate: int | None = None, guard: int = 0) -> Sound:
     """Read a file as one channel, at its own rate or resampled (polyphase) to `rate`.
 
-    A file that breaks off is read as far as it goes and says so in `notes`. Raises DeviceMissing if
-    there is no file and ConfigError if it is not sound, holds none, or is shorter than 10 ms.
+    `guard` samples of silence lie before and behind `samples` in the same memory. A file that
+    breaks off is read as far as it goes and says so in `notes`. Raises DeviceMissing if there is
+    no file and ConfigError if it is not sound, holds none, or is shorter than 10 ms.
     """
     path = Path(path)
-    samples, own_rate, channels, notes = _read(path)
-    count = 0
-    for start in range(0, len(samples), BLOCK):
-        piece = samples[start : start + BLOCK]
-        bad = ~(np.abs(piece) <= LOUDEST)  # not a number, too
-        count += int(bad.sum())
-        piece[bad] = 0
-    if count > 0.01 * len(samples):
+    if not path.is_file():
+        raise DeviceMissing(said('no_sound_file', path=path))
+    notes: list[str] = []
+    try:
+        with (
+            _sized(path) or contextlib.nullcontext(os.fsencode(path)) as content,
+            soundfile.SoundFile(content) as sound,
+        ):
+            own_rate, channels = sound.samplerate, sound.channels
+            _check(path, sound)
+            rate = rate or own_rate
+            taken = _Pieces(sound)
+            pieces = taken if rate == own_rate else resampled(taken, own_rate, rate)
+            memory = np.zeros(-(-sound.frames * rate // own_rate) + 2 * guard, np.float32)
+            at = guard
+            for piece in pieces:
+                memory[at : at + len(piece)] = piece
+                at += len(piece)
+            count, whole = taken.count, _said_frames(sound)
+            if count < whole:
+                notes.append(
+                    f'{path}: breaks off after {count / own_rate:.2f} s of '
+                    f'{whole / own_rate:.2f} s; only what is there is used'
+                )
+            elif 'lacks an end-of-stream bit' in sound.extra_info:  # of Ogg
+                notes.append(
+                    f'{path}: breaks off after {count / own_rate:.2f} s; only what is there is used'
+                )
+    except (soundfile.LibsndfileError, TypeError) as error:
         raise ConfigError(
-            f'{path}: {count} of {len(samples)} samples are beyond {LOUDEST:g} times full scale: '
+            f'{path}: not a sound that libsndfile reads ({_reason(path, error)}); '
+            'give WAV, FLAC, OGG, AIFF or MP3'
+        ) from None
+    except (MemoryError, ValueError):
+        raise ConfigError(f'{path}: claims to be longer than memory holds; cut it up') from None
+    if taken.bad > 0.01 * count:
+        raise ConfigError(
+            f'{path}: {taken.bad} of {count} samples are beyond {LOUDEST:g} times full scale: '
             'whole numbers in a file of floats, or damaged; export it again with full scale 1.0'
         )
-    if count:
+    if taken.bad:
         notes.append(
-            f'{path}: {count} samples are not numbers or beyond {LOUDEST:g} times full scale; '
+            f'{path}: {taken.bad} samples are not numbers or beyond {LOUDEST:g} times full scale; '
             'silence stands in for them'
         )
-    if len(samples) < SHORTEST_S * own_rate:
+    if count < SHORTEST_S * own_rate:
         why = f'give a sound of at least {SHORTEST_S * 1e3:.0f} ms'
         if notes:
             why = notes[0].removeprefix(f'{path}: ').partition(';')[0]
         raise ConfigError(
-            f'{path}: {len(samples)} samples at {own_rate} Hz are too short for a grain; {why}'
+            f'{path}: {count} samples at {own_rate} Hz are too short for a grain; {why}'
         )
-    if rate is not None and rate != own_rate:
-        samples, own_rate = resample(samples, own_rate, rate), rate
-    return Sound(str(path), samples, own_rate, channels, tuple(notes))
+    return Sound(str(path), memory[guard:at], rate, channels, tuple(notes))
 
 
 def resample(samples: np.ndarray, rate_from: int, rate_to: int) -> np.ndarray:
     """Return (n,) float32 at another rate by an anti-aliased polyphase filter."""
+    return np.concatenate(list(resampled([samples], rate_from, rate_to)))
+
+
+def resampled(pieces: Iterable[np.ndarray], rate_from: int, rate_to: int) -> Iterator[np.ndarray]:
+    """Yield the pieces of one sound at another rate, float32, a step at a time."""
     from scipy.signal import resample_poly  # 60 MB, needed only where rates differ
 
     up, down = (rate // math.gcd(rate_to, rate_from) for rate in (rate_to, rate_from))
     window = _low_pass(max(up, down))
     margin = down * math.ceil(20 * max(up, down) / up / down)  # what the filter reaches, and more
-    step = down * max(BLOCK // down, 1)
-    found = np.empty(-(-len(samples) * up // down), np.float32)
-    for start in range(0, len(samples), step):  # SciPy takes 8 bytes a sample
-        first, end = max(start - margin, 0), (start + step) * up // down
-        piece = resample_poly(samples[first : start + step + margin], up, down, window=window)
-        to = found[start * up // down : end]
-        at = (start - first) * up // down
-        to[:] = piece[at : at + len(to)]
-    return found
+    step = down * max(BLOCK // down, 1)  # SciPy takes 8 bytes a sample
+    held, begin, start = np.zeros(0, np.float32), 0, 0  # the sound from sample `begin` on
+    for piece in itertools.chain(pieces, [None]):
+        if piece is not None:
+            held = np.concatenate([held, piece])
+        end = begin + len(held)
+        while start < end and (piece is None or start + step + margin <= end):
+            first = max(start - margin, 0)
+            made = resample_poly(
+                held[first - begin : start + step + margin - begin], up, down, window=window
+            )
+            skipped, last = (start - first) * up // down, min(start + step, end) - start
+            yield made[skipped : skipped - (-last * up // down)].astype(np.float32)
+            start += step
+        kept = max(start - margin, 0)
+        held, begin = held[kept - begin :], kept
 
 
 def _low_pass(period: int) -> np.ndarray:
@@ -134,36 +176,6 @@ def write(path, samples: np.ndarray, rate: int, subtype: str | None = None) -> N
         raise ConfigError(f'{path}: cannot write this sound ({error})') from None
 
 
-def _read(path: Path) -> tuple[np.ndarray, int, int, list[str]]:
-    if not path.is_file():
-        raise DeviceMissing(said('no_sound_file', path=path))
-    notes: list[str] = []
-    try:
-        with soundfile.SoundFile(_streamed(path) or os.fsencode(path)) as sound:
-            rate, channels = sound.samplerate, sound.channels
-            _check(path, sound)
-            samples = np.empty(sound.frames, np.float32)
-            count = _fill(samples, sound)
-            whole = _said_frames(sound)
-            if count < whole:
-                notes.append(
-                    f'{path}: breaks off after {count / rate:.2f} s of {whole / rate:.2f} s; '
-                    'only what is there is used'
-                )
-            elif 'lacks an end-of-stream bit' in sound.extra_info:  # of Ogg
-                notes.append(
-                    f'{path}: breaks off after {count / rate:.2f} s; only what is there is used'
-                )
-    except (soundfile.LibsndfileError, TypeError) as error:
-        raise ConfigError(
-            f'{path}: not a sound that libsndfile reads ({_reason(path, error)}); '
-            'give WAV, FLAC, OGG, AIFF or MP3'
-        ) from None
-    except (MemoryError, ValueError):
-        raise ConfigError(f'{path}: claims to be longer than memory holds; cut it up') from None
-    return samples[:count], rate, channels, notes
-
-
 def _check(path: Path, sound: soundfile.SoundFile) -> None:
     """Raise ConfigError where rate or decoded length of a sound are beyond what can be meant."""
     rate, count = sound.samplerate, sound.frames
@@ -187,10 +199,10 @@ def _said_frames(sound: soundfile.SoundFile) -> int:
     return round(sound.frames * size / there) if cut and there else sound.frames
 
 
-def _streamed(path: Path) -> io.BytesIO | None:
-    """Return the content of a WAV whose data has size 0, as a recorder that was cut off leaves it.
+def _sized(path: Path) -> io.FileIO | None:
+    """Open a WAV whose data has size 0, as a recorder that was cut off leaves it; None for others.
 
-    The size is then that of the rest of the file. None for any other file.
+    The size is then that of the rest of the file.
     """
     with path.open('rb') as file:
         head = file.read(4096)
@@ -201,32 +213,59 @@ def _streamed(path: Path) -> io.BytesIO | None:
             kind, size = struct.unpack_from('<4sI', head, at)
             if kind == b'data':
                 rest = file.seek(0, os.SEEK_END) - at - 8
-                if size or rest <= 0:
-                    return None
-                file.seek(0)
-                data = bytearray(file.read())
-                struct.pack_into('<I', data, at + 4, min(rest, 0xFFFFFFFF))
-                struct.pack_into('<I', data, 4, min(len(data) - 8, 0xFFFFFFFF))
-                return io.BytesIO(data)
+                return None if size or rest <= 0 else _Sized(path, at, rest)
             at += 8 + size + size % 2
     return None
 
 
-def _fill(out: np.ndarray, sound: soundfile.SoundFile) -> int:
-    """Write the mean of the channels, as far as it goes; return how far that is.
+class _Sized(io.FileIO):
+    """A WAV that reads as if its header said how many bytes of data follow from `at` on."""
+
+    def __init__(self, path: Path, at: int, rest: int):
+        super().__init__(path)
+        sizes = {4: at + rest, at + 4: rest}
+        self._said = {
+            place + i: byte
+            for place, size in sizes.items()
+            for i, byte in enumerate(struct.pack('<I', min(size, 0xFFFFFFFF)))
+        }
+
+    def readinto(self, buffer) -> int:
+        """Read as a file does."""
+        at = self.tell()
+        count = super().readinto(buffer) or 0
+        for place, byte in self._said.items():
+            if at <= place < at + count:
+                memoryview(buffer).cast('B')[place - at] = byte
+        return count
+
+
+class _Pieces:
+    """The mean of the channels of a sound, piece by piece, as far as it goes.
 
     soundfile seeks between reads, which is not exact within MP3, and drops what precedes damage.
     """
-    block = np.empty((BLOCK, sound.channels), np.float32)
-    place = soundfile._ffi.cast('float *', soundfile._ffi.from_buffer(block))
-    start = 0
-    while start < len(out):
-        count = soundfile._snd.sf_readf_float(sound._file, place, min(BLOCK, len(out) - start))
-        if count <= 0:
-            break  # broken off: what was read before stands
-        out[start : start + count] = block[:count].mean(axis=1, dtype=np.float32)
-        start += count
-    return start
+
+    def __init__(self, sound: soundfile.SoundFile):
+        self._sound = sound
+        self.count = 0  # samples so far
+        self.bad = 0  # of them, not numbers or too loud: silence stands in for them
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        sound, whole = self._sound, self._sound.frames
+        block = np.empty((min(BLOCK, whole), sound.channels), np.float32)
+        place = soundfile._ffi.cast('float *', soundfile._ffi.from_buffer(block))
+        while self.count < whole:
+            room = min(len(block), whole - self.count)
+            count = soundfile._snd.sf_readf_float(sound._file, place, room)
+            if count <= 0:
+                break  # broken off: what was read before stands
+            piece = block[:count].mean(axis=1, dtype=np.float32)
+            bad = ~(np.abs(piece) <= LOUDEST)  # not a number, too
+            piece[bad] = 0
+            self.count += count
+            self.bad += int(bad.sum())
+            yield piece
 
 
 def _reason(path: Path, error: Exception) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from eol_ros.core.sound.bank import Bank
+from eol_ros.core.sound.mixer_layout import GUARD
 from eol_ros.devices.audio.audio_file import read_mono
 from eol_ros.errors import ConfigError, EolError
 
@@ -39,7 +40,7 @@ def load_bank(
     sounds, errors = [], []
     for number, path in enumerate(files):
         try:
-            sound = read_mono(path, sample_rate).samples
+            sound = read_mono(path, sample_rate, GUARD).samples
             outside = (file == number) & (start * sample_rate >= len(sound))
             if outside.any():
                 raise ConfigError(
@@ -49,13 +50,14 @@ def load_bank(
         except EolError as error:
             errors.append(error)
             end_s = (start + duration)[file == number].max(initial=0.0)
-            sound = np.zeros(math.ceil(end_s * sample_rate) + 1, np.float32)
+            size = math.ceil(end_s * sample_rate) + 1 + 2 * GUARD
+            sound = np.zeros(size, np.float32)[GUARD:-GUARD]
         sounds.append(sound)
     if errors and len(errors) == len(files):
         raise errors[0]
     for each in errors:
         left_out(each)
-    return Bank(sounds, file, start, duration, sample_rate, places, descriptors)
+    return Bank(sounds, file, start, duration, sample_rate, places, descriptors, True)
 
 
 class BankLoader:
