@@ -15,18 +15,20 @@ Frames, window and magnitudes M are those of `descriptors.py`, all inside one gr
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.fft import dct, rfft
 from scipy.ndimage import median_filter
 
 from eol_ros.core import elementary
-from eol_ros.core.sound.descriptors import FRAME, SILENT_SUM, frames_of
+from eol_ros.core.sound.descriptors import FRAME, HOP, SILENT_SUM, frames_of
 from eol_ros.core.sound.loudness import k_weighted, lufs
 from eol_ros.settings import MORE_DESCRIPTORS
 
 MELS, MFCCS = 40, 12
 PIECE = 1 << 20  # samples that are weighted at a time
+FRAMES = 1024  # frames of a long grain that are described at a time
 MEDIAN = 31  # frames, and bins
 FLOOR = 1e-10  # of powers in dB
 GATE_LUFS = -70.0
@@ -68,37 +70,104 @@ def describe(
     found = {name: np.full(len(cuts), np.nan) for name in MORE_DESCRIPTORS}
     window = 0.5 - 0.5 * elementary.cos(2 * np.pi * np.arange(FRAME) / FRAME)
     bands = mel_bands(rate)
-    weighted = _weighted(samples, rate, cuts)
+    weighted = _Weighted(samples, rate)
     for i, (first, last) in enumerate(cuts.tolist()):
-        spectrum = rfft(frames_of(samples, cuts[i], FRAME) * window)
-        magnitude = elementary.hypot(spectrum.real, spectrum.imag)
-        total = magnitude.sum(axis=1)
-        heard = total >= SILENT_SUM
-        if heard.any():
-            share = magnitude[heard] / total[heard, None]
-            steps = 0.5 * np.abs(np.diff(share, axis=0)).sum(axis=1)
-            found['spectral_flux'][i] = steps.mean() if len(steps) else 0.0
-            level = 10 * elementary.log10(np.maximum(_per_band(magnitude**2, bands), FLOOR))
-            mean = dct(level, norm='ortho', axis=1)[:, 1 : MFCCS + 1].mean(axis=0)
-            for k, value in enumerate(mean.tolist(), 1):
+        flux, mean, energy = _Mean(), _Mean(), np.zeros(2)
+        before = np.zeros((0, FRAME // 2 + 1))  # the last frame so far with a sound
+        for magnitude, inner in _magnitudes(samples, first, last, window):
+            energy += _energies(magnitude)[:, inner].sum(axis=(1, 2))
+            magnitude = magnitude[inner]
+            total = magnitude.sum(axis=1)
+            heard = total >= SILENT_SUM
+            if heard.any():
+                share = np.concatenate([before, magnitude[heard] / total[heard, None]])
+                flux.add(0.5 * np.abs(np.diff(share, axis=0)).sum(axis=1))
+                before = share[-1:]
+                level = 10 * elementary.log10(np.maximum(_per_band(magnitude**2, bands), FLOOR))
+                mean.add(dct(level, norm='ortho', axis=1)[:, 1 : MFCCS + 1])
+        if len(before):
+            found['spectral_flux'][i] = flux.value if flux.count else 0.0
+            for k, value in enumerate(mean.value.tolist(), 1):
                 found[f'mfcc_{k}'][i] = value
-            found['harmonic_ratio'][i] = harmonic_ratio(magnitude)
+            found['harmonic_ratio'][i] = _share(energy)
         found['attack_time_s'][i] = attack_time(samples[first:last], rate)
-        found['loudness_range_lu'][i] = loudness_range(next(weighted), rate)
+        found['loudness_range_lu'][i] = loudness_range(weighted.part(first, last), rate)
         progress((i + 1) / len(cuts))
     return found
 
 
-def _weighted(samples: np.ndarray, rate: int, cuts: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield the K-weighted samples of each cut, in order of their starts, piece by piece."""
-    found, state, begin, end = np.zeros(0), None, 0, 0
-    for first, last in cuts.tolist():
-        while end < last:
-            piece, state = k_weighted(samples[end : end + PIECE], rate, state)
-            kept = min(first, end) - begin
-            found, begin = np.concatenate([found[kept:], piece]), begin + kept
-            end += len(piece)
-        yield found[first - begin : last - begin]
+class _Mean:
+    """The mean of rows that come in pieces."""
+
+    def __init__(self):
+        self.count, self._sum = 0, 0.0
+
+    def add(self, rows: np.ndarray) -> None:
+        self._sum = self._sum + rows.sum(axis=0)
+        self.count += len(rows)
+
+    @property
+    def value(self):
+        return self._sum / self.count
+
+
+def _magnitudes(
+    samples: np.ndarray, first: int, last: int, window: np.ndarray
+) -> Iterator[tuple[np.ndarray, slice]]:
+    """Yield magnitudes (k, bins) of a grain and which of them are new, in pieces of FRAMES.
+
+    The others are of the frames around, as far as a median reaches.
+    """
+    count, reach = max((last - first - FRAME) // HOP + 1, 1), MEDIAN // 2
+    for start in range(0, count, FRAMES):
+        stop = min(start + FRAMES, count)
+        a, b = max(start - reach, 0), min(stop + reach, count)
+        cut = np.array([first + a * HOP, min(first + (b - 1) * HOP + FRAME, last)])
+        spectrum = rfft(frames_of(samples, cut, FRAME) * window)
+        yield elementary.hypot(spectrum.real, spectrum.imag), slice(start - a, stop - a)
+
+
+class _Weighted:
+    """The K-weighted samples of a sound, in pieces of which only the last two are kept."""
+
+    def __init__(self, samples: np.ndarray, rate: int):
+        self._samples, self._rate = samples, rate
+        self._states: list[np.ndarray | None] = [None]  # of the filter, before each piece
+        self._pieces: dict[int, np.ndarray] = {}
+
+    def part(self, first: int, last: int) -> '_Part':
+        return _Part(self, first, last)
+
+    def take(self, first: int, last: int) -> np.ndarray:
+        begin = first // PIECE
+        pieces = [self._piece(k) for k in range(begin, -(-last // PIECE))]
+        return np.concatenate(pieces)[first - begin * PIECE : last - begin * PIECE]
+
+    def _piece(self, number: int) -> np.ndarray:
+        while len(self._states) <= number:
+            self._piece(len(self._states) - 1)
+        if number not in self._pieces:
+            piece = self._samples[number * PIECE : (number + 1) * PIECE]
+            weighted, state = k_weighted(piece, self._rate, self._states[number])
+            if len(self._states) == number + 1:
+                self._states.append(state)
+            self._pieces = {**dict(list(self._pieces.items())[-1:]), number: weighted}
+        return self._pieces[number]
+
+
+@dataclass
+class _Part:
+    """A part of a weighted sound, to be sliced like an array."""
+
+    weighted: _Weighted
+    first: int
+    last: int
+
+    def __len__(self) -> int:
+        return self.last - self.first
+
+    def __getitem__(self, part: slice) -> np.ndarray:
+        return self.weighted.take(self.first + part.start, self.first + part.stop)
 
 
 def mel_bands(rate: int) -> np.ndarray:
@@ -126,20 +195,35 @@ def _per_band(power: np.ndarray, bands: np.ndarray) -> np.ndarray:
 
 def harmonic_ratio(magnitude: np.ndarray) -> float:
     """Return the steady share, 0..1, of the energy of magnitudes (frames, bins)."""
+    return _share(_energies(magnitude).sum(axis=(1, 2)))
+
+
+def _share(energy: np.ndarray) -> float:
+    return float(energy[0] / max(energy[0] + energy[1], 1e-300))
+
+
+def _energies(magnitude: np.ndarray) -> np.ndarray:
+    """Return the energy (2, frames, bins) of magnitudes that is steady, and that is struck."""
     steady = median_filter(magnitude, (MEDIAN, 1), mode='reflect') ** 2
     struck = median_filter(magnitude, (1, MEDIAN), mode='reflect') ** 2
     both = steady + struck
     mask = np.divide(steady, both, out=np.full_like(both, 0.5), where=both > 0)
-    energy = (magnitude * mask) ** 2, (magnitude * (1 - mask)) ** 2
-    return float(energy[0].sum() / max(energy[0].sum() + energy[1].sum(), 1e-300))
+    return np.stack([(magnitude * mask) ** 2, (magnitude * (1 - mask)) ** 2])
 
 
-def _mean_squares(samples: np.ndarray, size: int, hop: int) -> np.ndarray:
+def _mean_squares(samples: 'np.ndarray | _Part', size: int, hop: int) -> np.ndarray:
     """Return the mean square of each window of `size` samples, every `hop`; one at least."""
     size = min(size, len(samples))
-    energy = np.cumsum(np.concatenate([[0.0], samples.astype(np.float64) ** 2]))
-    start = np.arange(0, len(samples) - size + 1, hop)
-    return (energy[start + size] - energy[start]) / max(size, 1)
+    starts = np.arange(0, len(samples) - size + 1, hop)
+    found = np.empty(len(starts))
+    step = max(PIECE // hop, 1)
+    for k in range(0, len(starts), step):
+        start = starts[k : k + step]
+        piece = samples[int(start[0]) : int(start[-1]) + size].astype(np.float64)
+        energy = np.cumsum(np.concatenate([[0.0], piece**2]))
+        start = start - start[0]
+        found[k : k + step] = (energy[start + size] - energy[start]) / max(size, 1)
+    return found
 
 
 def attack_time(samples: np.ndarray, rate: int) -> float:
@@ -153,7 +237,7 @@ def attack_time(samples: np.ndarray, rate: int) -> float:
     return (end - begin) * hop / rate
 
 
-def loudness_range(weighted: np.ndarray, rate: int) -> float:
+def loudness_range(weighted: 'np.ndarray | _Part', rate: int) -> float:
     """Return the range of the loudness of K-weighted samples (m,), LU."""
     hop = max(1, round(0.0125 * rate))
     level = lufs(_mean_squares(weighted, 4 * hop, hop))

@@ -144,3 +144,16 @@ def test_what_is_missing_or_constant_does_not_move_a_map():
     places = projection.pca(matrix)
     assert places.shape == (4, 2) and (places[:, 1] == 0).all()
     assert (projection.pca(np.zeros((3, 0))) == 0).all()
+
+
+def test_a_long_grain_is_described_in_pieces_as_it_is_at_once(monkeypatch):
+    rng = np.random.default_rng(3)
+    sound = rng.standard_normal(60_000) * np.sin(np.arange(60_000) / 3e3)
+    sound[20_000:24_000] = 0.0
+    cuts = np.array([[0, 60_000], [30_000, 59_000], [100, 40_000]])  # overlapping, out of order
+    whole = timbre.describe(sound, RATE, cuts)
+    monkeypatch.setattr(timbre, 'FRAMES', 7)
+    monkeypatch.setattr(timbre, 'PIECE', 5000)
+    pieces = timbre.describe(sound, RATE, cuts)
+    for name, values in whole.items():
+        np.testing.assert_allclose(pieces[name], values, rtol=1e-9, atol=1e-12, err_msg=name)
