@@ -18,11 +18,17 @@ import numpy as np
 from eol_ros.devices.bag.batches import NOTHING, Batch, joined
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.errors import ConfigError, UsageError
+from eol_ros.streams import blocks, cascades, corpus, felt, leds, slips, taps, triggers
 from eol_ros.streams.cdr import Decoder
+from eol_ros.streams.definition import Message, parse, short
 from eol_ros.streams.graph import TOPICS
 
 BATCH = 4096  # messages decoded at a time
 TIMES = ('log_time', 'publish_time')
+DTYPES = {
+    m.RECORD.type: m.RECORD.dtype for m in (cascades, corpus, felt, leds, slips, taps, triggers)
+}
+DTYPES['eol_msgs/msg/Blocks'] = blocks.DTYPE
 
 
 class Table(np.ndarray):
@@ -113,6 +119,18 @@ class Bag(BagReader):
         scene = self.about.get('scene_name', 'not known')
         head = f'{self.path}: scene {scene}, {self.duration_s:.1f} s from {begun} UTC, '
         return '\n'.join([f'<Bag {head}{len(rows)} topics', *sorted(rows)]) + '>'
+
+    def misfit(self, topic: str) -> str:
+        """Return why a topic of the graph is not what has that name here, or an empty string."""
+        found = self.topics.get(self.name(topic))
+        if (why := super().misfit(topic)) or not found or found.type not in DTYPES:
+            return why
+        try:
+            messages = parse(found.definition, found.type)
+        except ValueError:
+            return ''  # the decoder says what is wrong
+        field = _no_number(messages, short(found.type), DTYPES[found.type])
+        return field and f'{found.name} has another definition of {found.type}: {field}'
 
     def keep(
         self,
@@ -264,6 +282,22 @@ class Bag(BagReader):
         wanted: dict[tuple, _Collector] = {('table', k): self._rows(k) for k in self.variants(name)}
         tables = list(self._collect(wanted, start_ns, end_ns).values())
         return tables[0] if len(tables) == 1 else _of_all(tables)
+
+
+def _no_number(messages: Mapping[str, Message], kind: str, dtype: np.dtype) -> str:
+    """Return the first field of a definition that should be a number, or numbers, and is not."""
+    for field in messages[kind].fields if kind in messages else ():
+        if field.name not in (dtype.names or ()):
+            continue
+        wanted = dtype[field.name].base
+        if wanted.names and (wrong := _no_number(messages, field.type, wanted)):
+            return wrong
+        single = field.length is None or dtype[field.name].shape
+        if wanted.kind in 'biuf' and not (field.plain and single):
+            return (
+                f'{field.name} is {field.type}{"" if field.length is None else "[]"}, not a number'
+            )
+    return ''
 
 
 class _Collector(Protocol):

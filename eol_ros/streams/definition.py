@@ -20,7 +20,8 @@ _LINE = re.compile(
     r'\s*(?P<type>[A-Za-z]\w*(?:/\w+){0,2})(?:<=\d+)?(?P<array>\[[^\]]*\])?'
     r'\s+(?P<name>[A-Za-z]\w*)\s*(?:=(?P<value>.*))?'
 )
-_OTHER = re.compile(r'^=+$\n^MSG: (\S+)$', re.MULTILINE)
+_OTHER = re.compile(r'^=+\r?\n^MSG: (\S+)\r?$', re.MULTILINE)
+_END = re.compile(r'\r\n|\r|\n')  # of a line; other characters of Unicode end none
 
 
 class Field(NamedTuple):
@@ -75,7 +76,7 @@ def references(message: Message) -> list[str]:
 
 def _message(text: str, package: str) -> Message:
     message = Message([], {})
-    for line in text.splitlines():
+    for line in _END.split(text):
         code = _CODE.match(line)[0]  # type: ignore[index]  # it matches nothing at least
         found = _LINE.match(code)
         if found is None:

@@ -105,7 +105,8 @@ def _make(args):
     if args.labels_out and len(sounds) > 1:
         raise UsageError('--labels-out is for one sound; take them one by one')
     began = time.perf_counter()
-    corpus = corpus_build.build_cached(sounds, options, Progress('describing the grains'))
+    with Progress('describing the grains') as progress:
+        corpus = corpus_build.build_cached(sounds, options, progress)
     took_s = time.perf_counter() - began
     for note in corpus.notes:
         print(f'eol corpus: {note}', file=sys.stderr)
@@ -178,7 +179,8 @@ def _show(args):
     else:
         sounds = [Path(words[0])] if words else [corpus_build.make_ice(args.seed)]
         sounds = [s for sound in sounds for s in corpus_file.sounds_of(sound)]
-        corpus = corpus_build.build_cached(sounds, _options(args), Progress('describing'))
+        with Progress('describing the grains') as progress:
+            corpus = corpus_build.build_cached(sounds, _options(args), progress)
     from eol_ros.analysis.corpus_space import draw
 
     out = Path(args.output or f'{Path(corpus.sources[0].path).stem}.png')

@@ -44,13 +44,14 @@ def run(args) -> int:
     from eol_ros.core.sound.offline import play
     from eol_ros.core.sound.voicing import new_mixer
     from eol_ros.settings import SoundSettings
-    from eol_ros.verbs.progress import track
+    from eol_ros.verbs.progress import Progress, track
 
     settings = scene.load(args.scene).settings('sound') if args.scene else SoundSettings()
     ears = None
     if args.binaural:
         settings, ears = _ears(settings)
-    rows, times_s, refused, banks = _voices(args, settings)
+    with Progress('reading triggers and sounds'):
+        rows, times_s, refused, banks = _voices(args, settings)
     grains = max(map(len, banks))
     told = ~(times_s >= (args.seconds or math.inf))  # one without a time is refused
     count = int(told.sum())

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol report: figures and numbers from a bag, without ROS."""
 
+import itertools
 import json
 import sys
 from pathlib import Path
@@ -64,8 +65,13 @@ def run(args):
     if args.csv is not None:
         names = topic_names(bag, args.csv)
         folders.made(out, '--output')
-        for name in track(names, 'writing'):
-            file = out / f'{relative_name(name, bag.namespace).strip("/").replace("/", "_")}.csv'
+        files: dict[str, str] = {}  # topic by file: /a/b and /a_b are two
+        for name in dict.fromkeys(names):
+            plain = relative_name(name, bag.namespace).strip('/').replace('/', '_')
+            numbered = (f'{plain}-{k}' for k in itertools.count(2))
+            files[next(f for f in itertools.chain([plain], numbered) if f not in files)] = name
+        for plain, name in track(files.items(), 'writing'):
+            file = out / f'{plain}.csv'
             bag.table(name).to_csv(file)
             print(file)
         return 0

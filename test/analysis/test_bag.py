@@ -5,11 +5,13 @@ import csv
 import struct
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from eol_ros import cli
 from eol_ros.analysis import exposure
 from eol_ros.analysis.bag import open_bag, seconds, topic_names
 from eol_ros.devices.bag.mcap_file import BagTopic
@@ -214,3 +216,31 @@ def test_the_exposure_of_the_sample_is_that_of_all_its_poses():
     assert found.of == 'the rim'
     assert found.duration_s == pytest.approx(at_s[-1] - at_s[0], abs=0.6)
     assert found.path_m == pytest.approx(path, rel=0.02)
+
+
+def test_numbers_that_are_strings_leave_a_topic_out_by_name(tmp_path):
+    slips = BagTopic('/eol/slips', 'eol_msgs/msg/Slip', 'uint8 block\nstring x\nfloat64 speed\n')
+    bag = BagWriter(tmp_path / 'bag', [slips], {'scene': 'x'})
+    bag.write('/eol/slips', b'\0\1\0\0\3\0\0\0\2\0\0\0' + b'1\0' + bytes(10), T0, T0, 0)
+    bag.close()
+    opened = open_bag(tmp_path / 'bag')
+    assert opened.count('slips') == 0
+    assert opened.notes == [
+        '/eol/slips has another definition of eol_msgs/msg/Slip: x is string, not a number; '
+        'left out'
+    ]
+
+
+def test_topics_whose_names_become_one_are_two_files(tmp_path, capsys):
+    topics = [replace(THINGS, name=name) for name in ('/a/b', '/a_b')]
+    bag = BagWriter(tmp_path / 'bag', topics, {'scene': 'x'})
+    for i, topic in enumerate(topics):
+        bag.write(topic.name, things(i), T0 + i, T0 + i, i)
+    bag.close()
+    out = tmp_path / 'csv'
+    assert (
+        cli.main(['report', str(tmp_path / 'bag'), '--output', str(out), '--csv', '/a/b,/a_b']) == 0
+    )
+    found = {file.name: file.read_text() for file in out.iterdir()}
+    assert set(found) == {'a_b.csv', 'a_b-2.csv'}
+    assert found['a_b.csv'] != found['a_b-2.csv']

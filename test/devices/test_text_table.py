@@ -52,6 +52,7 @@ READERS = {  # of a file name: what reads it, and what it gives
 TEXTS = [
     ('pairs.csv', 'ä.jpg,b.png,x; y\n'),
     ('pairs.csv', 'sep=;\nä.jpg;b.png;"x; y"\n'),
+    ('pairs.csv', '"sep=;"\r\nä.jpg;b.png;"x; y"\r\n'),
     ('pairs.csv', 'ä.jpg\tb.png\tx; y\n'),
     ('pairs.csv', 'Caption,Right,Left\n"x; y",b.png,ä.jpg\n'),
     ('t.csv', 'time_s,grain\n0.5,3\n1.5,4\n'),

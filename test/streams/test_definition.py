@@ -74,3 +74,10 @@ def test_ours_are_read_as_the_generator_of_ros_read_them(path):
             ours = f'sequence<{ours}>' if field.length < 0 else f'{ours}[{field.length}]'
         assert (field.name, ours) == (name, text)
         assert field.plain == (field.type in PRIMITIVES)
+
+
+def test_only_line_ends_of_ascii_end_a_line():
+    text = 'float64 x  # far\u2028int32 y\x85int32 z\r\nuint8 k\r\n===\r\nMSG: a/B\r\nbool c\r\n'
+    types = parse(text, 'a/msg/A')
+    assert [f.name for f in types['a/A'].fields] == ['x', 'k']
+    assert [f.name for f in types['a/B'].fields] == ['c']

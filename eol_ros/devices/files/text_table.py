@@ -25,7 +25,7 @@ _MARKS = {
 }
 LONGEST = 1 << 17  # characters of a line: what the reader of Python takes for a cell
 _SNIFFED = 20  # lines by which the delimiter is chosen
-_SEP = re.compile(r'sep=(.)\s*', re.I | re.S)
+_SEP = re.compile(r'"?sep=([^"\w\r\n])"?\s*', re.I)
 _UNIT = re.compile(r'\s*[\[(].*')  # `x [m]` names the column x
 
 
