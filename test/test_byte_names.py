@@ -49,6 +49,7 @@ def folder(tmp_path):
     os.rename(tmp_path / 'v.avi', tmp_path / f'{ODD}.avi')
     audio_file.write(tmp_path / f'{ODD}.wav', np.full(8000, 0.1, 'f4'), 8000)
     shutil.copytree('bags/sample', tmp_path / f'{ODD}-bag')
+    (tmp_path / f'{ODD}.yaml').write_text('nodes: {grains: {}}\n')  # has mistakes
     return tmp_path
 
 
@@ -63,6 +64,8 @@ def folder(tmp_path):
         (('bag', 'info', f'{ODD}-bag'), 0),
         (('bag', 'cut', f'{ODD}-bag', '--end', '2', '--output', f'{ODD}.mcap'), 0),
         (('report', f'{ODD}-bag', '--csv', 'slips', '--output', f'{ODD}-csv'), 0),
+        (('report', f'{ODD}-bag', '--output', f'{ODD}-report'), 0),
+        (('bundle', f'{ODD}.yaml', '--output', f'{ODD}.zip'), 0),
         (('render', f'{ODD}-bag', '--seconds', '1', '--output', f'{ODD}.flac'), 0),
     ],
 )

@@ -124,7 +124,8 @@ def write(out: Path, rows: np.ndarray, provenance: dict[str, Any]) -> list[Path]
     ]  # fmt: skip
     schema = pa.schema(fields, metadata={'eol_ros': json.dumps(about['provenance'])})
     arrays = [pa.array(rows[n].tolist() if rows.dtype[n].kind == 'U' else rows[n]) for n in COLUMNS]
-    pq.write_table(pa.Table.from_arrays(arrays, schema=schema), out / 'catalogue.parquet')
+    with open(out / 'catalogue.parquet', 'wb') as binary:  # pyarrow takes no names that are bytes
+        pq.write_table(pa.Table.from_arrays(arrays, schema=schema), binary)
     return [zmap, out / 'catalogue.parquet', out / 'catalogue.json']
 
 

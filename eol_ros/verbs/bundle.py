@@ -81,7 +81,7 @@ def _write(output: str, parts: dict[str, Callable[[], str]], hide: Callable[[str
                 text = f'{error}\n'
             except Exception:  # a fault of ours, or a file that may not be read: it helps too
                 text = traceback.format_exc()
-            bundle.writestr(name, hide(text))
+            bundle.writestr(name, hide(text).encode(errors='backslashreplace'))  # names are bytes
             print(f'eol bundle: {name}', file=sys.stderr)
 
 
