@@ -4,11 +4,12 @@
 import argparse
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 HELP = 'Test catalogues of known law for a power law: rejected, coverage, drift, alternatives.'
-EXAMPLES = ['eol bench laws', 'eol bench laws --seeds 500 --json']
+EXAMPLES = ['eol bench laws --plots docs/img', 'eol bench laws --seeds 500 --json']
 COUNTS = (200, 1000, 5000)
 TAU, BLOCKS = 1.6, 25
 SEARCHED = (600, 2400)  # cascades of a cell of the search for a critical table, at ratios 1 and 1/4
@@ -19,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--seeds', type=int, default=200, metavar='N', help='catalogues of each (default 200)'
     )
+    parser.add_argument('--plots', metavar='FOLDER', help='draw laws.png there')
     parser.add_argument('--json', action='store_true')
 
 
@@ -31,8 +33,25 @@ def run(args: argparse.Namespace) -> int:
     rows = [_row(name, count, args.seeds) for name, count in track(work, 'catalogues')]
     search = [_search(b, count, args.seeds) for count in SEARCHED for b in (0.8, 0.9, 1.0, 1.2)]
     result = {'seeds': args.seeds, 'tau': TAU, 'rows': rows, 'search': search}
+    if args.plots:
+        _draw(rows, args.seeds, Path(args.plots))
     tell(result, args.json, _table)
     return 0
+
+
+def _draw(rows: list[dict], seeds: int, folder: Path) -> None:
+    from benchmarks.plots import Curves, draw
+
+    panels: dict[str, Curves] = {'a power law': {}, 'none': {}}
+    for r in rows:
+        if 'rejected' in r:
+            share, name = r['rejected'], r['catalogue'].replace(',', '')
+            deviation = (share * (1 - share) / (seeds * r['tested'])) ** 0.5
+            law = name.startswith(('power', 'in runs'))
+            panels['a power law' if law else 'none'].setdefault(name, []).append(
+                (r['cascades'], share, deviation, '')
+            )
+    draw(folder / 'laws.png', panels, 'cascades', 'share rejected', ('log', 'linear'))
 
 
 def _law(count: int, rng: np.random.Generator, tau: float = TAU) -> np.ndarray:

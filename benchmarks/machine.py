@@ -5,6 +5,7 @@ The compiler, not the processor, gives the vector width: `core/compiled.py` comp
 on every machine.
 """
 
+import importlib.metadata
 import json
 import os
 import platform
@@ -33,6 +34,7 @@ def machine() -> dict[str, Any]:
         'cores': len(os.sched_getaffinity(0)),
         'python': platform.python_version(),
         'numba': numba.__version__,
+        'eol_ros': importlib.metadata.version('eol_ros'),
     }
 
 
@@ -41,7 +43,8 @@ def line(found: dict[str, Any]) -> str:
     made = f'compiled for {found["compiled_for"]}, {found["vectors"]}'
     return (
         f'{found["processor"]}, {made}: vectors of {found["vector_bits"]} bits; '
-        f'{found["cores"]} cores; Python {found["python"]}, Numba {found["numba"]}'
+        f'{found["cores"]} cores; Python {found["python"]}, Numba {found["numba"]}, '
+        f'eol_ros {found["eol_ros"]}'
     )
 
 

@@ -36,7 +36,9 @@ class Curve:
     Args:
         method, reference: what is measured, against what.
         unit: of the errors; `per` what a time in ms is of.
-        points: (label, ms, error) of ours; `peers` of others.
+        points: (label, ms, error) of ours, of several realisations with the deviation of one;
+            `peers` of others.
+        n: realisations.
         default: the label of what runs.
         limit: what is known of the best that can be.
         breaks: where it does not hold.
@@ -49,8 +51,9 @@ class Curve:
     default: str
     limit: str
     breaks: str
-    points: list[tuple[str, float, float]] = dataclasses.field(default_factory=list)
-    peers: list[tuple[str, float, float]] = dataclasses.field(default_factory=list)
+    points: list[tuple] = dataclasses.field(default_factory=list)
+    peers: list[tuple] = dataclasses.field(default_factory=list)
+    n: int = 1
 
 
 def milliseconds(work: Callable[[], Any], repeat: int = 5) -> float:

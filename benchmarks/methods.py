@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 
-from benchmarks import method_parts
+from benchmarks import method_parts, plots
 from benchmarks.machine import tell
 from benchmarks.method_parts import Curve, milliseconds, rms
 from eol_ros.core.clock_sync import ClockSync
@@ -42,9 +43,9 @@ EXAMPLES = [
 ]
 
 
-def board_clock(seconds: float = 600.0) -> Curve:
+def board_clock(seed: int, seconds: float = 600.0) -> Curve:
     """A board's crystal, 40 ppm off and drifting, asked once a second over a USB line."""
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng([1, seed])
     sent = np.arange(0.0, seconds, 1.0)
     out, back = (1e-4 + rng.exponential(3e-4, len(sent)) for _ in range(2))
 
@@ -93,9 +94,9 @@ def board_clock(seconds: float = 600.0) -> Curve:
     return curve
 
 
-def replay_clock() -> Curve:
+def replay_clock(seed: int) -> Curve:
     """Recorded time on /clock, 100 a second, at a rate of 0.7, each message late by chance."""
-    rng = np.random.default_rng(2)
+    rng = np.random.default_rng([2, seed])
     recorded = np.arange(0, 3_000_000_000, 10_000_000)
     true_ns = recorded / 0.7
     late = rng.exponential(1.5e6, len(recorded)) + 2e7 * (rng.uniform(size=len(recorded)) < 0.02)
@@ -131,11 +132,11 @@ def replay_clock() -> Curve:
     return curve
 
 
-def onsets(count: int = 400) -> Curve:
+def onsets(seed: int, count: int = 400) -> Curve:
     """Blocks that break loose at a true moment, seen 60 times a second with 20 µm of noise."""
     from scipy.optimize import curve_fit
 
-    rng = np.random.default_rng(3)
+    rng = np.random.default_rng([3, seed])
     period, sigma = 1 / 60, 20e-6
     true = rng.uniform(0.1, 0.1 + period, count)
     pull = onset.ACCELERATION_MPS2 * rng.normal(1.0, onset.ACCELERATION_SPREAD, count)
@@ -145,7 +146,7 @@ def onsets(count: int = 400) -> Curve:
         since = np.maximum(times - true[:, None], 0)
         w = 12.6  # a block of 0.25 kg on springs of 40 N/m
         path = pull[:, None] / w**2 * (1 - np.cos(np.minimum(w * since, np.pi)))
-        noise = np.random.default_rng(4).normal(0, sigma, path.shape)
+        noise = np.random.default_rng([4, seed]).normal(0, sigma, path.shape)
         return np.broadcast_to(times, path.shape).copy(), path + noise
 
     curve = Curve(
@@ -183,7 +184,7 @@ def onsets(count: int = 400) -> Curve:
     return curve
 
 
-def calibration() -> Curve:
+def calibration(seed: int) -> Curve:
     """Corners of covers at 0.05 px, blocks 4 mm off their lattice, a tilted camera with a lens."""
     import cv2
 
@@ -191,8 +192,8 @@ def calibration() -> Curve:
     start = calibrate.nominal(1280, 800, truth.camera_matrix[0, 0])
     ids = np.arange(25)
 
-    def view(seed: int) -> tuple[np.ndarray, np.ndarray]:
-        rng = np.random.default_rng([5, seed])
+    def view(k: int) -> tuple[np.ndarray, np.ndarray]:
+        rng = np.random.default_rng([5, seed, k])
         poses = np.column_stack(
             [rest_lattice() + rng.normal(0, calibrate.REST_SIGMA_M, (25, 2)),
              rng.normal(0, 0.05, 25)]
@@ -217,14 +218,12 @@ def calibration() -> Curve:
         'one image does not determine the lens; relief covers need heights',
     )  # fmt: skip
     for count in (1, 2, 4, 8):
-        errors, took = [], []
-        for trial in range(3):
-            views = [view(100 * trial + k) for k in range(count)]
-            begin = time.process_time()
-            errors.append(off(calibrate.from_blocks(views, start).calibration))
-            took.append((time.process_time() - begin) * 1e3)
+        views = [view(k) for k in range(count)]
+        begin = time.process_time()
+        found = calibrate.from_blocks(views, start).calibration
+        took = (time.process_time() - begin) * 1e3
         label = f'{count} image{"s" if count > 1 else ""}'
-        curve.points.append((label, min(took), rms(errors)))
+        curve.points.append((label, took, off(found)))
 
     def homography() -> Any:
         px = np.concatenate([view(k)[1].mean(axis=1) for k in range(4)])
@@ -237,9 +236,9 @@ def calibration() -> Curve:
     return curve
 
 
-def grain_layout(n: int = 2048) -> Curve:
+def grain_layout(seed: int, n: int = 2048) -> Curve:
     """Clustered grains onto an even lattice: how much further they move than they must."""
-    rng = np.random.default_rng(6)
+    rng = np.random.default_rng([6, seed])
     middles = rng.uniform(size=(12, 2))
     raw = middles[rng.integers(0, 12, n)] + rng.normal(0, 0.06, (n, 2))
     places = np.column_stack([layout.ranked(raw[:, 0]), layout.ranked(raw[:, 1])])
@@ -278,10 +277,10 @@ def grain_layout(n: int = 2048) -> Curve:
     return curve
 
 
-def pitch() -> Curve:
+def pitch(seed: int) -> Curve:
     """Tones with three partials and noise, 80 to 1200 Hz, in frames of 2048 at 48 kHz."""
     rate, size, count = 48_000, 2048, 300
-    rng = np.random.default_rng(7)
+    rng = np.random.default_rng([7, seed])
     hz = np.exp(rng.uniform(np.log(80), np.log(1200), count))
     t = np.arange(size) / rate
     phase = 2 * np.pi * hz[:, None] * t
@@ -319,10 +318,53 @@ def pitch() -> Curve:
     return curve
 
 
-def tail() -> Curve:
+def timbre(seed: int) -> Curve:
+    """Centroid, flatness and roll-off of grains of filtered noise, against librosa in doubles."""
+    rate, span, count = 48_000, 12_288, 20
+    rng = np.random.default_rng([10, seed])
+    grains = [lfilter([1], [1, -k], rng.normal(0, 0.05, span)) for k in rng.uniform(0, 0.95, count)]
+    sound = np.concatenate(grains).astype(np.float32)
+    cuts = np.arange(count)[:, None] * span + [0, span]
+    names = {'centroid_mean_hz': 'centroid', 'flatness': 'flatness', 'rolloff95_hz': 'roll-off'}
+    curve = Curve(
+        'spectral descriptors', 'librosa, in double precision', '% RMS', 'grain (ours with YIN)',
+        'centroid', 'float32: 1e-5 %; doubles: 1e-14 %',
+        'roll-off between two bins: one bin is 47 Hz',
+    )  # fmt: skip
+    try:
+        import librosa
+    except ImportError:
+        return curve
+
+    def peer(dtype: type) -> np.ndarray:
+        rows = []
+        for first, last in cuts:
+            part = sound[first:last].astype(dtype)
+            size = np.abs(librosa.stft(part, n_fft=1024, hop_length=256, center=False))
+            rows.append(
+                [librosa.feature.spectral_centroid(S=size, sr=rate).mean(),
+                 librosa.feature.spectral_flatness(S=size).mean(),
+                 librosa.feature.spectral_rolloff(S=size, sr=rate, roll_percent=0.95).mean()]
+            )  # fmt: skip
+        return np.array(rows)
+
+    truth = peer(np.float64)
+    found = descriptors.analyse(sound, rate, cuts)[0]
+    took = milliseconds(lambda: descriptors.analyse(sound, rate, cuts), 3) / count
+    peer_took = milliseconds(lambda: peer(np.float32), 2) / count
+    single = peer(np.float32)
+    for k, (column, name) in enumerate(names.items()):
+        curve.points.append((name, took, 100 * rms(found[column] / truth[:, k] - 1)))
+        curve.peers.append(
+            (f'librosa, float32, {name}', peer_took, 100 * rms(single[:, k] / truth[:, k] - 1))
+        )
+    return curve
+
+
+def tail(seed: int) -> Curve:
     """Sizes drawn from s^-1.6 on 1..25: how far the fitted exponent is off."""
     tau, trials = 1.6, 100
-    rng = np.random.default_rng(8)
+    rng = np.random.default_rng([8, seed])
     counts = (100, 300, 1000, 10_000)
     drawn = {
         n: [powerlaw.histogram(powerlaw.sample(tau, 1, 25, n, rng)) for _ in range(trials)]
@@ -385,14 +427,14 @@ def limiter() -> Curve:
     return curve
 
 
-def spectral_slope(trials: int = 40) -> Curve:
+def spectral_slope(seed: int, trials: int = 40) -> Curve:
     """1/f noise sampled at 20 Hz, of some minutes to an hour: how far the slope is off."""
     from scipy.signal import welch
 
     rate, low, high = 20.0, 0.05, 5.0
     noise = {
         seconds: [
-            spectra.coloured_noise(1.0, round(seconds * rate), np.random.default_rng([9, k]))
+            spectra.coloured_noise(1.0, round(seconds * rate), np.random.default_rng([9, seed, k]))
             for k in range(trials)
         ]
         for seconds in (160, 600, 3600)
@@ -450,26 +492,46 @@ def tone_loudness() -> Curve:
     return curve
 
 
-PARTS: dict[str, Callable[[], Curve]] = {
+RANDOM: dict[str, Callable[[int], Curve]] = {  # by seed
     'board-clock': board_clock,
     'replay-clock': replay_clock,
     'onset': onsets,
     'calibration': calibration,
     'layout': grain_layout,
     'pitch': pitch,
+    'descriptors': timbre,
     'power-law': tail,
-    'limiter': limiter,
     'slope': spectral_slope,
+}
+FIXED: dict[str, Callable[[], Curve]] = {
+    'limiter': limiter,
     'loudness': tone_loudness,
     'automaton': method_parts.automaton,
     'selection': method_parts.selection,
     'mixer': method_parts.mixer,
 }
+REALISATIONS = 10
+
+
+def realised(name: str) -> Curve:
+    """Return a curve with means and standard deviations of errors, and the least times."""
+    curves = [RANDOM[name](k) for k in range(REALISATIONS)] if name in RANDOM else [FIXED[name]()]
+    made = dataclasses.replace(curves[0], n=len(curves))
+    for rows in ('points', 'peers'):
+        merged = []
+        for same in zip(*(getattr(curve, rows) for curve in curves), strict=True):
+            labels, ms, errors = zip(*same, strict=True)
+            deviation = float(np.std(errors, ddof=1)) if len(errors) > 1 else 0.0
+            merged.append((labels[0], min(ms), float(np.mean(errors)), deviation))
+        setattr(made, rows, merged)
+    return made
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('--part', choices=PARTS, action='append', help='only this; may be repeated')
+    parser.add_argument(
+        '--part', choices=[*RANDOM, *FIXED], action='append', help='only this; may be repeated'
+    )
     parser.add_argument('--plots', metavar='FOLDER', help='draw method_*.png there')
     parser.add_argument('--markdown', action='store_true', help='rows as docs/numerics has them')
     parser.add_argument('--json', action='store_true')
@@ -479,8 +541,8 @@ def run(args: argparse.Namespace) -> int:
     """Measure, draw, print."""
     if args.markdown and args.json:
         raise UsageError('--markdown or --json, not both')
-    names = args.part or list(PARTS)
-    curves = {name: PARTS[name]() for name in track(names, 'methods')}
+    names = args.part or [*RANDOM, *FIXED]
+    curves = {name: realised(name) for name in track(names, 'methods')}
     if args.plots:
         for name, curve in curves.items():
             print(f'drawn {draw(name, curve, Path(args.plots))}', file=sys.stderr)
@@ -491,30 +553,13 @@ def run(args: argparse.Namespace) -> int:
 
 def draw(name: str, curve: Curve, folder: Path) -> Path:
     """Write the picture of a curve; return its path."""
-    import matplotlib
-
-    matplotlib.use('Agg')
-    from matplotlib import pyplot as plt
-
-    folder.mkdir(parents=True, exist_ok=True)
-    figure, axis = plt.subplots(figsize=(4.2, 3), layout='constrained')
-    floor = 0.5 * min([e for _, _, e in curve.points + curve.peers if e > 0], default=1e-3)
-    for rows, mark in ((curve.points, 'C0o-'), (curve.peers, 'C3d')):
-        axis.loglog([ms for _, ms, _ in rows], [e for *_, e in rows], mark)
-        for label, ms, error in rows:
-            axis.annotate(
-                label, (ms, error), fontsize=7, xytext=(3, 3), textcoords='offset points',
-                rotation=0 if error else 40,
-            )  # fmt: skip
-    if any(error == 0 for *_, error in curve.points + curve.peers):
-        axis.set_yscale('symlog', linthresh=floor)
-    axis.set(xlabel=f'ms each {curve.per}', ylabel=curve.unit, title=curve.method)
-    axis.margins(0.25)
-    axis.grid(alpha=0.3, which='both')
+    curves = {
+        whose: [(ms, error, deviation, label) for label, ms, error, deviation in rows]
+        for whose, rows in (('ours', curve.points), ('peers', curve.peers))
+        if rows
+    }
     path = folder / f'method_{name.replace("-", "_")}.png'
-    figure.savefig(path, dpi=80)
-    plt.close(figure)
-    return path
+    return plots.draw(path, {curve.method: curves}, f'ms each {curve.per}', curve.unit)
 
 
 def table(result: dict[str, Any]) -> str:
@@ -523,11 +568,14 @@ def table(result: dict[str, Any]) -> str:
     for name, curve in result.items():
         if name == 'machine':
             continue
-        lines.append(f'{curve["method"]}, {curve["unit"]}, against {curve["reference"]}')
+        lines.append(
+            f'{curve["method"]}, {curve["unit"]}, against {curve["reference"]}, n = {curve["n"]}'
+        )
         for rows, whose in ((curve['points'], 'ours'), (curve['peers'], 'peer')):
             lines += [
-                f'  {whose}  {label:32s} {error:.3g}  {ms:.3g} ms each {curve["per"]}'
-                for label, ms, error in rows
+                f'  {whose}  {label:32s} {error:.3g} ± {deviation:.2g}  '
+                f'{ms:.3g} ms each {curve["per"]}'
+                for label, ms, error, deviation in rows
             ]
     return '\n'.join(lines)
 
@@ -538,17 +586,17 @@ def markdown(result: dict[str, Any]) -> str:
     for name, curve in result.items():
         if name == 'machine':
             continue
-        _, ms, error = next(row for row in curve['points'] if row[0] == curve['default'])
-        peer, ratio = '-', '-'
-        if curve['peers']:
-            label, peer_ms, peer_error = min(curve['peers'], key=lambda row: row[2])
-            peer = f'{label}: {peer_error:.2g}, {peer_ms:.2g} ms'
-            ratio = f'{peer_error / error:.2g}, {peer_ms / ms:.2g}' if error else '-'
+        ours, peers = (
+            '; '.join(
+                f'{label}: {error:.2g}{f"±{deviation:.1g}" if deviation else ""}, {ms:.2g} ms'
+                for label, ms, error, deviation in curve[rows]
+            )
+            for rows in ('points', 'peers')
+        )
         picture = f'../img/method_{name.replace("-", "_")}.png'
         lines.append(
-            f'| [`{name}`]({picture}) |'
-            f' {curve["reference"]} | {error:.2g} {curve["unit"]} ({curve["default"]}) |'
-            f' {ms:.2g} ms per {curve["per"]} | {peer} | {ratio} | {curve["limit"]} |'
-            f' {curve["breaks"]} |'
+            f'| [`{name}`]({picture}) | {curve["reference"]} | {curve["n"]} |'
+            f' {curve["unit"]}, per {curve["per"]}; {curve["default"]} | {ours} | {peers or "-"} |'
+            f' {curve["limit"]} | {curve["breaks"]} |'
         )
     return '\n'.join(lines)

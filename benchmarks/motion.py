@@ -12,10 +12,12 @@ import argparse
 import dataclasses
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks import plots
 from benchmarks.machine import tell
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.settings import MotionSettings
@@ -49,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=0.0,
         help='seconds of the twin rendered and tracked: visitors, and the rim led at 0.3 m/s',
     )
+    parser.add_argument('--plots', metavar='FOLDER', help='draw slips.png there, of --noise')
     parser.add_argument('--json', action='store_true')
 
 
@@ -71,11 +74,25 @@ def run(args: argparse.Namespace) -> int:
             for noise_px in map(float, args.noise.split(',')):
                 print(f'{fps:g} images/s, {noise_px:g} px', file=sys.stderr, flush=True)
                 rows.append(measure(fps, noise_px / PX_PER_M, args.seconds, args.seed))
+        if args.plots:
+            _draw(rows, Path(args.plots))
     result: dict[str, Any] = {'slips': rows}
     if args.false_alarm_hours:
         result['false_alarms'] = false_alarms(args.false_alarm_hours, 20.0, 60.0, args.seed)
     tell(result, args.json, _table)
     return 0
+
+
+def _draw(rows: list[dict[str, Any]], folder: Path) -> None:
+    panels: dict[str, plots.Curves] = {}
+    for row in rows:
+        curves = panels.setdefault(f'{row["fps"]:g} images/s', {})
+        for key, name in (('onset_rms', 'onset RMS, told at rest'),
+                          ('start_rms', 'onset RMS, told at the start'),
+                          ('latency_p50', 'latency, median')):  # fmt: skip
+            of = curves.setdefault(name.replace(',', ''), [])
+            of.append((row['noise_um'], row[key], 0.0, ''))
+    plots.draw(folder / 'slips.png', panels, 'noise, µm', 'ms')
 
 
 def _table(result: dict[str, Any]) -> str:

@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from support import physics_rotating, random_scenes
+from support import physics_rotating, random_scenes, scipy_solver
 from support.physics_oracles import ORACLES
 from support.scipy_solver import scipy_events, scipy_smooth
 
 from benchmarks import physics_peers as peers
+from benchmarks import plots
 from benchmarks.machine import tell
+from eol_ros.core.physics import builders
 from eol_ros.core.physics.event import solver as event
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, sample_times
@@ -26,6 +28,7 @@ from eol_ros.core.physics.scene import Scene, from_mapping
 from eol_ros.core.physics.twin.play import Play
 from eol_ros.lab import choose, presets
 from eol_ros.lab.exact import solver as exact
+from eol_ros.lab.stepping import solver as stepping
 from eol_ros.verbs.progress import track
 
 HELP = 'error against run time of the spring-block solvers and their peers'
@@ -39,7 +42,7 @@ LIMITS = Limits(events=200_000, steps=2_000_000)
 SCIPY_S = {'S1': 20.0, 'S2': 12.0, 'S6a': 6.2, 'S6b': 6.0, 'S4L': 4.0, 'S4G': 6.0}
 OTHERS_S = 8.0  # for so long SciPy follows the other scenes
 ROTATION_S = 3.0  # for so long SciPy follows blocks that rotate
-PARTS = ('own', 'rotation', 'peers', 'tolerance', 'live')
+PARTS = ('own', 'convergence', 'rotation', 'peers', 'tolerance', 'live')
 RANDOM_SCENES = 500
 
 
@@ -128,8 +131,6 @@ def own_rows(name: str, quick: bool) -> list[dict]:
         )
     for step_s in (1e-3, 1e-4) if quick else (1e-3, 1e-4, 1e-5):
         if np.sqrt(8 * model.k.max() / model.mass.min()) * step_s < 1.8:
-            from eol_ros.lab.stepping import solver as stepping
-
             add(
                 f'stepping {step_s:g}',
                 lambda h=step_s: stepping.solve(scene, model, times, LIMITS, h),
@@ -138,6 +139,7 @@ def own_rows(name: str, quick: bool) -> list[dict]:
     return rows
 
 
+FLOOR_M = 1e-17  # an error of exactly zero is drawn here
 EQUAL = {'mu_s': 0.65, 'mu_k': 0.65}  # for engines that know one coefficient only
 
 
@@ -214,6 +216,64 @@ def rotation_rows() -> list[dict]:
     return rows
 
 
+def _circled(seconds: float, off_m: float, **more: Any) -> dict:
+    offsets = builders.offsets(25, off_m, 4)
+    return builders.table(presets.CIRCLE, seconds, geometric=True, u0=offsets, **more)
+
+
+CONVERGENCE: dict[str, dict] = {
+    'smooth: no friction, 5 s': _circled(5.0, 5e-3, mu_s=0.0, mu_k=0.0),
+    'stiff: k = 1e6 N/m, 0.02 s': _circled(0.02, 1e-6, k=1e6),
+}
+
+
+def convergence_rows() -> list[dict]:
+    """Return errors of each method against SciPy, by tolerance or step, with their order."""
+    rows = []
+    for name, plain in track(list(CONVERGENCE.items()), 'convergence'):
+        scene = from_mapping(plain)
+        rotating = from_mapping(plain | {'rotation': {'side': builders.BLOCK_SIDE_M}})
+        model, rotating_model = Model.of(scene), Model.of(rotating)
+        times = np.linspace(0.0, scene.duration_s, 11)
+        truth = scipy_solver.scipy_run(scene, times, 1e-13, 1e-8, 1e-6)[0]
+        truth_rotating = physics_rotating.solve(rotating, times, 1e-13)[0]
+        shortest = 1.8 / np.sqrt(8 * model.k.max() / model.mass.min())
+        tolerances = [10.0**-k for k in range(3, 13)]
+        methods: dict[str, tuple[Callable, np.ndarray, list[float]]] = {
+            'event': (
+                lambda tol, s=scene, m=model, t=times: event.solve(s, m, t, LIMITS, False, tol),
+                truth, tolerances,
+            ),
+            'event with rotation': (
+                lambda tol, s=rotating, m=rotating_model, t=times: rotation.solve(
+                    s, m, t, LIMITS, False, tol
+                ),
+                truth_rotating, tolerances,
+            ),
+            'stepping': (
+                lambda h, s=scene, m=model, t=times: stepping.solve(s, m, t, LIMITS, h),
+                truth, [shortest / 2**k for k in range(8)],
+            ),
+        }  # fmt: skip
+        for method, (solve, against, settings) in methods.items():
+            found = [cpu_s(lambda x=x, f=solve: f(x), 3) for x in settings]
+            errors = [error_of(run.u, against) for run, _ in found]
+            order = _order(settings, errors)
+            rows += [
+                {'scene': name, 'method': method, 'setting': x, 'error_m': error,
+                 'ms': took * 1e3, 'order': order}
+                for x, error, (_, took) in zip(settings, errors, found, strict=True)
+            ]  # fmt: skip
+    return rows
+
+
+def _order(settings: list[float], errors: list[float]) -> float:
+    """Return the slope of log error, over the four finest settings above the method's floor."""
+    x, y = np.array(settings), np.array(errors)
+    used = np.flatnonzero(y > 10 * y.min())[-4:]
+    return float(np.polyfit(np.log(x[used]), np.log(y[used]), 1)[0])
+
+
 def tolerance_rows(scenes: int) -> list[dict]:
     """Return, for each path, errors of random scenes in units of the tolerance asked for."""
     found = [random_scenes.judge(seed) for seed in track(range(scenes), 'random scenes', scenes)]
@@ -273,6 +333,8 @@ def run(args: argparse.Namespace) -> int:
     if 'own' in parts:
         for name in track(list(presets.NAMED), 'scenes'):
             result['own'] += own_rows(name, args.quick)
+    if 'convergence' in parts:
+        result['convergence'] = convergence_rows()
     if 'rotation' in parts:
         result['rotation'] = rotation_rows()
     if 'peers' in parts:
@@ -282,12 +344,34 @@ def run(args: argparse.Namespace) -> int:
     if 'live' in parts:
         result['live'] = [live_row()]
     if args.plots:
-        from benchmarks import physics_plots
-
-        physics_plots.draw(result, Path(args.plots))
+        _draw(result, Path(args.plots))
     tell(result, args.json, _table)
     print('times are processor time, compilation left out', file=sys.stderr)
     return 0
+
+
+def _draw(result: dict, folder: Path) -> None:
+    """Draw error against time by scene, and against tolerance or step."""
+    by_scene: dict[str, plots.Curves] = {}
+    for r in result['own'] + result['rotation'] + result['peers']:
+        if 'error_m' in r:
+            curves = by_scene.setdefault(r['scene'], {})
+            point = (r['ms'] / r['seconds'], max(r['error_m'], FLOOR_M), 0.0, '')
+            curves.setdefault(r['method'].rstrip('-.0123456789e '), []).append(point)
+    if by_scene:
+        plots.draw(
+            folder / 'physics_error.png', by_scene, 'ms per simulated second', 'largest error, m'
+        )
+    by_method: dict[str, plots.Curves] = {}
+    for r in result['convergence']:
+        curves = by_method.setdefault(r['scene'], {})
+        point = (r['setting'], max(r['error_m'], FLOOR_M), 0.0, '')
+        curves.setdefault(f'{r["method"]}, slope {r["order"]:.2f}', []).append(point)
+    if by_method:
+        plots.draw(
+            folder / 'physics_convergence.png', by_method, 'tolerance, or step in s',
+            'largest error, m',
+        )  # fmt: skip
 
 
 def _table(result: dict) -> str:

@@ -3,10 +3,19 @@
 
 import argparse
 import time
+from pathlib import Path
 
 HELP = 'Ask series of known spectrum whether they are 1/f: right, wrong and undecided, by length.'
-EXAMPLES = ['eol bench spectra', 'eol bench spectra --seeds 200 --json']
-LENGTHS_S = (160, 600, 3600)
+EXAMPLES = [
+    'eol bench spectra --plots docs/img',
+    'eol bench spectra --seeds 200 --series "sum of three relaxations" --json',
+]
+LENGTHS_S = (160, 600, 3600, 14400)
+LONGEST_S = {  # of series that take minutes for each seed
+    'events of 1/f rate': 160,
+    'triggers of the twin': 3600,
+    'sound of the twin': 3600,
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -14,6 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--seeds', type=int, default=100, metavar='N', help='realisations of each (default 100)'
     )
+    parser.add_argument('--series', metavar='NAME', action='append', help='only this one')
+    parser.add_argument('--plots', metavar='FOLDER', help='draw spectra.png there')
     parser.add_argument('--json', action='store_true')
 
 
@@ -22,10 +33,22 @@ def run(args: argparse.Namespace) -> int:
     from support.known_series import SERIES
 
     from benchmarks.machine import tell
+    from eol_ros.errors import UsageError
     from eol_ros.verbs.progress import track
 
-    work = [(name, seconds) for name in SERIES for seconds in LENGTHS_S]
+    names = args.series or list(SERIES)
+    for name in names:
+        if name not in SERIES:
+            raise UsageError(f'--series {name}: unknown; choose from {", ".join(SERIES)}')
+    work = [
+        (name, seconds)
+        for name in names
+        for seconds in LENGTHS_S
+        if seconds <= LONGEST_S.get(name, seconds)
+    ]
     rows = [_row(name, seconds, args.seeds) for name, seconds in track(work, 'series')]
+    if args.plots:
+        _draw(rows, args.seeds, Path(args.plots))
     tell({'seeds': args.seeds, 'rows': rows}, args.json, _table)
     return 0
 
@@ -54,6 +77,18 @@ def _row(name: str, seconds: int, seeds: int) -> dict:
     if known is not None:
         row['covered'] = float(np.mean([s.low <= known <= s.high for s in slopes]))
     return row
+
+
+def _draw(rows: list[dict], seeds: int, folder: Path) -> None:
+    from benchmarks.plots import Curves, draw
+
+    panels: dict[str, Curves] = {}
+    for r in rows:
+        curves = panels.setdefault(f'right: {r["right"]}', {})
+        deviation = (r['yes'] * (1 - r['yes']) / seeds) ** 0.5
+        name = r['series'].replace(',', '')
+        curves.setdefault(name, []).append((r['seconds'], r['yes'], deviation, ''))
+    draw(folder / 'spectra.png', panels, 'length, s', 'share called 1/f', ('log', 'linear'))
 
 
 def _table(result: dict) -> str:

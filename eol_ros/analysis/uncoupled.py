@@ -20,7 +20,7 @@ from eol_ros.lab import choose
 from eol_ros.lab.science import sounding, surrogates
 from eol_ros.settings import GrainsSettings, LedsSettings, TwinSettings
 
-MOST_S = series.MOST_SOUND_S  # three decades below 5 Hz need 1600 s
+MOST_S = series.MOST_SOUND_S  # gives the slope over three decades
 IMAGES = 3  # for each value: places at 60/s, as the twin's camera sees them
 FRAMES = 5  # of light for each value, 100/s
 

@@ -14,17 +14,23 @@ from eol_ros.settings import GrainsSettings
 
 
 @pytest.mark.parametrize(
-    'make', [lambda: methods.board_clock(150.0), lambda: methods.onsets(60)], ids=['clock', 'onset']
+    'make',
+    [lambda seed: methods.board_clock(seed, 150.0), lambda seed: methods.onsets(seed, 60)],
+    ids=['clock', 'onset'],
 )
-def test_a_curve_has_its_default_and_a_peer(make):
-    curve = make()
-    errors = {label: error for label, _, error in curve.points}
+def test_a_curve_has_its_default_a_peer_and_the_deviation_of_its_realisations(make, monkeypatch):
+    monkeypatch.setitem(methods.RANDOM, 'x', make)
+    monkeypatch.setattr(methods, 'REALISATIONS', 3)
+    curve = methods.realised('x')
+    errors = {label: error for label, _, error, _ in curve.points}
+    one = [dict((label, error) for label, _, error in make(seed).points) for seed in range(3)]
     row = methods.markdown({'x': dataclasses.asdict(curve)})
 
-    assert curve.default in errors
-    assert all(ms > 0 and np.isfinite(error) for _, ms, error in curve.points + curve.peers)
-    assert errors[curve.default] < max(error for *_, error in curve.peers)
-    assert row.count('|') == 9
+    assert curve.n == 3
+    assert all(ms > 0 and deviation > 0 for _, ms, _, deviation in curve.points + curve.peers)
+    assert errors[curve.default] == pytest.approx(np.mean([e[curve.default] for e in one]))
+    assert errors[curve.default] < max(error for *_, error, _ in curve.peers)
+    assert row.count('|') == 9 and all(label in row for label in errors)
 
 
 def test_the_automaton_in_c_has_the_same_events():

@@ -43,3 +43,9 @@ def test_own_rows_name_method_time_and_error():
     assert rows['event 1e-06']['error_m'] > rows['event 1e-12']['error_m']
     assert rows['stepping 0.0001']['error_m'] < rows['stepping 0.001']['error_m']
     assert all(row['ms'] > 0 for row in rows.values())
+
+
+def test_the_order_is_that_of_the_finest_settings_above_the_floor():
+    steps = np.array([1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125])
+    errors = np.array([9.0, *(steps[1:5] ** 2), 1e-9])
+    assert physics._order(steps, errors) == pytest.approx(2.0)

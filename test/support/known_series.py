@@ -187,7 +187,7 @@ SERIES: dict[str, tuple[str, Callable[[float, np.random.Generator], Made]]] = {
     'Ornstein-Uhlenbeck, 2 Hz': ('no', _ornstein_uhlenbeck(2.0)),
     'Ornstein-Uhlenbeck and white': ('no', _ornstein_uhlenbeck(0.1, 1.0)),
     'sum of two relaxations': ('no', _relaxations(0.05, 1.0)),
-    'sum of three relaxations': ('undecided', _relaxations(0.03, 0.3, 3.0)),
+    'sum of three relaxations': ('no', _relaxations(0.03, 0.3, 3.0)),
     'random telegraph': ('no', _telegraph),
     'periodic': ('no', _sines(0.7)),
     'quasi-periodic': ('no', _sines(0.7, 0.7 * (1 + 5**0.5) / 2)),

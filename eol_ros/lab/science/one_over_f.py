@@ -8,13 +8,13 @@ no         where something speaks against it: the interval of the slope lies out
            bending shape fits better, the bins scatter too widely about the line, a rhythm stands
            out, or a control, which knows nothing of the order of events, has the slope too;
 yes        where the interval lies within 0.5 .. 1.5 over at least two decades, one Lorentzian
-           and the sum of two are excluded, and neither rhythm, unsteadiness nor any control
-           explains it;
+           and sums of two and three are excluded, and neither rhythm, unsteadiness nor any
+           control explains it;
 undecided  where the series is too short or too uneven for either.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -23,9 +23,10 @@ from eol_ros.lab.science.spectra import Shape, Slope, Spectrum
 
 ONE_OVER_F = (0.5, 1.5)
 DECADES = 2.0  # of the band, at least
-MOST_DECADES = 3.0
+MOST_DECADES = 4.0  # over three decades three Lorentzians pass for 1/f
 BENDS = 6.0  # of AIC, by which a bending shape must be better; by chance in 3 of 100 (see test)
-EXCLUDED = {'Lorentzian': 10.0, 'two Lorentzians': 10.0}  # of AIC, by which each must be worse
+EXCLUDED = ('Lorentzian', 'two Lorentzians', 'three Lorentzians')
+WORSE = 10.0  # of AIC, by which each of these must be
 MISFIT = 0.01
 UNEVEN = 0.025  # one of 39 surrogates and the series itself
 FEWEST_EVENTS = 50
@@ -68,8 +69,8 @@ class Answer:
             return f'{text}; {"; ".join(self.against)}'
         if self.answer == 'undecided':
             return f'{text}; {"; ".join(self.doubts)}'
-        worse = self.shapes['Lorentzian'].aic - self.shapes['power law'].aic
-        text += f', straight (a Lorentzian is worse by {worse:.0f} of AIC), no rhythm, steady'
+        worse = min(self.shapes[name].aic for name in EXCLUDED) - self.shapes['power law'].aic
+        text += f', straight (Lorentzians are worse by {worse:.0f} of AIC), no rhythm, steady'
         if not self.controls:
             return f'{text}; it never rests, so events at other times are no control'
         highest = ', '.join(f'{kind} {high:.2f}' for kind, (_, high) in self.controls.items())
@@ -78,7 +79,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Series:
-    """Values (n,) at `rate_hz` that are examined up to `high_hz` and three decades down.
+    """Values (n,) at `rate_hz` that are examined up to `high_hz` and four decades down.
 
     window_s: each value is a mean over so long. drive_s: the longest period of what drives the
     series; shorter than ten of these, it has no verdict, for the band ends where the drive bends
@@ -136,8 +137,8 @@ Others = Mapping[str, Callable[[], np.ndarray]]
 def ask(series: Series, rng: np.random.Generator, others: Others | None = None) -> Answer:
     """Return the verdict on a series.
 
-    others: further controls by name, each a series as long as this one and made only when it is
-    needed.
+    others: further controls by name, each made only when it is needed; one that is shorter than
+    this series is asked over its own band.
     """
     if series.lacks:
         return Answer(series.name, 'undecided', doubts=[series.lacks])
@@ -181,7 +182,7 @@ def _controls(
     doubts = []
 
     def beta(made: np.ndarray) -> float:
-        return spectra.slope(series.spectrum(made)).beta
+        return spectra.slope(replace(series, values=made).spectrum(made)).beta
 
     if times_s is not None:
         controls = surrogates.slopes(
@@ -240,7 +241,7 @@ def _doubts(line: Slope, shapes: dict[str, Shape]) -> list[str]:
     low, high = ONE_OVER_F
     if not (low <= line.low and line.high <= high):
         said.append(f'the interval does not lie within {low:g} to {high:g}')
-    for name, least in EXCLUDED.items():
-        if shapes[name].aic - shapes['power law'].aic < least:
+    for name in EXCLUDED:
+        if shapes[name].aic - shapes['power law'].aic < WORSE:
             said.append(f'{name} (an alternative without 1/f) not excluded')
     return said

@@ -207,8 +207,8 @@ def shapes(found: Spectrum) -> dict[str, Shape]:
 
     white; power law; Lorentzian (an Ornstein-Uhlenbeck process, random telegraph, pulses that decay
     exponentially); knee: flat, then falling at any rate; and the sums of a Lorentzian or a power
-    law with a white floor, of a power law with a Lorentzian, and of two Lorentzians (relaxations at
-    two times, as of gestures and slips).
+    law with a white floor, of a power law with a Lorentzian, and of two or three Lorentzians
+    (relaxations at as many times, as of visits, gestures and slips).
     """
     x = np.log(found.frequency_hz)
     middle = (x[0] + x[-1]) / 2
@@ -239,10 +239,16 @@ def shapes(found: Spectrum) -> dict[str, Shape]:
             [scale, (0.0, STEEPEST), scale, corner],
         ),
         'two Lorentzians': (
-            _two_lorentzians,
+            _lorentzians,
             [(level + 1, a * half, level - 1, b * half)
              for a, b in ((-0.9, 0.0), (-0.6, 0.3), (-0.3, 0.6), (-0.8, 0.8))],
             [scale, (-2 * half, half), scale, (-half, 2 * half)],
+        ),
+        'three Lorentzians': (
+            _lorentzians,
+            [(level + 1, a * half, level, b * half, level - 1, c * half)
+             for a, b, c in ((-0.9, -0.2, 0.6), (-0.7, 0.0, 0.7), (-0.5, 0.2, 0.9), (-1, 0, 1))],
+            [scale, (-2 * half, half), scale, corner, scale, (-half, 2 * half)],
         ),
     }  # fmt: skip
     made = {}
@@ -357,5 +363,5 @@ def _power_law_lorentzian(values: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.logaddexp(_power_law(values[:2], x), _lorentzian(values[2:], x))
 
 
-def _two_lorentzians(values: np.ndarray, x: np.ndarray) -> np.ndarray:
-    return np.logaddexp(_lorentzian(values[:2], x), _lorentzian(values[2:], x))
+def _lorentzians(values: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return np.logaddexp.reduce([_lorentzian(one, x) for one in values.reshape(-1, 2)])

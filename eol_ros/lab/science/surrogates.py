@@ -141,7 +141,7 @@ def stationarity(series: np.ndarray, rng: np.random.Generator, repeats: int = 39
     return (as_uneven + 1) / (repeats + 1)
 
 
-def trend(series: np.ndarray, beta: float, rng: np.random.Generator, repeats: int = 39) -> float:
+def trend(series: np.ndarray, beta: float, rng: np.random.Generator, repeats: int = 399) -> float:
     """Return how often noise f^-beta has a straight course (R^2) as `series` (n,) has.
 
     IAAFT surrogates cannot tell: they keep the power of the trend.
