@@ -195,7 +195,7 @@ def setup(extra: str) -> None:
         messages_ready.touch()
     ready.touch()
     # Prints its progress, or nothing if the cache is complete for this version.
-    parts = ['--parts', 'tracker,appearance,twin,sound,ice,simulate'] if extra else []
+    parts = ['--parts', 'tracker,twin,sound,ice,simulate'] if extra else []
     subprocess.run([PYTHON, '-m', 'eol_ros', 'compile', *parts], cwd=ROOT, check=True)
 
 
