@@ -99,15 +99,15 @@ def describe(
 class _Mean:
     """The mean of rows that come in pieces."""
 
-    def __init__(self):
-        self.count, self._sum = 0, 0.0
+    def __init__(self) -> None:
+        self.count, self._sum = 0, np.zeros(1)
 
     def add(self, rows: np.ndarray) -> None:
         self._sum = self._sum + rows.sum(axis=0)
         self.count += len(rows)
 
     @property
-    def value(self):
+    def value(self) -> np.ndarray:
         return self._sum / self.count
 
 
