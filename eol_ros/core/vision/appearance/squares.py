@@ -75,7 +75,9 @@ def find_squares(image: np.ndarray, start: Calibration, mirror: bool) -> Squares
     found = follower.update(
         0.01, image
     )  # again: some lack a side until the width of edges is known
-    seen[:] = found['seen']
+    sides = follower.found
+    clear = (sides['weakest'] > model.WEAKEST_NATS) | (sides['nats'] > model.THREE_NATS)
+    seen[:] = found['seen'] & clear
     return Squares(squares_of(camera, found), seen, camera, '')
 
 
