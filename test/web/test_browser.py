@@ -1015,7 +1015,7 @@ def test_the_monitor_is_one_view_without_inner_scrolling(graph, browser, size):
 
 # Controls of the monitor that ask nothing of the graph: a PIN refuses none of them.
 LOCAL = {
-    'pin', 'unlock', 'source', 'threshold', 'off', 'outlines', 'axis-colour', 'listen',
+    'pin', 'unlock', 'source', 'off', 'outlines', 'axis-colour', 'listen',
     'instrument-open',
 }  # fmt: skip
 
