@@ -76,8 +76,10 @@ def private(secrets: bool) -> Iterator[None]:
     before = os.umask(0o077)
     if not secrets:
         os.umask(before)
-    yield
-    os.umask(before)
+    try:
+        yield
+    finally:
+        os.umask(before)
 
 
 def places(folder: Path) -> dict[str, Path]:

@@ -138,7 +138,7 @@ def ask(series: Series, rng: np.random.Generator, others: Others | None = None) 
     """Return the verdict on a series.
 
     others: further controls by name, each made only when it is needed; one that is shorter than
-    this series is asked over its own band.
+    this series is tested over its own band.
     """
     if series.lacks:
         return Answer(series.name, 'undecided', doubts=[series.lacks])

@@ -8,9 +8,10 @@
 
 const GAIN = 14; // 1/s, how fast the held point follows
 const RHO = 0.39; // m, of a thin square of 0.96 m: side / sqrt(6)
-const RIM_M = 0.96;
-const BAR_M = 0.014; // of its bars, outside of that
-const PLATFORM_M = 1.4;
+// As eol_ros/core/geometry.py has them: side of the rim, width of its bars outside of that, platform.
+export const RIM_M = 0.96;
+export const BAR_M = 0.014;
+export const PLATFORM_M = 1.4;
 const NEAR_M = 0.003; // to a limit
 const BEHIND_M = 0.02; // from here on a hand is told why the rim does not come
 const STANDS_MPS = 0.01;

@@ -1,15 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // The table seen from above, in metres: sandpaper, rim, springs, 25 pieces of one land, light, cascades.
 
+import { BAR_M, PLATFORM_M, RIM_M } from './hands.js';
 import { calm, MOVE, THREAD, WATER } from './paint.js';
 import { KEEP_MS, Paths } from './paths.js';
 
-export const PLATFORM_M = 1.4;
-const RIM_M = 0.96;
 const BLOCK_M = 0.084;
 const SPRING_M = 0.09;
 const PITCH_M = BLOCK_M + SPRING_M;
-const BAR_M = 0.014; // as eol_ros/core/geometry.py has it
 const VIEW_M = PLATFORM_M + 0.06;
 const WAVE_MS = 1100;
 const MARK_FADE_MS = 1000; // at the end: the mark is whole for 2 s after the last slip

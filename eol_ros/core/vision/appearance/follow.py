@@ -320,6 +320,8 @@ class Follower:
                 order = np.roll(index, way, axis)
                 new = np.take(index, 0 if way > 0 else -1, axis)
                 left = int(seen[np.take(index, -1 if way > 0 else 0, axis)].sum())
+                if left + model.MORE > side:
+                    continue
                 other = copy.deepcopy(self)
                 other._rename(order.ravel(), new)
                 good = other.blocks['seen'].copy()
