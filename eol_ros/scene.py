@@ -11,6 +11,7 @@ A scene names the nodes that run and what differs from their defaults:
       camera: {device: auto}
       tracker: {}
     together: [[camera, tracker]]
+    table: {rows: 4, columns: 6}   # what is not the table of the paper
     elsewhere: [motion]        # somebody else starts it, on any machine of the network
     machines:                  # what each machine runs, by name; the same file on all of them
       show: {address: 10.0.0.1, nodes: [camera, tracker, recorder]}
@@ -36,13 +37,22 @@ from eol_ros import yaml_text
 from eol_ros.errors import FEW_NAMES, ConfigError, EolError, nearest
 from eol_ros.said import said
 from eol_ros.scene_secrets import SceneText, without
-from eol_ros.settings import FORMS, MASK, NotifySettings, by_today, masked, renamed, secrets
+from eol_ros.settings import (
+    FORMS,
+    MASK,
+    NotifySettings,
+    TableSettings,
+    by_today,
+    masked,
+    renamed,
+    secrets,
+)
 from eol_ros.streams.graph import IMAGE_SOURCES, MAX_DOMAIN, NAMESPACE, NODES, providers
 from eol_ros.yaml_text import Mistake, Place
 
 _KEYS = (
-    'scene', 'include', 'network', 'domain', 'namespace', 'real_time', 'nodes', 'together',
-    'elsewhere', 'machines', 'notify',
+    'scene', 'include', 'network', 'domain', 'namespace', 'real_time', 'table', 'nodes',
+    'together', 'elsewhere', 'machines', 'notify',
 )  # fmt: skip
 SECRET = frozenset(  # settings whose values are never shown
     f.name
@@ -83,6 +93,7 @@ class Scene:
     warnings: tuple[str, ...] = ()  # what is understood, and should be said in another way
     namespace: str = NAMESPACE  # without the slash at its beginning
     notify: NotifySettings | None = None
+    table: TableSettings = field(default_factory=TableSettings)
     # Where nodes and their settings stand (`leds`, `leds.port`): file, line, column.
     places: dict[str, tuple[str, int, int]] = field(default_factory=dict, repr=False, compare=False)
     # Secret values, parsed and as spelt in the files.
@@ -230,7 +241,11 @@ class Reader(yaml_text.Reader):
         if place.value is None:  # `camera:` with nothing behind it: all defaults
             return kind()
         if not isinstance(place.value, dict):
-            such = {'recorder': '{images: all}, nor off', 'notify': '{webhook: URL}'}
+            such = {
+                'recorder': '{images: all}, nor off',
+                'notify': '{webhook: URL}',
+                'table': '{rows: 4, columns: 6}',
+            }
             such_as = such.get(name, '{device: auto}')
             self.wrong(place, name, f'not a mapping of settings, such as {such_as}')
             return kind()
@@ -381,6 +396,8 @@ def plain(scene: Scene) -> dict[str, Any]:
         data['namespace'] = scene.namespace
     if scene.real_time:
         data['real_time'] = True
+    if scene.table != TableSettings():
+        data['table'] = _plain(scene.table)
     data['nodes'] = {name: _plain(settings) for name, settings in scene.nodes.items()}
     if 'recorder' not in scene.nodes:
         data['nodes']['recorder'] = False  # as YAML 1.1 reads `off`
@@ -475,6 +492,7 @@ def load(name: str | Path) -> Scene:
     elif machines and 'machine' not in nodes:
         nodes['machine'] = NODES['machine'].settings()
         nodes = {name: nodes[name] for name in NODES if name in nodes}
+    table = _table(reader, values.get('table'), nodes)
     place = values.get('notify')
     notify = reader.settings('notify', NotifySettings, place) if place else None
     hidden = tuple({s for text in reader.texts.values() for s in text.secrets() if s})
@@ -494,6 +512,7 @@ def load(name: str | Path) -> Scene:
         tuple(reader.warnings),
         namespace,
         notify,
+        table,
         reader.places,
         hidden,
         reader.texts,
@@ -585,6 +604,22 @@ def _check_together(
             topic, others = NODES[name].requires, ' or '.join(needed)
             what = f'subscribes to {topic}, which no node here publishes: add {others}'
             reader.wrong(place.keys[name], f'nodes.{name}', what)
+
+
+def _table(reader: Reader, place: Place | None, nodes: dict[str, Any]) -> TableSettings:
+    table = TableSettings()
+    if place is not None:
+        table = reader.settings('table', TableSettings, place)
+        for key, reason in table.contradictions():
+            item = place.value.get(key, place) if isinstance(place.value, dict) else place
+            reader.wrong(item, f'table.{key}', reason)
+    twin, gap_m = nodes.get('twin'), min(filter(None, (table.gap_m, table.gap_y_m)))
+    if twin and twin.spring_natural_m >= gap_m:
+        what = f'must be below table.gap_m, the {gap_m:g} m that a mounted spring is long'
+        asked = 'twin.spring_natural_m', 'table', 'twin'
+        at = next(reader.places[name] for name in asked if name in reader.places)
+        reader.wrong(Place(None, *at), 'twin.spring_natural_m', what)
+    return table
 
 
 def _elsewhere(reader: Reader, top: Place) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ started. A field made with `setting(...)` carries its unit, its range and its me
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -47,6 +47,69 @@ def setting(
 live = functools.partial(setting, live=True)  # a setting that may change while the node runs
 
 
+LEAST_BLOCKS, MOST_BLOCKS = 4, 225  # of a table: two by two, 15 by 15
+
+
+@dataclass(frozen=True)
+class TableSettings:
+    """Size and shape of the table; `core.table.Table` has what follows from it."""
+
+    rows: int = setting(5, 'number of rows of blocks, from the front to the back', '', 2, 15)
+    columns: int = setting(5, 'number of columns of blocks, from left to right', '', 2, 15)
+    block_side_m: float = setting(0.084, 'side of a block, which is a square', 'm', 0.02, 0.5)
+    gap_m: float = setting(
+        0.09,
+        'length of a mounted spring: from block to block, and from block to rim',
+        'm',
+        0.005,
+        1,
+    )
+    gap_y_m: float = setting(
+        0.0, 'the same from row to row, where it differs from that along a row; 0: as gap_m',
+        'm', 0, 1,
+    )  # fmt: skip
+    absent: tuple[int, ...] = setting(
+        (), 'places without a block, by id: row * columns + column, from 0', '', 0, 224
+    )
+    rim_width_m: float = setting(0.014, 'width of the bars of the rim', 'm', 0.001, 0.2)
+    platform_m: tuple[float, ...] = setting(
+        (1.4, 1.4), 'width and depth of the platform that the rim moves on', 'm', 0.1, 10
+    )
+    body_height_m: float = setting(
+        0.034, 'height of the open box that carries a cover and what is inside', 'm', 0.005, 0.2
+    )
+
+    def rim_m(self) -> tuple[float, float]:
+        """Return the inner width and depth of the rim."""
+        gap_y_m = self.gap_y_m or self.gap_m
+        return (
+            self.columns * self.block_side_m + (self.columns + 1) * self.gap_m,
+            self.rows * self.block_side_m + (self.rows + 1) * gap_y_m,
+        )
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """Yield settings that cannot stand together with the others, each with the reason."""
+        cells = self.rows * self.columns
+        blocks = cells - len(set(self.absent))
+        outside = [block for block in self.absent if block >= cells]
+        if outside:
+            yield 'absent', f'{outside[0]} is not among the ids 0 to {cells - 1}'
+        elif blocks < LEAST_BLOCKS:
+            yield 'absent', f'leaves {blocks} blocks; a table has at least {LEAST_BLOCKS}'
+        if len(self.platform_m) != 2:
+            yield 'platform_m', 'has two numbers: width and depth'
+            return
+        for name, rim, platform in zip(
+            ('wide', 'deep'), self.rim_m(), self.platform_m, strict=True
+        ):
+            outer = rim + 2 * self.rim_width_m
+            if platform <= outer:
+                yield (
+                    'platform_m',
+                    f'{platform:g} m {name} is too small: the rim is {outer:.3f} m {name} outside',
+                )
+
+
 @dataclass(frozen=True)
 class TwinSettings:
     fps: float = setting(60.0, 'image rate of the virtual camera', 'Hz', 1, 240)
@@ -80,7 +143,7 @@ class TwinSettings:
         2000,
     )
     spring_natural_m: float = setting(
-        0.06, 'unloaded length of a spring, which is 0.09 m long when mounted', 'm', 0.01, 0.088
+        0.06, 'unloaded length of a spring, which is table.gap_m long when mounted', 'm', 0.001, 1
     )
     block_kg: float = setting(0.25, 'mass of a block with its cover', 'kg', 0.05, 2)
     mu_static: float = setting(

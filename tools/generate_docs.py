@@ -12,7 +12,7 @@ from pathlib import Path
 
 import public_api
 
-from eol_ros.settings import NotifySettings
+from eol_ros.settings import NotifySettings, TableSettings
 from eol_ros.streams.graph import NODES, QOS, TOPICS
 from eol_ros.streams.requests import KINDS
 
@@ -94,7 +94,8 @@ def settings_page() -> str:
         'say of each node; the same names are ROS parameters. *Live* ones may change while '
         'the node runs (`ros2 param set /eol/NODE NAME VALUE`).',
     ]
-    kinds = {node.name: node.settings for node in NODES.values()}
+    kinds: dict[str, type] = {'table, beside nodes': TableSettings}
+    kinds |= {node.name: node.settings for node in NODES.values()}
     kinds['notify, beside nodes'] = NotifySettings
     for node, kind in kinds.items():
         rows = [

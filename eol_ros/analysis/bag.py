@@ -28,7 +28,7 @@ TIMES = ('log_time', 'publish_time')
 DTYPES = {
     m.RECORD.type: m.RECORD.dtype for m in (cascades, corpus, felt, leds, slips, taps, triggers)
 }
-DTYPES['eol_msgs/msg/Blocks'] = blocks.DTYPE
+DTYPES['eol_msgs/msg/Blocks'] = blocks.dtype()
 
 
 class Table(np.ndarray):

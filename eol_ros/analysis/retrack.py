@@ -20,7 +20,7 @@ from eol_ros.core.motion.felt import Knock
 from eol_ros.devices.bag.requests import heeded
 from eol_ros.errors import ConfigError
 from eol_ros.streams import cascades, felt, slips, taps, triggers
-from eol_ros.streams.blocks import DTYPE, Blocks, each
+from eol_ros.streams.blocks import Blocks, each
 from eol_ros.streams.blocks import of as blocks_row
 from eol_ros.streams.images import Codec
 from eol_ros.streams.requests import SET, Asked, Heeded, for_tracker
@@ -247,7 +247,8 @@ def _compare_blocks(
 
     def compare() -> None:
         theirs = blocks[check.recomputed - len(mine) : check.recomputed]
-        check.compare(np.array(mine, DTYPE), theirs, lambda row: f'image {theirs["image"][row]}')
+        rows = np.array(mine, mine[0].dtype)
+        check.compare(rows, theirs, lambda row: f'image {theirs["image"][row]}')
         mine.clear()
 
     for row, stamp_ns, image in _seen(pictures, stamps, numbers, there):

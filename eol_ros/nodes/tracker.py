@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the 25 blocks in camera images; makes a JPEG for people while somebody looks.
+"""Finds the blocks in camera images; makes a JPEG for people while somebody looks.
 
 What people ask for counts from a stamp that the answer names, so that a bag can be proved.
 """
@@ -9,6 +9,7 @@ import sys
 import time
 
 from eol_msgs.msg import BlockTap
+from eol_msgs.msg import Table as TableMessage
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage
 from std_msgs.msg import String
@@ -31,7 +32,7 @@ from eol_ros.ros.requests import LATER
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import NS, to_msg
 from eol_ros.said import clauses, said
-from eol_ros.streams import blocks, images, taps
+from eol_ros.streams import blocks, images, tables, taps
 from eol_ros.streams.graph import IMAGE_SOURCES
 from eol_ros.streams.requests import Asked, for_tracker
 
@@ -56,6 +57,10 @@ class TrackerNode(EolNode):
         self.gaps = StampGaps(self.scene.image_rate)
         self.writer = blocks.Codec(definition(blocks.TYPE), self.frame_prefix)
         self.calibrations = self.publisher('calibration')
+        now_ns = self.get_clock().now().nanoseconds
+        self.publisher('table').publish(
+            tables.RECORD.fill(TableMessage(), tables.of(now_ns, self.table), self.frame_prefix)
+        )
         self.tell_calibration()
         self.offset_ns = round(self.settings.stamp_offset_s * NS)
         self.jpeg = self.settings.image_transport == 'compressed'

@@ -2,6 +2,7 @@
 """Simulates table, visitors and camera, so that the graph runs without hardware."""
 
 import sys
+from array import array
 from collections import deque
 from typing import NamedTuple
 
@@ -100,7 +101,9 @@ class TwinNode(EolNode):
         truth.header.stamp = to_msg(self.stamp_ns)
         truth.header.frame_id = self.frame_prefix + 'table'
         truth.rim_x, truth.rim_y, truth.rim_yaw = table.rim_pose.tolist()
-        truth.x, truth.y, truth.yaw = table.x, table.y, table.yaw
+        truth.x, truth.y, truth.yaw = (
+            array('d', v.tobytes()) for v in (table.x, table.y, table.yaw)
+        )
         truth.moving = table.moving.tolist()
         truth.slips, truth.energy_residual = table.slips, table.energy_residual
         lit = list(self.blocks.lit) if self.blocks else []
@@ -148,8 +151,8 @@ class TwinNode(EolNode):
                 self.blocks.configure(detector)
         at = moments[-1]
         self.renderer.render(
-            at.truth.x, at.truth.y, at.truth.yaw, index, self.image,
-            velocity=at.velocity, ir=self.infrared, flash=white,
+            np.asarray(at.truth.x), np.asarray(at.truth.y), np.asarray(at.truth.yaw), index,
+            self.image, velocity=at.velocity, ir=self.infrared, flash=white,
         )  # fmt: skip
 
     def deliver(self) -> None:

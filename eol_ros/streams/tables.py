@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Size and shape of the table: eol_msgs/Table."""
+
+import numpy as np
+
+from eol_ros.core.table import Table
+from eol_ros.streams.record import Record
+
+# fmt: off
+DTYPE = np.dtype(
+    [('stamp', 'M8[ns]'), ('rows', 'u1'), ('columns', 'u1'), ('block_side', 'f8'), ('gap_x', 'f8'),
+     ('gap_y', 'f8'), ('rim_width', 'f8'), ('platform_x', 'f8'), ('platform_y', 'f8'),
+     ('body_height', 'f8'), ('absent', 'O')]
+)
+# fmt: on
+RECORD = Record('eol_msgs/msg/Table', DTYPE, 'table')
+
+
+def of(stamp_ns: int, table: Table) -> object:
+    """Return the row of a table that is told at `stamp_ns`."""
+    return RECORD.row(
+        stamp_ns, table.rows, table.columns, table.block_side_m, *table.gaps_m, table.rim_width_m,
+        *table.platform_m, table.body_height_m, np.array(table.absent, 'u1'),
+    )  # fmt: skip
