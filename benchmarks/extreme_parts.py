@@ -16,6 +16,7 @@ from eol_ros.core.physics.twin.play import Play
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.offline import render_all
+from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration import calibrate
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
@@ -163,7 +164,7 @@ def collinear(spread: float) -> dict:
     except ConfigError as error:
         return _row(name, 'refused', begin, holds=str(error))
     refusal = solved.refusal()
-    corners = calibrate.PLATFORM_CORNERS
+    corners = calibrate.platform_corners(Table())
     off = solved.calibration.to_table(camera.to_pixels(corners)) - corners
     worst, told = 1e3 * float(np.hypot(*off.T).max()), float(solved.corner_mm.max())
     return _row(

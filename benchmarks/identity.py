@@ -30,7 +30,6 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.clutter import LEVELS
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.states import TRACKING
-from eol_ros.core.vision.symmetry import TURNED
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError, UsageError
 from eol_ros.settings import TrackerSettings
@@ -164,7 +163,8 @@ class Ours:
         found = self.tracker.update(moment.stamp_s, self.image(moment, seen))
         self.ambiguous = found.symmetry_ambiguous or found.state != TRACKING
         if not self.named and found.state == TRACKING:  # it is told which way round the table lies
-            apart = [np.nansum(np.abs(found.world - moment.xy[turn])) for turn in TURNED]
+            turns = self.tracker.table.turned_ids
+            apart = [np.nansum(np.abs(found.world - moment.xy[turn])) for turn in turns]
             self.tracker.follower.turn(int(np.argmin(apart)))
             self.named = True
             return np.full(N_BLOCKS, -1)

@@ -17,6 +17,7 @@ from eol_ros import compiled, disk
 from eol_ros import scene as scenes
 from eol_ros.analysis import exhibition
 from eol_ros.bringup.memory import Memory
+from eol_ros.core.table import Table
 from eol_ros.core.vision.background.model import BackgroundModel
 from eol_ros.devices.audio import audio_file
 from eol_ros.devices.audio.bank import load_bank
@@ -91,7 +92,9 @@ class Folders:
         found = {
             'day': DayFile('museum').load(),
             'kept': Memory(self.scene, 0).recall(),
-            'background': len(TrackerFiles(TrackerSettings(background=str(self.dark))).lamps),
+            'background': len(
+                TrackerFiles(TrackerSettings(background=str(self.dark)), Table()).lamps
+            ),
             'presets': [
                 _or_error(lambda n=n: presets.load(presets.path_of(n, presets.folder())))
                 for n in presets.names(presets.folder())

@@ -15,11 +15,7 @@ from eol_ros.streams.graph import NODES
 def recorded_table(bag: Bag) -> Table:
     """Return the table that a bag was recorded at; the default where the bag does not say."""
     try:
-        values: dict[str, Any] = yaml.safe_load(bag.about['settings'])['table']
-        fields: dict[str, Any] = {
-            k: tuple(v) if isinstance(v, list) else v for k, v in values.items()
-        }
-        return Table(**fields)
+        return Table.parsed(yaml.safe_load(bag.about['settings'])['table'])
     except (AttributeError, KeyError, TypeError, yaml.YAMLError):
         return Table()
 

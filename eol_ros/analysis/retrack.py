@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from eol_ros.analysis.bag import Bag, Table
-from eol_ros.analysis.recorded_settings import recorded_settings
+from eol_ros.analysis.recorded_settings import recorded_settings, recorded_table
 from eol_ros.core.motion.felt import Knock
 from eol_ros.devices.bag.requests import heeded
 from eol_ros.errors import ConfigError
@@ -230,7 +230,7 @@ def _compare_blocks(
     from eol_ros.core.vision.tracker import Tracker
 
     settings = settings_of(bag, 'tracker')
-    tracker = Tracker(settings, _calibration(bag, settings))
+    tracker = Tracker(settings, _calibration(bag, settings), recorded_table(bag))
     for asked in _accepted(lines, 'tracker'):
         for kind, value in for_tracker(asked):
             tracker.requests.add(asked.from_ns, kind, value)
@@ -346,7 +346,7 @@ def _calibration(bag: Bag, settings: Any) -> Any:
     from eol_ros.devices.files.tracker_files import calibration_of
 
     if not bag.count('calibration'):
-        return calibration_of(settings)
+        return calibration_of(settings, recorded_table(bag))
     where = f'{bag.path}: {bag.name("calibration")}'
     return calibration_file.loads(str(bag.table('calibration')['data'][0]), where)
 
@@ -407,7 +407,7 @@ def _compare_motion(
     if not any(bag.name(topic) in bag.topics for topic in ('slips', 'cascades')):
         return
     live = _Live(bag, lines, 'motion')
-    motion = Motion(live.settings)
+    motion = Motion(live.settings, recorded_table(bag))
     waiting = _taps(bag)
     new, over, told = [], [], []
     for image in inputs:

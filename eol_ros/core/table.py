@@ -9,7 +9,9 @@ The paper prints the rim as 960 cm; the sum of its own parts is 96.0 cm, and tha
 """
 
 import dataclasses
+from collections.abc import Mapping
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +35,18 @@ class Table(TableSettings):
     @classmethod
     def of(cls, settings: TableSettings) -> 'Table':
         """Return the table of these settings."""
-        return cls(**{f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)})
+        return cls(**dataclasses.asdict(settings))
+
+    @classmethod
+    def parsed(cls, values: Any) -> 'Table':
+        """Return the table of a mapping, as files have it; raise TypeError where it is none."""
+        if not isinstance(values, Mapping):
+            raise TypeError(f'{values!r} is not a mapping')
+        fields: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in values.items()
+        }
+        return cls(**fields)
 
     @cached_property
     def cells(self) -> int:
@@ -75,6 +88,11 @@ class Table(TableSettings):
             for platform, rim in zip(self.platform_m, self.rim_m(), strict=True)
         )
         return x, y
+
+    @cached_property
+    def scale(self) -> float:
+        """Its smaller pitch over that of the table of the paper, for lengths chosen there."""
+        return min(self.pitch_m) / min(Table().pitch_m)
 
     @cached_property
     def rest(self) -> np.ndarray:
@@ -158,6 +176,16 @@ class Table(TableSettings):
             for quarters in ((0, 1, 2, 3) if square else (0, 2))
             if (self.present[self.turned(quarters)] == self.present).all()
         )
+
+    @cached_property
+    def turned_ids(self) -> np.ndarray:
+        """`turned` of each of `turns`, (turns, cells)."""
+        return _fixed(np.array([self.turned(quarters) for quarters in self.turns]))
+
+    @cached_property
+    def unturned_ids(self) -> np.ndarray:
+        """Where each id stands after each of `turns`, (turns, cells)."""
+        return _fixed(np.argsort(self.turned_ids, axis=1))
 
     def grid(self, values: np.ndarray) -> np.ndarray:
         """Return values by id, (..., cells), as rows and columns, (..., rows, columns)."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finds slips and cascades in the motion of the 25 blocks."""
+"""Finds slips and cascades in the motion of the blocks."""
 
 import sys
 
@@ -20,7 +20,7 @@ class MotionNode(EolNode):
 
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
-        self.motion = Motion(self.settings)
+        self.motion = Motion(self.settings, self.table)
         self.slips = self.publisher('slips')
         self.felt_slips = self.publisher('felt_slips')
         self.cascades = self.publisher('cascades')
@@ -33,7 +33,7 @@ class MotionNode(EolNode):
         self.motion.set(new)
 
     def restart(self) -> None:
-        self.motion = Motion(self.settings)
+        self.motion = Motion(self.settings, self.table)
 
     def time_jumped(self, jump_ns: int) -> None:
         """Motion sees it in the stamps themselves, as `eol report --retrack` does."""

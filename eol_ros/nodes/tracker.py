@@ -14,7 +14,6 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage
 from std_msgs.msg import String
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.appearance import learnt
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.requests import BACKGROUND, COVERS
@@ -46,7 +45,7 @@ class TrackerNode(EolNode):
 
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
-        self.files = TrackerFiles(self.settings, keep=not self.sim_time)
+        self.files = TrackerFiles(self.settings, self.table, keep=not self.sim_time)
         self.pending: dict[str, Asked] = {}  # by kind: what is not answered yet
         self.covers = self._covers_before()  # as they were learned
         self.learnt_s = 0.0  # stamp
@@ -55,7 +54,7 @@ class TrackerNode(EolNode):
         self.blocks = self.publisher('blocks')  # to be known by the time that there are any
         self.tracker.warm_up()
         self.gaps = StampGaps(self.scene.image_rate)
-        self.writer = blocks.Codec(definition(blocks.TYPE), self.frame_prefix)
+        self.writer = blocks.Codec(definition(blocks.TYPE), self.frame_prefix, self.table.cells)
         self.calibrations = self.publisher('calibration')
         now_ns = self.get_clock().now().nanoseconds
         self.publisher('table').publish(
@@ -86,7 +85,7 @@ class TrackerNode(EolNode):
             self.infos: Subscription | None = self.subscribe('camera/camera_info', self.on_lens)
 
     def restart(self) -> None:
-        self.tracker = Tracker(self.settings, self.files.calibration)
+        self.tracker = Tracker(self.settings, self.files.calibration, self.table)
         self.images, self.stamp_ns = 0, 0
         self.lamps = self.files.lamps  # to begin with
         for asked in self.pending.values():
@@ -193,7 +192,7 @@ class TrackerNode(EolNode):
         try:
             covers = base64.b64decode(self.resumed.get(COVERS, ''))
             if covers:
-                learnt.check(covers, N_BLOCKS)
+                learnt.check(covers, self.table.cells)
             return covers
         except (ConfigError, ValueError, TypeError) as error:
             self.get_logger().warning(f'what was learnt of the blocks before is lost: {error}')

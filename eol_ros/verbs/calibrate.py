@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from eol_ros import scene as scenes
+from eol_ros.core.table import Table
 from eol_ros.errors import ConfigError, UsageError, writing
 
 HELP = 'Calibrate the camera on the resting blocks, on known points, or on a ChArUco board.'
@@ -92,6 +94,9 @@ def add_arguments(parser):
         metavar=('X', 'Y'),
         help="the board's centre on the table in the first image, in metres",
     )
+    parser.add_argument(
+        '--scene', metavar='SCENE', help='whose table it is (default: that of the paper)'
+    )
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
 
@@ -101,6 +106,7 @@ def run(args) -> int:
 
     if args.way == 'print':
         return _print(args)
+    args.table = Table.of(scenes.load(args.scene).table) if args.scene else Table()
     image = None
     if args.way == 'points':
         solution = _points(args)
@@ -186,14 +192,14 @@ def _covers(args):
     """Return the outlines of the covers that `--covers` names, or None."""
     if not args.covers:
         return None
-    from eol_ros.core.geometry import N_BLOCKS
     from eol_ros.core.vision.calibration.covers import CoverOutlines
     from eol_ros.devices.files import stl_file
 
     files = sorted(Path(args.covers).glob('cover-*.stl'))
-    if len(files) != N_BLOCKS:
+    cells = args.table.cells
+    if len(files) != cells:
         raise ConfigError(
-            f'--covers {args.covers}: has {len(files)} files cover-*.stl, not {N_BLOCKS}; '
+            f'--covers {args.covers}: has {len(files)} files cover-*.stl, not {cells}; '
             f'`eol covers --output {args.covers}` makes them'
         )
     return CoverOutlines.of_meshes([stl_file.load(file) for file in files], 1e3 * args.cover_gap)
@@ -202,7 +208,9 @@ def _covers(args):
 def _board(args, images):
     from eol_ros.core.vision.calibration.charuco import from_board
 
-    return from_board(images, _board_of(args), args.cover_height, args.focal, args.mirror)
+    return from_board(
+        images, _board_of(args), args.cover_height, args.focal, args.mirror, args.table
+    )
 
 
 def _board_of(args):
@@ -241,7 +249,7 @@ def _print(args) -> int:
 
 
 def _points(args):
-    from eol_ros.core.vision.calibration.calibrate import PLATFORM_CORNERS, from_points
+    from eol_ros.core.vision.calibration.calibrate import from_points, platform_corners
     from eol_ros.devices.files import text_table
 
     if not args.lens and not args.size:
@@ -257,10 +265,11 @@ def _points(args):
         for row in text_table.rows(path, names, names)
     ]).reshape(-1, 4)  # fmt: skip
     solution = from_points(rows[:, :2], rows[:, 2:], start, args.cover_height)
-    seen = np.ptp(solution.calibration.to_pixels(PLATFORM_CORNERS), axis=0)
+    corners = platform_corners(args.table)
+    seen = np.ptp(solution.calibration.to_pixels(corners), axis=0)
     if len(rows) and not 0.05 < float((seen / (width, height)).max()) < 50:
         raise ConfigError(
-            f'{path}: a platform of {2 * PLATFORM_CORNERS.max():g} m would be {seen.max():.0f} px '
+            f'{path}: a platform of {2 * corners.max():g} m would be {seen.max():.0f} px '
             'in the image: are x and y in metres, not mm or cm?'
         )
     return solution
@@ -272,14 +281,16 @@ def _start(args, shape):
     from eol_ros.devices.files.calibration_file import load_lens
 
     if not args.lens:
-        return nominal(shape[1], shape[0], args.focal)
+        return nominal(shape[1], shape[0], args.focal, args.table)
     width, height, camera, lens = load_lens(args.lens)
     if shape is not None and shape != (height, width):
         raise ConfigError(
             f'{args.lens}: is for images of {width}x{height}, these are '
             f'{shape[1]}x{shape[0]}: use the lens of this camera at this size'
         )
-    return replace(nominal(width, height), camera_matrix=camera, distortion_coefficients=lens)
+    return replace(
+        nominal(width, height, table=args.table), camera_matrix=camera, distortion_coefficients=lens
+    )
 
 
 def _images(sources) -> list[np.ndarray]:

@@ -156,6 +156,9 @@ def _settings(scene: Scene) -> Iterator[Check]:
     for name, settings in scene.nodes.items():
         if name in _NODES:
             yield from _NODES[name](settings)
+    tables = {n: s.calibration for n, s in scene.nodes.items() if getattr(s, 'calibration', '')}
+    for name, path in tables.items():
+        yield f'{name}.calibration', functools.partial(_same_table, path, scene)
     if scene.notify:
         from eol_ros.bringup import notify
 
@@ -329,6 +332,17 @@ def _writable(folder: Path, remedy: str = 'name') -> None:
         raise EolError(
             f'nothing can be written in {there} ({error.strerror}); {remedy} another folder'
         ) from None
+
+
+def _same_table(path: str, scene: Scene) -> None:
+    from eol_ros.core.table import Table
+    from eol_ros.devices.files import calibration_file
+
+    try:
+        found = calibration_file.load(path)
+    except EolError:
+        return  # told already
+    calibration_file.check_table(path, found, Table.of(scene.table))
 
 
 def _same_size(path: str, name: str, settings: Any) -> None:

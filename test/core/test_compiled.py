@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops: no more is compiled than is called."""
 
+import importlib
 import os
+import pkgutil
 import re
 import subprocess
 import sys
@@ -9,8 +11,10 @@ from types import SimpleNamespace
 
 import pytest
 from numba.core import config as settings
+from numba.core.dispatcher import Dispatcher
 
-from eol_ros.core.compiled import NEEDED, TARGET, fix_target, njit
+from eol_ros.core import motion, sound, vision
+from eol_ros.core.compiled import NEEDED, TARGET, _read_by, fix_target, njit
 
 
 @njit(inner=True)
@@ -223,3 +227,38 @@ def test_a_function_takes_no_option_from_its_first_caller():
 
     with pytest.raises(ZeroDivisionError):
         first(1.0, 0.0)
+
+
+def called_by(function):
+    return [value for _, value in _read_by(function.py_func) if isinstance(value, Dispatcher)]
+
+
+def rounds_freely(function, within=()):
+    """Return whether a function, or one that it calls, may be rounded as the compiler likes."""
+    return bool(function.targetoptions.get('fastmath')) or any(
+        rounds_freely(other, (*within, function))
+        for other in called_by(function)
+        if other not in within and other is not function
+    )
+
+
+def test_what_rounds_freely_has_one_machine_code():
+    """A process that compiles has machine code of all that is called, one that loads has not.
+
+    The bits of a function that is called were those of its own code in the first, and of the code
+    of its caller in the second.
+    """
+    found = {}
+    for package in (motion, sound, vision):
+        for module in pkgutil.walk_packages(package.__path__, f'{package.__name__}.'):
+            found |= {
+                id(value): value
+                for value in vars(importlib.import_module(module.name)).values()
+                if isinstance(value, Dispatcher)
+            }
+    called = {id(other) for function in found.values() for other in called_by(function)}
+    exact = {'_peak', 'limit', 'render'}  # of maxima, in any order: core/sound/limiter.py
+    for key in called & found.keys():
+        options, name = found[key].targetoptions, found[key].py_func.__name__
+        alone = options.get('no_cpython_wrapper') or options.get('inline') == 'always'
+        assert alone or name in exact or not rounds_freely(found[key]), f'{name} must be inner'

@@ -13,6 +13,7 @@ from rclpy.serialization import deserialize_message
 from support.spinning import Nodes
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
+from eol_ros.core.table import Table
 from eol_ros.core.vision.appearance import learnt
 from eol_ros.core.vision.background.model import BackgroundModel
 from eol_ros.core.vision.calibration.model import Calibration
@@ -171,7 +172,7 @@ def test_what_was_learned_of_the_covers_outlives_the_node(ros, monkeypatch):
 
 def test_covers_that_are_not_those_of_the_calibration_are_told():
     files, tracker = (
-        TrackerFiles(TrackerSettings()),
+        TrackerFiles(TrackerSettings(), Table()),
         Tracker(TrackerSettings(), Calibration.ideal()),
     )
     renderer = Renderer(calibration=tracker.calibration)
@@ -208,7 +209,7 @@ def test_what_a_replay_learns_again_is_not_written_down(tmp_path):
         tracker.background = BackgroundModel(np.full((800, 1280), 40, np.uint8))
         tracker.outcome = Outcome('darkness', False, 'background learnt')
         tracked = tracker.update(1.0, np.zeros((800, 1280), np.uint8))
-        files = TrackerFiles(settings, keep)
+        files = TrackerFiles(settings, Table(), keep)
         assert files.news(tracker, tracked.stamp_s) is files.told
         assert files.news(tracker, tracked.stamp_s) is None
         _, text = files.words(tracked)
@@ -220,7 +221,7 @@ def test_covers_that_were_changed_are_said_with_a_code(tmp_path):
     tracker = Tracker(TrackerSettings(), Calibration.ideal())
     for k, image in enumerate(pictures(3)):
         tracked = tracker.update(k / 60, image)
-    files = TrackerFiles(TrackerSettings())
+    files = TrackerFiles(TrackerSettings(), Table())
     assert files.words(tracked)[0]
     tracker.follower.changed_s[[3, 8]] = 2 / 60
     good, text = files.words(tracker.update(3 / 60, image))

@@ -9,6 +9,7 @@ from eol_msgs.msg import RimCommand
 from support.spinning import Nodes
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
+from eol_ros.core.table import Table
 from eol_ros.core.terrain import CoverShape, landscape
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
@@ -91,7 +92,7 @@ def test_a_table_in_a_mirror_is_tracked_as_it_stands(graph):
     settings, seen, before = TrackerSettings(mirror=True), [], -np.inf
     for stamp in both:
         if stamp - before > 0.2e9:  # a block has gone so far that it may be taken for its neighbour
-            tracker = Tracker(settings, calibration_of(settings))
+            tracker = Tracker(settings, calibration_of(settings, Table()))
         before = stamp
         if probe.images[stamp] is None:
             break

@@ -9,11 +9,9 @@ set; its nucleus is the block of the earliest onset, its area counts blocks, its
 import math
 from dataclasses import dataclass, field
 
-from eol_ros.core.geometry import N_BLOCKS, neighbours
 from eol_ros.core.motion.slips import START, SlipEvent
+from eol_ros.core.table import Table
 from eol_ros.settings import MotionSettings
-
-TOUCHING = [{block, *neighbours(block, diagonal=True)} for block in range(N_BLOCKS)]
 
 
 @dataclass(frozen=True)
@@ -44,9 +42,9 @@ class _Cascade:
     number: int
     members: dict[int, _Member] = field(default_factory=dict)
 
-    def reaches(self, block: int, onset_s: float, gap_s: float) -> bool:
+    def reaches(self, touching: set[int], onset_s: float, gap_s: float) -> bool:
         return any(
-            m.block in TOUCHING[block] and (m.end_s is None or onset_s <= m.end_s + gap_s)
+            m.block in touching and (m.end_s is None or onset_s <= m.end_s + gap_s)
             for m in self.members.values()
         )
 
@@ -57,8 +55,11 @@ class _Cascade:
 class Cascades:
     """Gathers slip events into cascades; numbers count up from 1."""
 
-    def __init__(self, settings: MotionSettings):
-        self.settings = settings
+    def __init__(self, settings: MotionSettings, table: Table | None = None):
+        self.settings, table = settings, table or Table()
+        self._touching = {
+            block: {block, *table.neighbours(block, diagonal=True)} for block in table.ids.tolist()
+        }
         self.count = 0
         self.open: list[_Cascade] = []
 
@@ -99,8 +100,8 @@ class Cascades:
                     member.distance_m = event.distance_m
                     return cascade.number
             return 0
-        gap_s = self.settings.cascade_gap_s
-        joined = [c for c in self.open if c.reaches(event.block, event.onset_s, gap_s)]
+        gap_s, touching = self.settings.cascade_gap_s, self._touching[event.block]
+        joined = [c for c in self.open if c.reaches(touching, event.onset_s, gap_s)]
         if not joined:
             self.count += 1
             joined = [_Cascade(self.count)]

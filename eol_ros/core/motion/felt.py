@@ -119,7 +119,7 @@ class Felt:
     def look(
         self, stamp_s: float, x: np.ndarray, y: np.ndarray, seen: np.ndarray
     ) -> list[FeltSlip]:
-        """Take the (25,) blocks of an image; return the knocks that waited for it and are told."""
+        """Take the (n,) blocks of an image; return the knocks that waited for it and are told."""
         if self._images and not stamp_s > self._images[-1].stamp_s:
             return []
         self._images.append(_Image(stamp_s, np.array(x), np.array(y), np.array(seen, bool)))

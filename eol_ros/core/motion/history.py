@@ -6,14 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import N_BLOCKS
 
 RING = 64  # images kept: 0.27 s at 240 images/s, 1.07 s at 60
 _BACK = np.arange(RING)
 
 
 class Image(NamedTuple):
-    """One image: stamp, positions (25, 2) m, seen (25,), standard deviation (25,) m an axis."""
+    """One image: stamp, positions (n, 2) m, seen (n,), standard deviation (n,) m an axis."""
 
     stamp_s: float
     place: np.ndarray
@@ -38,20 +37,20 @@ class Fit(NamedTuple):
 class History:
     """Ring buffer of RING images; `order` lists its indices, newest first."""
 
-    def __init__(self) -> None:
+    def __init__(self, cells: int) -> None:
         self.times_s = np.full(RING, -np.inf)
-        self.place = np.zeros((2, N_BLOCKS, RING))  # m
-        self.seen = np.zeros((N_BLOCKS, RING), bool)
-        self.resting = np.zeros((N_BLOCKS, RING), bool)
-        self.weight = np.ones((N_BLOCKS, RING))  # inverse variance, in units of the noise
-        self.common = np.zeros((N_BLOCKS, RING))  # sigma of the error that repeats, in the same
+        self.place = np.zeros((2, cells, RING))  # m
+        self.seen = np.zeros((cells, RING), bool)
+        self.resting = np.zeros((cells, RING), bool)
+        self.weight = np.ones((cells, RING))  # inverse variance, in units of the noise
+        self.common = np.zeros((cells, RING))  # sigma of the error that repeats, in the same
         self.newest = -1
         self.order = _BACK
         self.last_s = -np.inf
         self.period_s = 0.0  # between images, smoothed
 
     def push(self, image: Image, resting: np.ndarray, excess: np.ndarray) -> None:
-        """Store an image; resting: (25,). excess: (25,) variance in units of the noise, >= 1."""
+        """Store an image; resting: (n,). excess: (n,) variance in units of the noise, >= 1."""
         self.newest = at = (self.newest + 1) % RING
         self.order = (at - _BACK) % RING
         self.times_s[at] = image.stamp_s
@@ -74,9 +73,9 @@ class History:
     def rest_place(
         self, stamp_s: float, window_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the mean resting place (25, 2) m over `window_s` before `stamp_s`.
+        """Return the mean resting place (n, 2) m over `window_s` before `stamp_s`.
 
-        With it its variance (25,), in units of that of a sample, and the number of samples (25,).
+        With it its variance (n,), in units of that of a sample, and the number of samples.
         Weights are inverse variances. An occlusion shifts a block alike in all images, so the mean
         of occluded samples is no better than one of them.
         """

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.cascades import CascadeEvent, Cascades
 from eol_ros.core.motion.felt import VERDICT_S, Felt, FeltSlip, Knock
 from eol_ros.core.motion.slips import START, SlipDetector, SlipEvent
 from eol_ros.core.stamp_watch import BACK_S
+from eol_ros.core.table import Table
 from eol_ros.settings import MotionSettings
 
 TAP_LAG_S = VERDICT_S  # a tap counts from the first image this much later than it
@@ -54,14 +54,15 @@ class Motion:
     ----------
     settings : MotionSettings
         As a scene has them; `set` changes them.
+    table : Table, optional
+        Whose blocks move.
 
     Examples
     --------
     Block 12 slips 2 cm to the right, beginning at 1 s, as springs let it.
 
-    >>> from eol_ros.core.geometry import rest_lattice
     >>> motion, slips = Motion(MotionSettings()), []
-    >>> x, y = rest_lattice().T.copy()
+    >>> x, y = Table().rest.T.copy()
     >>> for k in range(120):
     ...     x[12] = 0.01 - 0.01 * np.cos(np.pi * np.clip((k / 60 - 1.0) / 0.2, 0.0, 1.0))
     ...     found, _ = motion.update(k / 60, x, y, np.ones(25, bool), np.full(25, 2e-5))
@@ -72,9 +73,10 @@ class Motion:
     0.02
     """
 
-    def __init__(self, settings: MotionSettings):
-        self.detector = SlipDetector(settings)
-        self.cascades = Cascades(settings)
+    def __init__(self, settings: MotionSettings, table: Table | None = None):
+        self.table = table or Table()
+        self.detector = SlipDetector(settings, self.table)
+        self.cascades = Cascades(settings, self.table)
         self.felt = Felt(settings.tap_probability)
         self.taps: list[Knock] = []  # whose time has not come
         self._begun: list[_Begun] = []
@@ -93,7 +95,7 @@ class Motion:
         Arrival order does not matter: what is told then waits for images that are late, and comes
         with `felt_slips`.
         """
-        if not 0 <= knock.block < N_BLOCKS:
+        if knock.block not in self.table.ids:
             return []
         knock = knock._replace(sigma_s=max(knock.sigma_s, FUSE_SIGMA_S))
         self.taps.append(knock)
@@ -119,11 +121,11 @@ class Motion:
         stamp_s : float
             Mid-exposure, in s.
         x, y : ndarray
-            (25,) metres.
+            (cells,) metres.
         seen : ndarray
-            (25,) bool.
+            (cells,) bool.
         sigma : ndarray, optional
-            (25,) standard deviation of x and y, in m.
+            (cells,) standard deviation of x and y, in m.
 
         Returns
         -------

@@ -11,7 +11,6 @@ A Gaussian threshold would alarm tens of times too often while the noise is stil
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import N_BLOCKS
 
 LEARN_S = 20.0  # memory of the noise, s (chosen)
 PRIOR_SAMPLES = 10.0  # weight of the tracker's first sigma (chosen)
@@ -39,7 +38,7 @@ def threshold_sigmas(probability: float, freedom: np.ndarray) -> np.ndarray:
 
 
 def second_moments(offset: np.ndarray) -> np.ndarray:
-    """Return x^2 + y^2, x^2 - y^2 and 2 x y (25, 3) of `offset` (25, 2)."""
+    """Return x^2 + y^2, x^2 - y^2 and 2 x y (n, 3) of `offset` (n, 2)."""
     x, y = offset.T
     return np.stack([x * x + y * y, x * x - y * y, 2.0 * x * y], 1)
 
@@ -47,21 +46,21 @@ def second_moments(offset: np.ndarray) -> np.ndarray:
 class NoiseModel:
     """Covariance of the noise of each block, learnt while it rests."""
 
-    def __init__(self) -> None:
-        self.rows = np.zeros(N_BLOCKS, NOISE)
+    def __init__(self, cells: int) -> None:
+        self.rows = np.zeros(cells, NOISE)
 
     @property
     def variance(self) -> np.ndarray:
-        """Mean variance (25,) of both axes, m^2."""
+        """Mean variance (n,) of both axes, m^2."""
         return np.maximum(self.rows['moments'][:, 0], FLOOR_M**2)
 
     def inflation(self, sigma: np.ndarray | None, seen: np.ndarray) -> np.ndarray:
-        """Return `sigma` (25,) m over its reference, >= 1: a block half under an arm has more.
+        """Return `sigma` (n,) m over its reference, >= 1: a block half under an arm has more.
 
         The first sigma initialises the noise: a block that is first seen moving is not noisy.
         """
         if sigma is None:
-            return np.ones(N_BLOCKS)
+            return np.ones(len(self.rows))
         rows, new = self.rows, seen & (self.rows['samples'] == 0)
         if new.any():
             first = np.maximum(sigma[new], FLOOR_M)
@@ -71,8 +70,8 @@ class NoiseModel:
         return np.maximum(np.where(seen, sigma, 0.0) / reference, 1.0)
 
     def distance2(self, moments: np.ndarray) -> np.ndarray:
-        """Return Mahalanobis distances squared (25,) (Proc. Natl. Inst. Sci. India 2, 1936), times
-        the mean variance. moments: (25, 3) of the offsets."""
+        """Return Mahalanobis distances squared (n,) (Proc. Natl. Inst. Sci. India 2, 1936), times
+        the mean variance. moments: (n, 3) of the offsets."""
         samples = self.rows['samples']
         known = samples / (samples + ROUND_SAMPLES)
         a, b = self.rows['moments'][:, 1:].T * (known / self.variance)
@@ -87,9 +86,9 @@ class NoiseModel:
         sigma: np.ndarray | None,
         period_s: float,
     ) -> None:
-        """Learn from the offsets of blocks at rest, `quiet` (25,), from their rest positions.
+        """Learn from the offsets of blocks at rest, `quiet` (n,), from their rest positions.
 
-        moments: (25, 3). variance: (25,) of the offsets, in units of the noise.
+        moments: (n, 3). variance: (n,) of the offsets, in units of the noise.
         """
         rows, samples = self.rows, self.rows['samples']
         samples[quiet] = np.minimum(samples[quiet] + 1, LEARN_S / max(period_s, 1e-4))

@@ -13,7 +13,6 @@ import math
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.history import History
 
 ACCELERATION_MPS2 = 2.5  # Coulomb friction: (mu_s - mu_k) g, m/s^2
@@ -133,13 +132,13 @@ def _posterior(
 class OnsetEstimator:
     """Onsets and ends of the slips of all blocks, and the acceleration with which they begin.
 
-    `slips` (25,) SLIP is shared with the detector. acceleration_mps2: median so far.
+    `slips` (n,) SLIP is shared with the detector. acceleration_mps2: median so far.
     """
 
     def __init__(self, history: History, acceleration_mps2: float = ACCELERATION_MPS2):
         self.history = history
         self.acceleration_mps2 = acceleration_mps2
-        self.slips = np.zeros(N_BLOCKS, SLIP)
+        self.slips = np.zeros(len(history.seen), SLIP)
         self.slips['not_before_s'] = self.slips['seen_s'] = -np.inf
 
     def acceleration(

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Slips of the blocks: START against a rest position, STOP by speed.
 
-A pure function of the sequence of samples, vectorised over the 25 blocks. All thresholds follow
+A pure function of the sequence of samples, vectorised over the blocks. All thresholds follow
 from measured noise; windows are times and thresholds are m, m/s or m/s^2, so that 60 and 120
 images/s agree.
 """
@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.history import History, Image
 from eol_ros.core.motion.noise import (
     OCCLUDED,
@@ -28,6 +27,7 @@ from eol_ros.core.motion.onset import (
 )
 from eol_ros.core.motion.stops import StopDetector
 from eol_ros.core.stamp_watch import BACK_S
+from eol_ros.core.table import Table
 from eol_ros.settings import MotionSettings
 
 START = 1
@@ -53,19 +53,19 @@ class SlipEvent:
 
 
 class SlipDetector:
-    """Turns positions of the 25 blocks into starts and stops.
+    """Turns positions of the blocks into starts and stops.
 
-    `slips` (25,) SLIP: the newest slip of each block.
+    `slips` (n,) SLIP: the newest slip of each block.
     """
 
-    def __init__(self, settings: MotionSettings):
-        self.settings = settings
+    def __init__(self, settings: MotionSettings, table: Table | None = None):
+        self.settings, self.table = settings, table or Table()
         self.count = 0  # slips so far
         self._reset(ACCELERATION_MPS2)
 
     def _reset(self, acceleration_mps2: float) -> None:
-        self.history = History()
-        self.noise = NoiseModel()
+        self.history = History(self.table.cells)
+        self.noise = NoiseModel(self.table.cells)
         self.onsets = OnsetEstimator(self.history, acceleration_mps2)
         self.slips = self.onsets.slips
         self.stop_detector = StopDetector(self.onsets)
@@ -74,7 +74,7 @@ class SlipDetector:
 
     @property
     def moving(self) -> np.ndarray:
-        """Which blocks (25,) move."""
+        """Which blocks (n,) move."""
         return self.slips['moving']
 
     def update(
@@ -87,7 +87,7 @@ class SlipDetector:
     ) -> list[SlipEvent]:
         """Take one image's blocks and return what it decides: starts, then stops, earliest first.
 
-        x, y: (25,) m. seen: (25,) bool. sigma: (25,) m, the tracker's standard deviation of each
+        x, y: (n,) m. seen: (n,) bool. sigma: (n,) m, the tracker's standard deviation of each
         sample; only its ratio to the mean counts. An image that is not newer than the last one is
         passed over. One that is older by more than BACK_S stops all slips and forgets everything
         but their count and acceleration.
@@ -130,7 +130,7 @@ class SlipDetector:
         anchor, variance, n = history.rest_place(stamp_s, self.settings.baseline_s)
         moments = second_moments(place - anchor)
         samples, period_s = noise.rows['samples'], max(history.period_s, 1e-4)
-        chance = exceedance(self.settings.false_alarms_per_hour, N_BLOCKS / period_s)
+        chance = exceedance(self.settings.false_alarms_per_hour, self.table.count / period_s)
         limit = threshold_sigmas(chance, 2.0 * samples) * deviation
         again = self.stop_detector.follow_runs(image, limit)
         # the anchor has an error of its own
@@ -171,7 +171,7 @@ class SlipDetector:
         return sorted(events, key=lambda event: event.onset_s)
 
     def _start(self, blocks: np.ndarray, anchor: np.ndarray, n: np.ndarray) -> list[SlipEvent]:
-        """Begin slips of `blocks` (k,) from their rest positions (25, 2), means of n (25,)."""
+        """Begin slips of `blocks` (k,) from their rest positions (cells, 2), means of n."""
         assert self._image is not None
         slips, stamp_s, n = self.slips, self._image.stamp_s, n[blocks]
         slips['slip'][blocks] = self.count + 1 + np.arange(blocks.size)

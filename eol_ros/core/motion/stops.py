@@ -15,7 +15,6 @@ import math
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.history import Image
 from eol_ros.core.motion.onset import OnsetEstimator
 from eol_ros.settings import MotionSettings
@@ -45,19 +44,19 @@ class StopDetector:
 
     def __init__(self, onsets: OnsetEstimator):
         self.onsets, self.history, self.slips = onsets, onsets.history, onsets.slips
-        self.runs = np.zeros(N_BLOCKS, RUN)
+        self.runs = np.zeros(len(self.slips), RUN)
 
     def run_place(self) -> np.ndarray:
-        """Return the mean position (25, 2) of each run, in m."""
+        """Return the mean position (n, 2) of each run, in m."""
         return self.runs['sum'] / np.maximum(self.runs['images'], 1)[:, None]
 
     def follow_runs(self, image: Image, limit: np.ndarray) -> np.ndarray:
-        """Extend the runs by an image that is not in the history yet; return which blocks (25,)
+        """Extend the runs by an image that is not in the history yet; return which blocks (n,)
         rested and left.
 
-        limit: (25,) m, for the distance from a position that is known exactly.
+        limit: (n,) m, for the distance from a position that is known exactly.
         """
-        again, seen = np.zeros(N_BLOCKS, bool), image.seen & self.slips['moving']
+        again, seen = np.zeros(len(self.runs), bool), image.seen & self.slips['moving']
         if not seen.any():
             return again
         runs, place, images = self.runs, self.run_place(), self.runs['images']

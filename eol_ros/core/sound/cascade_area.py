@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 from eol_ros.core.geometry import N_BLOCKS
-from eol_ros.core.motion.cascades import TOUCHING
+from eol_ros.core.table import Table
 
 # Times are compared in whole milliseconds, a third of one off the round ones, so that no rounding
 # of a time axis decides: a live run and a file count from different moments.
@@ -49,7 +49,7 @@ class CascadeAreas:
         """Take one grain that sounds; return area so far, ms since the onset, and if it grew."""
         gap = int(1e3 * self.gap_s)
         joined: list[_Cascade] = []
-        for other in TOUCHING[block]:
+        for other in {block, *Table().neighbours(block, diagonal=True)}:
             past = _milliseconds(time_s - self._last_s[other])
             cascade = self._of[other]
             if past < -gap:  # the stamps began again

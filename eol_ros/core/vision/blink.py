@@ -8,20 +8,20 @@ again and again on the beat, while its neighbours stay lit, is that block. Image
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import N_BLOCKS, neighbours
-from eol_ros.core.vision.symmetry import UNTURNED
+from eol_ros.core.table import Table
 
 EARLY_S, LATE_S = 0.02, 0.08  # a light is believed again only some images after it came back
 BEAT_S = 0.05  # blinks may be off the beat by so much
 BEATS = 2  # so many right intervals in a row, and the place is known
 MOVED_M = 0.01
-NEIGHBOURS = [neighbours(block) for block in range(N_BLOCKS)]
 
 
 class Blink:
     """Watches for block `block` going dark for `off_s` once every `period_s`."""
 
-    def __init__(self, block: int, period_s: float, off_s: float):
+    def __init__(self, block: int, period_s: float, off_s: float, table: Table):
+        self.table = table
+        self._neighbours = {block: table.neighbours(block) for block in table.ids.tolist()}
         self.block = block
         self.period_s = period_s
         self.off_s = off_s
@@ -29,16 +29,17 @@ class Blink:
 
     def forget(self) -> None:
         """Start over: ids were reassigned."""
-        self.lit_s = np.full(N_BLOCKS, np.inf)  # last seen, all neighbours being seen too
-        self.lit_xy = np.zeros((N_BLOCKS, 2))
-        self.dark = np.zeros(N_BLOCKS, bool)
-        self.blink_s = np.full(N_BLOCKS, -np.inf)
-        self.beats = np.zeros(N_BLOCKS, int)
+        cells = self.table.cells
+        self.lit_s = np.full(cells, np.inf)  # last seen, all neighbours being seen too
+        self.lit_xy = np.zeros((cells, 2))
+        self.dark = np.zeros(cells, bool)
+        self.blink_s = np.full(cells, -np.inf)
+        self.beats = np.zeros(cells, int)
 
     def update(self, stamp_s: float, xy: np.ndarray, seen: np.ndarray) -> int | None:
         """Take one image's blocks; return the quarter turns once they are clear."""
-        for block in range(N_BLOCKS):
-            clear = all(seen[n] for n in NEIGHBOURS[block])
+        for block, around in self._neighbours.items():
+            clear = all(seen[n] for n in around)
             if seen[block]:
                 if self.dark[block] and clear:
                     self._back(block, stamp_s, xy[block])
@@ -49,11 +50,11 @@ class Blink:
                 self.dark[block] = clear and np.isfinite(self.lit_s[block])
                 if not clear:
                     self.lit_s[block] = np.inf
-        places = UNTURNED[:, self.block]
+        places = self.table.unturned_ids[:, self.block]
         known = np.flatnonzero(self.beats[places] >= BEATS)
         others = np.flatnonzero(self.beats[places] > 0)
         if known.size == 1 and others.size == 1:
-            return int(known[0])
+            return self.table.turns[known[0]]
         return None
 
     def _back(self, block: int, stamp_s: float, place: np.ndarray) -> None:

@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
@@ -16,7 +15,7 @@ BLACK = 3  # grey levels: an image without spread and this dark is black
 FROZEN_S = 0.5
 WHOLE = 0.98  # of an outline in view
 SIZED_IMAGES = 5  # of blocks in full view say how large they are
-SIZED_BLOCKS = 12
+SIZED_SHARE = 0.48  # of all blocks at least
 UNLIKE = 0.0047  # spread of sizes: path-traced 0.0033 at most with the right covers, else 0.0069
 LIVELY = 60  # so many still images that all differed prove that the camera has noise
 
@@ -78,29 +77,30 @@ class Sizes:
     """
 
     def __init__(self, calibration: Calibration):
-        self.calibration = calibration
+        self.calibration, table = calibration, calibration.table
+        self._enough = SIZED_SHARE * table.count
         self._ratios: list[np.ndarray] = []
         self.spread = np.nan  # of the sizes of blocks over what they should be; NaN: not known yet
 
     def add(
         self, world: np.ndarray, sides_px: Callable[[], np.ndarray], visibility: np.ndarray
     ) -> bool:
-        """Take in one image: places (25, 2) in m, shares in view (25,), what measures sides in px.
+        """Take in one image: places (n, 2) in m, shares in view (n,), what measures sides in px.
 
         True when enough images have come, and `spread` is known.
         """
         if len(self._ratios) == SIZED_IMAGES:
             return True
         whole = (visibility > WHOLE) & np.isfinite(world[:, 0])
-        if whole.sum() < SIZED_BLOCKS:
+        if whole.sum() < self._enough:
             return False
-        ratios = np.full(N_BLOCKS, np.nan)
+        ratios = np.full(len(world), np.nan)
         ratios[whole] = sides_px()[whole] / self._expected_px(world[whole])
         self._ratios.append(ratios)
         if len(self._ratios) < SIZED_IMAGES:
             return False
         often = np.isfinite(self._ratios).sum(axis=0) > SIZED_IMAGES // 2
-        if often.sum() < SIZED_BLOCKS:
+        if often.sum() < self._enough:
             self._ratios.clear()
             return False
         sizes = np.nanmedian(np.array(self._ratios)[:, often], axis=0)
@@ -108,7 +108,7 @@ class Sizes:
         return True
 
     def _expected_px(self, world: np.ndarray) -> np.ndarray:
-        half = BLOCK_SIDE_M / 2
+        half = self.calibration.table.block_side_m / 2
         sides = [
             self.calibration.to_pixels(world + step) - self.calibration.to_pixels(world - step)
             for step in (np.array([half, 0.0]), np.array([0.0, half]))

@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.table import Table
 from eol_ros.core.vision.appearance import learnt
 from eol_ros.core.vision.background.model import BackgroundLearner, BackgroundModel
 from eol_ros.errors import ConfigError
@@ -48,7 +48,8 @@ def unpacked(png: bytes) -> BackgroundModel:
 class Requests:
     """Requests in order of their stamps, and the darkness in which lamps are learnt."""
 
-    def __init__(self) -> None:
+    def __init__(self, table: Table) -> None:
+        self._table = table
         self._waiting: list[tuple[float, str, Any]] = []
         self._until_s = -np.inf
         self._learner: BackgroundLearner | None = None
@@ -68,7 +69,7 @@ class Requests:
         if kind == BACKGROUND:
             value = unpacked(value) if value else None
         elif kind == COVERS:
-            value = learnt.check(value, N_BLOCKS)
+            value = learnt.check(value, self._table.cells)
         self._waiting.append((from_ns * 1e-9, kind, value))
         self._waiting.sort(key=lambda request: request[0])
 
@@ -77,7 +78,7 @@ class Requests:
         while self._waiting and self._waiting[0][0] <= stamp_s:
             _, kind, value = self._waiting.pop(0)
             if kind == DARKNESS:
-                self._learner, self._until_s = BackgroundLearner(), value * 1e-9
+                self._learner, self._until_s = BackgroundLearner(self._table), value * 1e-9
             else:
                 yield kind, value
 

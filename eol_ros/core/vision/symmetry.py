@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which way round does the lattice lie? Answered by the blocks' own accelerometers.
 
-A square lattice looks the same after a quarter turn, so after darkness the camera alone cannot
-know. But it sees which place begins to slip and which places rest, and the block there reports a
-knock under its true name. What is added up for each of the four turns is the logarithm of the
-likelihood of all taps: each comes from an onset that was seen, from a block that slides already,
-from one that is hidden, or, hardly ever, from one that was seen to rest. The answer is given when
-the posterior probability that it is wrong is below ERROR (sequential test: Wald, Ann. Math. Stat.
-16, 1945).
+A square lattice looks the same after a quarter turn, most others after half a turn, so after
+darkness the camera alone cannot know. But it sees which place begins to slip and which places rest,
+and the block there reports a knock under its true name. What is added up for each turn is the
+logarithm of the likelihood of all taps: each comes from an onset that was seen, from a block that
+slides already, from one that is hidden, or, hardly ever, from one that was seen to rest. The answer
+is given when the posterior probability that it is wrong is below ERROR (sequential test: Wald, Ann.
+Math. Stat. 16, 1945).
 """
 
 import math
@@ -16,7 +16,7 @@ from collections import deque
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import COLS, N_BLOCKS
+from eol_ros.core.table import Table
 
 LAG_S = 0.25  # evidence is judged this long after its stamp, when all of it has arrived
 WINDOW_S = 0.04  # an onset and a tap further apart are of two slips
@@ -34,27 +34,15 @@ ERROR = 1e-5  # chance of a wrong answer
 SURE_ERROR = 1e-11  # to contradict a turn that was thought known
 ANSWERED = 0.6  # share of the onsets that the answer must explain, two at least
 
-MIDDLE = N_BLOCKS // 2  # the block that every turn leaves where it is
-
 UNSEEN, RESTING, SLIDING = 0, 1, 2
 
 
-def turned(quarters: int) -> np.ndarray:
-    """Return the true id (25,) of each id, if the lattice stands `quarters` x 90 deg further."""
-    row, column = np.divmod(np.arange(N_BLOCKS), COLS)
-    for _ in range(quarters % 4):
-        row, column = COLS - 1 - column, row
-    return row * COLS + column
-
-
-TURNED = np.array([turned(q) for q in range(4)])
-UNTURNED = np.argsort(TURNED, axis=1)
-
-
 class Coincidence:
-    """Weighs onsets against taps; `belief` (4,) in nats, for 0 to 3 quarter turns."""
+    """Weighs onsets against taps; `belief` (turns,) in nats, for each turn of the table."""
 
-    def __init__(self) -> None:
+    def __init__(self, table: Table) -> None:
+        self.table = table
+        self._fixed = (table.turned_ids == np.arange(table.cells)).all(axis=0)  # by every turn
         self.taps: list[tuple[float, int, float]] = []
         self.judged_s = -np.inf
         self.took = 0  # onsets that the last answer rests on
@@ -64,20 +52,23 @@ class Coincidence:
         """Start over: ids were reassigned."""
         self.onsets: list[tuple[float, int, float]] = []
         self.images: deque[tuple[float, np.ndarray]] = deque()  # stamp, what each place did
-        self.rested: np.ndarray = np.zeros(N_BLOCKS, int)  # images in a row
-        self.belief = np.zeros(4)
-        self.answered = np.zeros(4, int)  # of the telling ones, with a tap where each turn wants it
+        self.rested: np.ndarray = np.zeros(self.table.cells, int)  # images in a row
+        turns = len(self.table.turns)
+        self.belief = np.zeros(turns)
+        self.answered = np.zeros(
+            turns, int
+        )  # of the telling ones, with a tap where each turn wants it
         self.count = 0  # onsets until the last tap judged, since the belief was empty
         self.telling = 0  # of these, not of the block that a turn leaves where it is
         self.counted_s = -np.inf
 
     def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
         """Take a knock that `block` felt; the order of arrival does not matter."""
-        if 0 <= block < N_BLOCKS and np.isfinite(stamp_s):
+        if 0 <= block < self.table.cells and np.isfinite(stamp_s):
             self.taps.append((stamp_s, block, sigma_s))
 
     def look(self, stamp_s: float, quiet: np.ndarray, moving: np.ndarray) -> None:
-        """Take what an image shows of each place: quiet (25,), moving (25,), hidden if neither."""
+        """Take what an image shows of each place: quiet, moving (cells,), hidden if neither."""
         self.rested = np.where(quiet, self.rested + 1, 0)
         state = np.where(moving, SLIDING, np.where(self.rested > SURE_IMAGES, RESTING, UNSEEN))
         self.images.append((stamp_s, state))
@@ -105,7 +96,7 @@ class Coincidence:
                 self._judge(tap)
                 answer = self.answer(known)
                 if answer is not None:
-                    place = UNTURNED[answer, tap[1]]
+                    place = self.table.unturned_ids[self.table.turns.index(answer), tap[1]]
                     self.took = self.count + sum(
                         o[1] == place and 0.0 < o[0] - tap[0] <= WINDOW_S for o in self.onsets
                     )
@@ -123,7 +114,11 @@ class Coincidence:
         others = np.delete(self.belief, best) - self.belief[best]
         if elementary.exp(others).sum() > (SURE_ERROR if known else ERROR):
             return None
-        return best if self.answered[best] >= max(2.0, ANSWERED * self.telling) else None
+        return (
+            self.table.turns[best]
+            if self.answered[best] >= max(2.0, ANSWERED * self.telling)
+            else None
+        )
 
     def _judge(self, tap: tuple[float, int, float]) -> None:
         """Add what one tap says of each turn.
@@ -134,11 +129,11 @@ class Coincidence:
         stamp_s, name, sigma_s = tap
         new = [o[1] for o in self.onsets if self.counted_s < o[0] <= stamp_s]
         self.count += len(new)
-        self.telling += sum(block != MIDDLE for block in new)
+        self.telling += sum(not self._fixed[block] for block in new)
         self.counted_s = stamp_s
         near = [o for o in self.onsets if abs(o[0] - stamp_s) <= WINDOW_S + REACH * sigma_s]
-        for q in range(4):
-            place = int(UNTURNED[q, name])
+        for q in range(len(self.belief)):
+            place = int(self.table.unturned_ids[q, name])
             answers = math.fsum(
                 _density(stamp_s - at_s, sigma_s, HONEST * spread_s)
                 for at_s, block, spread_s in near
@@ -147,15 +142,19 @@ class Coincidence:
             answers *= HEARD / (1.0 - HEARD)
             chance = self._chance_hz(tap, place)
             self.belief[q] += elementary.log(answers + chance)
-            self.answered[q] += answers > chance and name != MIDDLE
+            self.answered[q] += answers > chance and not self._fixed[name]
 
     def _chance_hz(self, tap: tuple[float, int, float], place: int) -> float:
         """How often the block at `place` taps at such a moment without an onset that is seen."""
         stamp_s, _, sigma_s = tap
         sigma = elementary.hypot(sigma_s, TIMING_S)
         about = [t for t in self.taps if abs(t[0] - stamp_s) <= BURST_S]
-        twins = sum(abs(t[0] - stamp_s) <= TWIN_S and t[1] in TURNED[1:, tap[1]] for t in about)
-        unseen_hz = max(UNSEEN_HZ, len(about) / (2 * BURST_S * N_BLOCKS), twins / (2 * TWIN_S * 3))
+        alike = self.table.turned_ids[1:, tap[1]]
+        twins = sum(abs(t[0] - stamp_s) <= TWIN_S and t[1] in alike for t in about)
+        blocks, others = self.table.count, max(len(alike), 1)
+        unseen_hz = max(
+            UNSEEN_HZ, len(about) / (2 * BURST_S * blocks), twins / (2 * TWIN_S * others)
+        )
         hz = (unseen_hz, RESTING_HZ, RETAP_SHARE * unseen_hz)
         before = _below((self.images[0][0] - stamp_s) / sigma)
         total = unseen_hz * before

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From one image to 25 named poses in metres: a pure function of the sequence of images.
+"""From one image to named poses in metres: a pure function of the sequence of images.
 
 Live node, `eol track` and the tests run this same class, so that what is measured offline is what
 hangs in the museum, to the bit.
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from eol_ros.core.compiled import read_only
-from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.table import Table
 from eol_ros.core.vision.appearance import learnt, model
 from eol_ros.core.vision.appearance.follow import Follower
 from eol_ros.core.vision.background.model import BackgroundModel
@@ -41,7 +41,7 @@ SIGMA_STEPS = 64
 
 
 def on_grid(yaw: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return yaw and sigma (25,) on the grids of answers."""
+    """Return yaw and sigma (n,) on the grids of answers."""
     turned, coarse = np.empty((2, len(yaw)))
     mapping.rounded(yaw, sigma_m, RAD_STEP, SIGMA_STEPS, turned, coarse)
     return turned, coarse
@@ -50,10 +50,10 @@ def on_grid(yaw: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarra
 class Tracked(NamedTuple):
     """All blocks in one image, as in eol_msgs/Blocks; arrays by block id.
 
-    px (25, 2) and world (25, 2) in m hold for hidden blocks too (`seen` false), carried by their
-    neighbours; both are NaN while the state is searching or fault, world also while calibrating.
-    yaw (25,) rad, unwrapped. sigma_m, visibility (25,). why: one line when the state is not
-    tracking.
+    px (cells, 2) and world (cells, 2) in m hold for hidden blocks too (`seen` false), carried by
+    their neighbours; both are NaN while the state is searching or fault and where no block is,
+    world also while calibrating. yaw (cells,) rad, unwrapped. sigma_m, visibility (cells,). why:
+    one line when the state is not tracking.
     changed: blocks whose covers were lately found to be others than before.
     """
 
@@ -71,21 +71,22 @@ class Tracked(NamedTuple):
 
 
 class Tracker:
-    """Keeps the 25 blocks of one camera by the faces of their covers.
+    """Keeps the blocks of one camera by the faces of their covers.
 
     Parameters
     ----------
     settings : TrackerSettings
         As a scene has them.
     calibration : Calibration or None
-        Of this camera. None starts with pixels and nominal metres of the size of the squares, and
-        asks the settings for a mirror.
+        Of this camera, and of the table. None starts with pixels and nominal metres of the size of
+        the squares, and asks the settings for a mirror.
+    table : Table, optional
+        Of a camera without a calibration; the table of the paper if neither is there.
 
     Examples
     --------
-    >>> from eol_ros.core.geometry import rest_lattice
     >>> from eol_ros.core.vision.render.renderer import Renderer
-    >>> camera, at = Calibration.ideal(), rest_lattice()
+    >>> camera, at = Calibration.ideal(), Table().rest
     >>> renderer = Renderer(calibration=camera)
     >>> tracker = Tracker(TrackerSettings(), camera)
     >>> found = tracker.update(0.0, renderer.render(at[:, 0], at[:, 1], np.zeros(25), 0))
@@ -95,21 +96,29 @@ class Tracker:
     True
     """
 
-    def __init__(self, settings: TrackerSettings, calibration: Calibration | None):
+    def __init__(
+        self,
+        settings: TrackerSettings,
+        calibration: Calibration | None,
+        table: Table | None = None,
+    ):
         self.settings, self.calibration = settings, calibration
-        self.watch, self.requests = Watch(calibration), Requests()
+        self.table = calibration.table if calibration is not None else table or Table()
+        self.watch, self.requests = Watch(calibration), Requests(self.table)
         self.outcome: Outcome | None = None  # of the last request
         self.learning: self_calibration.SelfCalibration | None = None
         self.asked_s = math.inf  # when a new calibration was asked for
         self.settled_s = -math.inf  # until then metres are new, and nobody should compare
         self.background: BackgroundModel | None = None  # the light that is taken off each image
-        self.turn = TurnByTaps()
+        self.turn = TurnByTaps(self.table)
         self.follower: Follower | None = None
         if calibration is not None:
             self.follower = Follower(calibration, settings.trust_start)
         self.blink: Blink | None = None
         if settings.blink_block >= 0:
-            self.blink = Blink(settings.blink_block, settings.blink_period_s, settings.blink_off_s)
+            self.blink = Blink(
+                settings.blink_block, settings.blink_period_s, settings.blink_off_s, self.table
+            )
         self._image = np.zeros((0, 0), np.uint8)  # the last one
         self._sought_s = -math.inf
         self._covers: np.ndarray | None = None  # learned before, until there is a follower
@@ -126,13 +135,13 @@ class Tracker:
         return learnt.pack(follower.faces, follower.blocks, follower.found)
 
     def sides_px(self) -> np.ndarray:
-        """Measure how wide each block (25,) is in the last image; NaN where not all of it shows."""
+        """Measure how wide each block (cells,) is in the last image; NaN where not all shows."""
         from eol_ros.core.vision.appearance.squares import squares_of
         from eol_ros.core.vision.calibration import corners
 
         follower, calibration = self.follower, self.calibration
         if follower is None or calibration is None or not len(self._image):
-            return np.full(N_BLOCKS, np.nan)
+            return np.full(self.table.cells, np.nan)
         return corners.sides_px(self._image, squares_of(calibration, follower.blocks), calibration)
 
     def side_px(self) -> float:
@@ -142,7 +151,7 @@ class Tracker:
         return float(np.median(self.follower.found['side_px'][self.follower.blocks['seen']]))
 
     def image_angles(self, tracked: Tracked) -> np.ndarray:
-        """Return the angle (25,) of each block in the image, u right and v up, for overlays."""
+        """Return the angle (cells,) of each block in the image, u right and v up, for overlays."""
         if self.calibration is None:
             return tracked.yaw
         return self.calibration.yaw_to_image(tracked.px, tracked.yaw)
@@ -153,12 +162,12 @@ class Tracker:
 
     def warm_up(self) -> None:
         """Compile or load all compiled code, on throw-away state, before the first image comes."""
-        camera = self.calibration or Calibration.ideal()
+        camera = self.calibration or Calibration.ideal(table=self.table)
         spare = Tracker(self.settings, camera)
         assert spare.follower is not None
         image = np.full((camera.image_height, camera.image_width), 12, np.uint8)
-        half = 0.42 * spare.follower.px_per_m * 0.084
-        for u, v in camera.to_pixels(spare.follower.rest):
+        half = 0.42 * spare.follower.px_per_m * self.table.block_side_m
+        for u, v in camera.to_pixels(self.table.rest[self.table.ids]):
             rows = slice(max(round(v - half), 0), max(round(v + half), 0))
             image[rows, max(round(u - half), 0) : max(round(u + half), 0)] = 180
         for k in range(16):
@@ -178,7 +187,7 @@ class Tracker:
         Returns
         -------
         Tracked
-            All blocks, by id: pixels (25, 2), metres (25, 2), yaw (25,) rad, and the state.
+            By id: pixels (cells, 2), metres (cells, 2), yaw (cells,) rad; and the state.
 
         Examples
         --------
@@ -211,7 +220,7 @@ class Tracker:
             self.turn.lost(stamp_s)
             if self.blink is not None:
                 self.blink.forget()
-        if not follower.lattice or blocks['seen'].sum() < model.LEAST:
+        if not follower.lattice or blocks['seen'].sum() < follower.least:
             self.turn.lost(stamp_s)
             if self.blink is not None:
                 self.blink.forget()
@@ -237,7 +246,7 @@ class Tracker:
 
         self._sought_s = stamp_s
         height, width = image.shape
-        start = Calibration.ideal(width, height)
+        start = Calibration.ideal(width, height, table=self.table)
         found = squares.find_squares(image, start, self.settings.mirror)
         if found.calibration is None:
             return found.why
@@ -249,7 +258,7 @@ class Tracker:
         return ''
 
     def _recall(self, covers: np.ndarray) -> None:
-        """Take what was learned of the covers (25,) before."""
+        """Take what was learned of the covers (cells,) before."""
         follower, self._covers = self.follower, covers
         if follower is not None:
             learnt.unpack(covers, follower.faces, follower.blocks, follower.found)
@@ -336,12 +345,13 @@ class Tracker:
             self.asked_s = math.inf
 
     def _squares(self) -> np.ndarray | None:
-        """Return the squares (25,) SQUARE of the last image; None if not all rest in full view."""
+        """Return the squares (count,) SQUARE of the last image; None if not all rest in view."""
         from eol_ros.core.vision.appearance.squares import squares_of
 
         follower, calibration = self.follower, self.calibration
         assert follower is not None and calibration is not None
-        blocks, visible = follower.blocks, follower.found['visible']
+        ids = self.table.ids
+        blocks, visible = follower.blocks[ids], follower.found['visible'][ids]
         if not (blocks['seen'].all() and visible.min() > WHOLE and follower.rests()):
             return None
         return squares_of(calibration, blocks)
@@ -353,9 +363,10 @@ class Tracker:
         self.calibration = self.watch.calibration = found
 
     def _answer(self, stamp_s: float, state: int, why: str) -> Tracked:
-        yaw, sigma = np.zeros((2, N_BLOCKS))
-        px = world = np.full((N_BLOCKS, 2), np.nan)
-        seen, visible = np.zeros(N_BLOCKS, bool), np.zeros(N_BLOCKS)
+        cells = self.table.cells
+        yaw, sigma = np.zeros((2, cells))
+        px = world = np.full((cells, 2), np.nan)
+        seen, visible = np.zeros(cells, bool), np.zeros(cells)
         follower, calibration, changed = self.follower, self.calibration, list[int]()
         if follower is not None and calibration is not None:
             blocks, found = follower.blocks, follower.found
@@ -364,6 +375,7 @@ class Tracker:
             if state not in (SEARCHING, FAULT):
                 seen, visible = blocks['seen'].copy(), found['visible']
                 at = np.column_stack([blocks['x'], blocks['y']])
+                at[~self.table.present] = np.nan
                 px = np.rint(calibration.to_pixels(at) / PX_STEP) * PX_STEP
                 if state != CALIBRATING and self.learning is None:
                     world = np.rint(at / M_STEP) * M_STEP

@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.slips import START, SlipDetector
+from eol_ros.core.table import Table
 from eol_ros.core.vision.symmetry import Coincidence
 from eol_ros.settings import MotionSettings
 
@@ -15,10 +15,10 @@ PATIENCE_S = 0.15  # for so long a better time of an onset is waited for
 class TurnByTaps:
     """Onsets against taps, while the turn is open or taps have not confirmed it yet."""
 
-    def __init__(self) -> None:
-        self.coincidence = Coincidence()
+    def __init__(self, table: Table) -> None:
+        self.table, self.coincidence = table, Coincidence(table)
         self.onsets: SlipDetector | None = None  # while the turn of the lattice is in question
-        self.begun = np.zeros(N_BLOCKS, bool)  # slips whose onset is still to be told
+        self.begun = np.zeros(table.cells, bool)  # slips whose onset is still to be told
         self.confirmed = False  # taps have agreed with the turn since the lattice was found
 
     def tap(self, stamp_s: float, block: int, sigma_s: float) -> None:
@@ -40,7 +40,7 @@ class TurnByTaps:
     ) -> int | None:
         """Take one image's blocks; return the quarter turns once they are clear, or None.
 
-        xy (25, 2), sigma (25,) in m; known: the turn is thought to be known.
+        xy (cells, 2), sigma (cells,) in m; known: the turn is thought to be known.
         """
         asked = not self.confirmed and self.coincidence.listening(stamp_s)
         if known and not asked:
@@ -48,7 +48,7 @@ class TurnByTaps:
             self.coincidence.update(stamp_s)
             return None
         if self.onsets is None:
-            self.onsets = SlipDetector(MotionSettings())
+            self.onsets = SlipDetector(MotionSettings(), self.table)
             self.begun[:] = False
             self.coincidence.forget()
         self._watch(self.onsets, stamp_s, xy, seen, sigma)

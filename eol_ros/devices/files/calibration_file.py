@@ -4,6 +4,7 @@
 A camera_info file of the ROS camera_calibration tool lacks `homography`, and that is said.
 """
 
+import dataclasses
 import datetime
 import math
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.devices.files import camera_info
@@ -62,6 +63,11 @@ def _text(calibration: Calibration, camera_name: str = 'eol') -> str:
         'residual_px': float(calibration.residual_px),
         'residual_mm': float(calibration.residual_mm),
     }
+    if calibration.table != Table():
+        content['table'] = {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in dataclasses.asdict(calibration.table).items()
+        }
     if calibration.covers is not None:
         sides = calibration.covers.land_mm.reshape(-1, calibration.covers.land_mm.shape[2])
         content['covers'] = {
@@ -77,18 +83,31 @@ def _text(calibration: Calibration, camera_name: str = 'eol') -> str:
     )
 
 
-def load(path: str | Path, mirror: bool = False) -> Calibration:
+def load(path: str | Path, mirror: bool = False, table: Table | None = None) -> Calibration:
     """Return the calibration in `path`.
 
     What the file says of a mirror must be what its homography does: mostly a left-handed one comes
     from a y that was counted downwards, and would exchange the blocks' names. mirror: the user says
-    that there is one, so the file must say so too.
+    that there is one, so the file must say so too. table: that of the scene, which must be the one
+    that the calibration is of.
 
     Raises:
         DeviceMissing: no such file.
         ConfigError: not YAML, or a field absent or wrong; all are named at once.
     """
-    return loads(_read(path), path, mirror)
+    found = loads(_read(path), path, mirror)
+    if table is not None:
+        check_table(path, found, table)
+    return found
+
+
+def check_table(path: str | Path, calibration: Calibration, table: Table) -> None:
+    """Raise ConfigError if a calibration is of another table than that of the scene."""
+    if calibration.table != table:
+        raise ConfigError(
+            f'{path}: is of {_words(calibration.table)}; the scene has {_words(table)}: '
+            'calibrate with `eol calibrate --scene SCENE`, or set `table` in the scene'
+        )
 
 
 def _read(path: str | Path) -> bytes:
@@ -124,7 +143,8 @@ def loads(text: str | bytes, path: str | Path, mirror: bool = False) -> Calibrat
     said = content.get('mirror', False)
     if not isinstance(said, bool):
         wrong.append(f'mirror is {said!r}, not true or false')
-    fields['covers'] = _read_covers(content.get('covers'), wrong)
+    table = fields['table'] = _read_table(content.get('table'), wrong)
+    fields['covers'] = _read_covers(content.get('covers'), table, wrong)
     if wrong:
         raise ConfigError(f'{path}: ' + '; '.join(wrong))
     date = content.get('date', '')
@@ -166,19 +186,39 @@ def _matrix(values: np.ndarray) -> dict:
     }
 
 
-def _read_covers(value: Any, wrong: list[str]) -> CoverOutlines | None:
+def _read_table(value: Any, wrong: list[str]) -> Table:
+    """Return the table that a calibration is of, or note what is wrong."""
+    if value is None:
+        return Table()
+    try:
+        table = Table.parsed(value)
+        wrong += [f'table.{name} {reason}' for name, reason in table.contradictions()]
+        return table
+    except (AttributeError, TypeError, ValueError, IndexError):
+        wrong.append('table must have what a scene says of its table, such as rows and columns')
+        return Table()
+
+
+def _words(table: Table) -> str:
+    pitch = ' x '.join(f'{1e3 * one:g}' for one in table.pitch_m)
+    return (
+        f'{table.rows} x {table.columns} places with {table.count} blocks of '
+        f'{1e3 * table.block_side_m:g} mm, pitch {pitch} mm'
+    )
+
+
+def _read_covers(value: Any, table: Table, wrong: list[str]) -> CoverOutlines | None:
     """Return the heights of covers, None where the file names none, or note what is wrong."""
     if value is None:
         return None
     try:
         sides = [[float(h) for h in side.split()] for side in value['land_mm']]
         lower = float(value['lower_mm'])
-        if len(sides) != 4 * N_BLOCKS or len({len(side) for side in sides}) != 1:
-            wrong.append(
-                f'covers has {len(sides)} sides, not {4 * N_BLOCKS} with as many heights each'
-            )
+        count = 4 * table.cells
+        if len(sides) != count or len({len(side) for side in sides}) != 1:
+            wrong.append(f'covers has {len(sides)} sides, not {count} with as many heights each')
             return None
-        return CoverOutlines(lower, np.reshape(sides, (N_BLOCKS, 4, -1)))
+        return CoverOutlines(lower, np.reshape(sides, (table.cells, 4, -1)))
     except (TypeError, ValueError, KeyError, AttributeError):
         wrong.append('covers must have lower_mm, a number, and land_mm, a line of heights a side')
     except ConfigError as error:

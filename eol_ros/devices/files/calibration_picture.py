@@ -6,8 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
-from eol_ros.core.vision.calibration.calibrate import PLATFORM_CORNERS, Solution
+from eol_ros.core.vision.calibration.calibrate import Solution, platform_corners
 from eol_ros.devices.files import picture_file
 
 ARROW = 200  # residuals are drawn this many times longer
@@ -24,10 +23,11 @@ def draw(solution: Solution, image: np.ndarray | None) -> np.ndarray:
     grey = np.zeros(size, np.uint8) if image is None else (image * 0.6).astype(np.uint8)
     picture = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
     t = np.linspace(0, 1, 30)[:, None]
-    for a, b in zip(PLATFORM_CORNERS, np.roll(PLATFORM_CORNERS, -1, axis=0), strict=True):
+    table, corners = calibration.table, platform_corners(calibration.table)
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         _line(picture, calibration.to_pixels(a + t * (b - a)), _GRID)
-    half = BLOCK_SIDE_M / 2
-    for place in rest_lattice():
+    half = table.block_side_m / 2
+    for place in table.rest[table.ids]:
         ring = place + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * half
         _line(picture, calibration.to_pixels(ring), _GRID)
     for point, rest in zip(solution.px, solution.rest_px, strict=True):
@@ -35,9 +35,7 @@ def draw(solution: Solution, image: np.ndarray | None) -> np.ndarray:
         end = tuple(np.rint(16 * (point + ARROW * rest)).astype(int).tolist())
         cv2.circle(picture, start, 32, _POINT, -1, cv2.LINE_AA, 4)
         cv2.line(picture, start, end, _REST, 1, cv2.LINE_AA, 4)
-    for place, sigma in zip(
-        calibration.to_pixels(PLATFORM_CORNERS * 0.94), solution.corner_mm, strict=True
-    ):
+    for place, sigma in zip(calibration.to_pixels(corners * 0.94), solution.corner_mm, strict=True):
         if np.isfinite(sigma):
             u, v = place.astype(int).tolist()
             picture_file.write_text(picture, f'+-{sigma:.2f} mm', (u - 40, v), _TEXT)

@@ -5,6 +5,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.image_health import Sizes
 from eol_ros.core.vision.requests import DARKNESS, Outcome, packed
@@ -19,17 +20,18 @@ SIZED_EVERY_S = 60.0  # between two looks whether the covers are those of the ca
 TOLD_S = 20.0  # how long the status says what came of a request
 
 
-def calibration_of(settings: TrackerSettings) -> Calibration:
+def calibration_of(settings: TrackerSettings, table: Table) -> Calibration:
     """Return the calibration that a tracker with these settings begins with.
 
     Raises:
-        ConfigError, DeviceMissing: a file that cannot be read, or that contradicts `mirror`.
+        ConfigError, DeviceMissing: a file that cannot be read, that contradicts `mirror`, or that
+            is of another table.
     """
     if not settings.calibration:
-        return Calibration.ideal(mirror=settings.mirror)
+        return Calibration.ideal(mirror=settings.mirror, table=table)
     from eol_ros.devices.files import calibration_file
 
-    return calibration_file.load(settings.calibration, settings.mirror)
+    return calibration_file.load(settings.calibration, settings.mirror, table)
 
 
 class TrackerFiles:
@@ -43,9 +45,9 @@ class TrackerFiles:
         ConfigError, DeviceMissing: a file that cannot be read. A map that is not there yet is none.
     """
 
-    def __init__(self, settings: TrackerSettings, keep: bool = True):
+    def __init__(self, settings: TrackerSettings, table: Table, keep: bool = True):
         self.settings, self._writes = settings, keep
-        self.calibration, self.lamps = calibration_of(settings), b''
+        self.calibration, self.lamps = calibration_of(settings, table), b''
         if settings.background and Path(settings.background).exists():
             from eol_ros.devices.files import background_file
 

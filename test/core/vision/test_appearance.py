@@ -13,6 +13,7 @@ from support.vision_bound import position_bound_px
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
+from eol_ros.core.table import Table
 from eol_ros.core.vision import outline
 from eol_ros.core.vision.appearance import find, fit, learnt, model, neighbours, pixels
 from eol_ros.core.vision.appearance.follow import Follower
@@ -22,13 +23,15 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import NOISE_LEVELS, Renderer, RenderOptions
 from eol_ros.core.vision.states import FAULT, LOST, SEARCHING, TRACKING
-from eol_ros.core.vision.symmetry import TURNED
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
 
 HALF_M, BLUR_PX = BLOCK_SIDE_M / 2, math.hypot(1.2, math.sqrt(1 / 12))
-REST = rest_lattice()
+_shift = njit(lambda *args: pixels.shift(*args))  # inner ones have no entry for Python
+_covariance = njit(lambda *args: fit.covariance(*args))
+REST, TURNED = rest_lattice(), Table().turned_ids
+WIDTH_M = model.Lengths.of(Table()).width
 FLAT = np.zeros(outline.SIZE, np.float32)
 
 
@@ -119,7 +122,7 @@ def test_a_patch_moves_along_where_the_image_is_the_same_map_of_the_table(shift)
 
     def moved(by, limit_px=half):
         u, v = middle + by + 0.4
-        return pixels.shift(patch[0], u, v, camera.image_height, camera.image_width, limit_px)
+        return _shift(patch[0], u, v, camera.image_height, camera.image_width, limit_px)
 
     assert moved(shift, 1e-3)  # so small a block has no border that could be off
     np.testing.assert_array_equal(patch[0].shift, shift)
@@ -288,7 +291,7 @@ def test_variances_of_residuals_that_err_together_are_as_dense_algebra_has_them(
     equations[4] = np.column_stack([rows @ wide[side == 4, :7], rows @ r[side == 4]])
     assert fit.solve(equations, -1, np.zeros(7), np.zeros(7), work)
     usual, found = rng.normal(0, 1e-3, (fit.INFLUENCES, 3)), np.empty((fit.INFLUENCES, 3))
-    place, turn = fit.covariance(px, starts, -1, kept, work, usual, found)
+    place, turn = _covariance(px, starts, -1, kept, work, usual, found)
 
     full = (wide.T * w) @ wide + np.diag(np.r_[np.zeros(7), np.tile(prior, 4)])
     moves = np.linalg.inv(full)[:3] @ (wide.T * w * r)
@@ -474,7 +477,7 @@ def test_the_lattice_is_found_in_one_image_at_every_angle(level, angle):
     renderer = Renderer(RenderOptions(noise='L3', clutter=level), camera, 5)
     at = turned(angle, (0.05, -0.08)) + np.random.default_rng(4).normal(0, 0.008, (25, 2))
     image = read_only(renderer.render(*at.T, np.full(25, angle), 3))
-    lattice = find.find_lattice(image, camera.packed(), REST, BLOCK_SIDE_M, 20.0)
+    lattice = find.find_lattice(image, camera.packed(), camera.table, 20.0)
     away = np.hypot(*(lattice.nodes[:, None, :2] - at[None]).T).min(axis=0)
     hidden = renderer.visible_share(*at.T, np.full(25, angle), 3) < 0.9
     assert (away < 0.016).sum() >= 23 - hidden.sum()
@@ -486,10 +489,10 @@ def test_neighbours_put_a_block_where_an_affine_map_does():
     linear = np.array([[0.8, -0.5], [0.55, 0.85]])
     xy, out = REST @ linear.T + [0.02, -0.03], np.zeros((25, 4))
     seen = rng.random(25) < 0.6
-    neighbours.predict(REST, xy, seen, out)
+    neighbours.predict(REST, xy, seen, WIDTH_M, out)
     assert np.hypot(*(out[:, :2] - xy).T).max() < 0.01  # drawn to a similarity
     rotation = turned(2.5, (0.1, 0.0))
-    neighbours.predict(REST, rotation, seen, out)
+    neighbours.predict(REST, rotation, seen, WIDTH_M, out)
     np.testing.assert_allclose(out[:, :2], rotation, atol=1e-9)
     np.testing.assert_allclose(out[:, 2], 2.5, atol=1e-9)
     assert (out[:, 3] == seen.sum() - seen).all()

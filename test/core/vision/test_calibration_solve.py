@@ -52,7 +52,7 @@ def test_sides_that_stand_far_from_a_square_are_read_where_they_are():
     blobs = calibrate.all_blocks(films.sensed(film.light, 0), camera, False)
     tables = outline.tables(camera, blobs, np.zeros(25, int))
     found = corners(films.sensed(film.light, 0), blobs, tables=tables)
-    truth = camera.to_pixels(calibrate._cover_corners(film.shot.poses).reshape(-1, 2))
+    truth = camera.to_pixels(calibrate._cover_corners(film.shot.poses, 0.084).reshape(-1, 2))
     narrow = [
         np.linalg.norm(c[:, 0] + c[:, 1] - c[:, 2] - c[:, 3], axis=1) / 4
         - np.linalg.norm(c[:, 1] + c[:, 2] - c[:, 3] - c[:, 0], axis=1) / 4
@@ -74,7 +74,7 @@ def test_sides_are_read_where_they_are_though_light_falls_towards_them(name, sof
     blobs = calibrate.all_blocks(image, camera, False)
     tables = outline.tables(camera, blobs, np.zeros(25, int), falling_light.NEAR_SHINE_PX)
     found = corners(image, blobs, tables=tables)
-    truth = camera.to_pixels(calibrate._cover_corners(film.shot.poses).reshape(-1, 2))
+    truth = camera.to_pixels(calibrate._cover_corners(film.shot.poses, 0.084).reshape(-1, 2))
     wide = [
         np.linalg.norm(c - np.roll(c, 1, axis=1), axis=-1).mean()
         for c in (found, truth.reshape(25, 4, 2))

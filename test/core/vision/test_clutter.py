@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.table import Table
 from eol_ros.core.vision.background.model import BackgroundLearner, BackgroundModel
 from eol_ros.core.vision.render import clutter as renderer_clutter
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
@@ -32,7 +33,7 @@ def lit(monkeypatch, seed=1, **changes):
 
 
 def learn(renderer, images=15, ir=0.0):
-    learner, xy = BackgroundLearner(), rest_lattice()
+    learner, xy = BackgroundLearner(Table()), rest_lattice()
     for k in range(images):
         learner.add(renderer.render(*xy.T, np.zeros(25), k, ir=np.full(25, ir)))
     return learner
@@ -68,7 +69,7 @@ def test_lit_blocks_are_no_clutter(monkeypatch):
 
 def test_what_cannot_be_a_map():
     with pytest.raises(ConfigError, match='0 dark images were taken'):
-        BackgroundLearner().result()
+        BackgroundLearner(Table()).result()
     with pytest.raises(ConfigError, match='8-bit'):
         BackgroundModel(np.zeros((4, 4)))
     with pytest.raises(ConfigError, match='learn it again'):

@@ -6,6 +6,7 @@ import pytest
 from support.relief import films
 
 from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.table import Table
 from eol_ros.core.vision.appearance.squares import find_squares, lattice
 from eol_ros.core.vision.calibration import calibrate
 from eol_ros.core.vision.calibration.model import Calibration
@@ -144,7 +145,7 @@ def test_images_without_a_lattice():
         found = looked(image)
         assert found.calibration is None and not found.seen.any()
         assert 'squares seen, not 25' in found.why
-    assert len(lattice(dark)[0]) == 0
+    assert len(lattice(dark, Table())[0]) == 0
     lamps = Renderer(RenderOptions(clutter='brutal'), clutter_calibration('brutal'), 5)
     image = lamps.render(*rest_lattice().T, np.zeros(25), 0, ir=np.zeros(25))
     image.flags.writeable = False

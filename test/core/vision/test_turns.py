@@ -3,10 +3,14 @@ import numpy as np
 import pytest
 
 from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.table import Table
 from eol_ros.core.vision.blink import Blink
-from eol_ros.core.vision.symmetry import TURNED, UNTURNED, Coincidence
+from eol_ros.core.vision.symmetry import Coincidence
 
 pytestmark = pytest.mark.slow
+
+TABLE = Table()
+TURNED, UNTURNED = TABLE.turned_ids, TABLE.unturned_ids
 
 
 def turned(xy, angle):
@@ -28,7 +32,7 @@ def test_tables_of_turned_ids_agree():
 @pytest.mark.parametrize('delay_s', [0.0, 0.2])
 def test_taps_tell_the_turn_whenever_they_arrive(quarters, delay_s):
     random = np.random.default_rng(quarters)
-    coincidence = Coincidence()
+    coincidence = Coincidence(TABLE)
     coincidence.update(0.0)
     waiting = []
     decided = None
@@ -51,7 +55,7 @@ def test_taps_tell_the_turn_whenever_they_arrive(quarters, delay_s):
 
 def test_taps_that_fit_no_turn_decide_nothing():
     random = np.random.default_rng(3)
-    coincidence = Coincidence()
+    coincidence = Coincidence(TABLE)
     coincidence.update(0.0)
     for k in range(300):
         coincidence.onset(k * 0.5, int(random.integers(0, 25)), 0.002)
@@ -62,7 +66,7 @@ def test_taps_that_fit_no_turn_decide_nothing():
 
 def test_the_middle_block_is_no_witness():
     """It looks the same from all sides: an answer rests on two others at least."""
-    coincidence = Coincidence()
+    coincidence = Coincidence(TABLE)
     coincidence.update(0.0)
     answers = []
     for k in range(180):
@@ -94,12 +98,14 @@ def beats(blink, quarters, images, hidden=lambda k: ()):
 
 @pytest.mark.parametrize('quarters', [0, 1, 3])
 def test_a_blinking_block_tells_the_turn(quarters):
-    found = beats(Blink(4, 1.0, 0.1), quarters, 240, lambda k: (10, 11) if 90 <= k < 110 else ())
+    found = beats(
+        Blink(4, 1.0, 0.1, TABLE), quarters, 240, lambda k: (10, 11) if 90 <= k < 110 else ()
+    )
     assert found and set(found) == {quarters}
 
 
 def test_an_arm_on_the_beat_of_nothing_is_no_blink():
-    random, blink, dark = np.random.default_rng(1), Blink(4, 1.0, 0.1), {}
+    random, blink, dark = np.random.default_rng(1), Blink(4, 1.0, 0.1, TABLE), {}
     for k in range(600):
         if k % 37 == 0:
             dark = {int(random.integers(0, 25)): k + int(random.integers(3, 9))}

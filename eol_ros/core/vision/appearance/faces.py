@@ -9,6 +9,7 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
+from eol_ros.core.table import Table
 from eol_ros.core.vision.appearance import model
 from eol_ros.core.vision.appearance.model import (
     AGREE,
@@ -20,7 +21,6 @@ from eol_ros.core.vision.appearance.model import (
     YOUNG,
 )
 from eol_ros.core.vision.appearance.pixels import AREA, GREY, LIGHT, A, B
-from eol_ros.core.vision.symmetry import TURNED
 
 _LEAST, _MOST = model.SPREAD
 
@@ -58,23 +58,25 @@ class Faces:
             maps[:] = np.rot90(maps[order], quarters, (1, 2))
         self.looks[:] = self.looks[order]
 
-    def quarters(self, seen: np.ndarray, known: np.ndarray, noise: float) -> np.ndarray:
-        """Return nats (4,) for 0 to 3 quarter turns of the lattice, of its covers in this image.
+    def quarters(
+        self, table: Table, seen: np.ndarray, known: np.ndarray, noise: float
+    ) -> np.ndarray:
+        """Return nats (turns,) of each turn of a table, of its covers in this image.
 
         seen, known (n,): whose own brightness is of this image, and whose face is learned. noise:
         variance of a pixel, gains squared. Cells err together with their neighbours.
         """
-        nats = np.zeros(4)
-        comparable = seen & known[TURNED].all(axis=0)
-        for quarters in range(4):
+        nats = np.zeros(len(table.turns))
+        comparable = seen & known[table.turned_ids].all(axis=0)
+        for k, quarters in enumerate(table.turns):
             for block in np.flatnonzero(comparable):
-                true = TURNED[quarters, block]
+                true = table.turned_ids[k, block]
                 own = np.rot90(self.own[block, 0], quarters).astype(float)
                 px = np.rot90(self.own_px[block], quarters)
                 there, face = px > 0, self.light[true]
                 off = own[there] * (face[there].sum() / own[there].sum()) - face[there]
                 variance = self.spread[true][there] + noise / px[there] + COVER_SIGMA**2
-                nats[quarters] -= np.minimum(off**2 / variance, AGREE).sum() / 2 / CELLS_ALIKE
+                nats[k] -= np.minimum(off**2 / variance, AGREE).sum() / 2 / CELLS_ALIKE
         return nats
 
     def learn(self, block: int, noise: float, whole: bool) -> bool:

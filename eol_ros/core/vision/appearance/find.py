@@ -14,17 +14,15 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
+from eol_ros.core.table import Table
 from eol_ros.core.vision.appearance.model import (
     ANGLES,
-    CELL_M,
-    CENTRE_M,
     CLIP,
     GAP,
     INNER,
-    NODE_STRAY_M,
-    REACH_M,
     RING,
     TURNS,
+    Lengths,
 )  # fmt: skip
 from eol_ros.core.vision.calibration.mapping import to_pixel
 
@@ -101,11 +99,12 @@ def _stands_out(image, u, v, ua, va, ub, vb, noise):
 
 
 @njit(cache=True)
-def respond(image, c, half_m, x0, y0, noise, first, turns, step, out, angle):
+def respond(image, c, lengths, x0, y0, noise, first, turns, step, out, angle):
     """Fill out, angle (ny, nx): the greatest response of `turns` angles at each place of a grid."""
+    half_m = lengths.half_side
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
-            x, y = x0 + j * CELL_M, y0 + i * CELL_M
+            x, y = x0 + j * lengths.cell, y0 + i * lengths.cell
             out[i, j] = angle[i, j] = 0.0
             u, v = to_pixel(c, x, y)
             if not (0 <= u < image.shape[1] and 0 <= v < image.shape[0]):
@@ -144,18 +143,23 @@ def _dilated(response, reach, out):
 
 
 @njit(cache=True)
-def _best(pool, x0, rest, best):
-    """Fill best (4,): mean response, x, y, angle of the lattice `rest` (n, 2) that gathers most."""
+def _best(pool, x0, rest, lengths, span, best):
+    """Fill best (4,): mean response, x, y, angle of the lattice `rest` (n, 2) that gathers most.
+
+    Of angles below `span`: further round it looks the same.
+    """
     ny, nx = pool.shape
-    n, origin, reach = rest.shape[0], int(round(-x0 / CELL_M)), int(CENTRE_M / CELL_M)
+    cell = lengths.cell
+    n, origin, reach = rest.shape[0], int(round(-x0 / cell)), int(lengths.centre / cell)
+    angles = int(round(ANGLES * span / QUARTER))
     dx, dy = np.empty(n, np.int64), np.empty(n, np.int64)
     best[0] = -1.0
-    for k in range(ANGLES):
-        theta = QUARTER * k / ANGLES
+    for k in range(angles):
+        theta = span * k / angles
         c, s = cos(theta), sin(theta)
         for i in range(n):
-            dx[i] = int(round((c * rest[i, 0] - s * rest[i, 1]) / CELL_M))
-            dy[i] = int(round((s * rest[i, 0] + c * rest[i, 1]) / CELL_M))
+            dx[i] = int(round((c * rest[i, 0] - s * rest[i, 1]) / cell))
+            dy[i] = int(round((s * rest[i, 0] + c * rest[i, 1]) / cell))
         for p in range(-reach, reach + 1, 2):
             for q in range(-reach, reach + 1, 2):
                 total = np.float32(0.0)
@@ -164,19 +168,20 @@ def _best(pool, x0, rest, best):
                     if 0 <= r < ny and 0 <= t < nx:
                         total += pool[r, t]
                 if total > best[0] * n:
-                    best[0], best[1], best[2], best[3] = total / n, q * CELL_M, p * CELL_M, theta
+                    best[0], best[1], best[2], best[3] = total / n, q * cell, p * cell, theta
 
 
 @njit(cache=True)
-def _nodes(response, angle, x0, rest, best, out):
+def _nodes(response, angle, x0, rest, best, lengths, out):
     """Fill out (n, 3): x, y, angle of the place near each node that stands out most."""
     ny, nx = response.shape
     c, s = cos(best[3]), sin(best[3])
-    reach = int(math.ceil(1.6 * NODE_STRAY_M / CELL_M))
+    cell = lengths.cell
+    reach = int(math.ceil(1.6 * lengths.node_stray / cell))
     for i in range(rest.shape[0]):
         x = best[1] + c * rest[i, 0] - s * rest[i, 1]
         y = best[2] + s * rest[i, 0] + c * rest[i, 1]
-        jc, ic = int(round((x - x0) / CELL_M)), int(round((y - x0) / CELL_M))
+        jc, ic = int(round((x - x0) / cell)), int(round((y - x0) / cell))
         out[i, 0], out[i, 1], out[i, 2] = x, y, best[3]
         top = -1.0
         for p in range(max(ic - reach, 0), min(ic + reach + 1, ny)):
@@ -185,7 +190,7 @@ def _nodes(response, angle, x0, rest, best, out):
                 r = response[p, q] - 0.05 * ((p - ic) ** 2 + (q - jc) ** 2) / reach**2
                 if r > top:
                     top = r
-                    out[i, 0], out[i, 1], out[i, 2] = x0 + q * CELL_M, x0 + p * CELL_M, angle[p, q]
+                    out[i, 0], out[i, 1], out[i, 2] = x0 + q * cell, x0 + p * cell, angle[p, q]
 
 
 class Lattice(NamedTuple):
@@ -196,20 +201,19 @@ class Lattice(NamedTuple):
     angle: float
 
 
-def find_lattice(
-    image: np.ndarray, packed: np.ndarray, rest: np.ndarray, side_m: float, noise: float
-) -> Lattice:
-    """Return where squares of `side_m` lie on a lattice `rest` (n, 2), up to quarter turns.
+def find_lattice(image: np.ndarray, packed: np.ndarray, table: Table, noise: float) -> Lattice:
+    """Return where the squares of a table lie, in order of its ids, up to its turns.
 
     image (h, w) uint8; packed: Calibration.packed(); noise: variance of a grey level.
     """
-    n = 2 * int(math.ceil(REACH_M / CELL_M)) + 1
-    x0 = -(n // 2) * CELL_M
+    lengths, rest = Lengths.of(table), table.rest[table.ids]
+    n = 2 * int(math.ceil(lengths.reach / lengths.cell)) + 1
+    x0 = -(n // 2) * lengths.cell
     response, angle, pool = np.zeros((3, n, n), np.float32)
     step = QUARTER / TURNS
-    respond(image, packed, side_m / 2, x0, x0, noise, 0.0, TURNS, step, response, angle)
-    _dilated(response, int(NODE_STRAY_M / CELL_M), pool)
+    respond(image, packed, lengths, x0, x0, noise, 0.0, TURNS, step, response, angle)
+    _dilated(response, int(lengths.node_stray / lengths.cell), pool)
     best, nodes = np.empty(4), np.empty((len(rest), 3))
-    _best(pool, x0, rest, best)
-    _nodes(response, angle, x0, rest, best, nodes)
+    _best(pool, x0, rest, lengths, math.tau / len(table.turns), best)
+    _nodes(response, angle, x0, rest, best, lengths, nodes)
     return Lattice(nodes, float(best[0]), float(best[3]))

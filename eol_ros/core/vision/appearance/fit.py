@@ -373,7 +373,7 @@ def _influences(px, start, stop, by, apart, sums):
         row[2] += angle
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def covariance(px, starts, without, kept, m, usual, sums):
     """Return the variances of place, the sum of both axes in px^2, and of turn, in rad^2.
 

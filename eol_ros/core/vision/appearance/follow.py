@@ -14,14 +14,12 @@ import numpy as np
 from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
-from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.vision.appearance import find, fit, model, neighbours, pixels
 from eol_ros.core.vision.appearance.faces import Faces
 from eol_ros.core.vision.appearance.model import YOUNG
 from eol_ros.core.vision.appearance.register import FOUND, register
 from eol_ros.core.vision.calibration.covers import FLAT
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.symmetry import UNTURNED
 
 BLOCK = np.dtype(
     [
@@ -50,19 +48,24 @@ class Follower:
     Attributes
     ----------
     blocks : ndarray
-        (25,) BLOCK; a block out of sight is where its neighbours put it.
+        (cells,) BLOCK; a block out of sight is where its neighbours put it.
     found : ndarray
-        (25,) FOUND, of the last image.
+        (cells,) FOUND, of the last image.
     ambiguous : bool
         Whether the lattice may lie a quarter turn, or two or three, further round.
+    least : int
+        So few blocks in sight are none.
     changed_s : ndarray
-        (25,) when a block was last found to have another cover, -inf for never.
+        (cells,) when a block was last found to have another cover, -inf for never.
     """
 
     def __init__(self, calibration: Calibration, trust_start: bool = True):
+        self.table = table = calibration.table
+        self.rest, n = table.rest, table.cells
+        self.lengths = model.Lengths.of(table)
+        self.least = min(model.LEAST, table.count // 2 + 1)
+        self._seen_blocks = max(round(model.SEEN_SHARE * table.count), self.least)
         self._take_camera(calibration)
-        self.rest = rest_lattice()
-        n = len(self.rest)
         self.blocks, self.found = np.zeros(n, BLOCK), np.zeros(n, FOUND)
         self.found['own'], self.found['side_usual'], self.found['more'] = self._most_own, 1.0, 1.0
         self.found['edge_px'] = model.MODEL_PX
@@ -72,10 +75,11 @@ class Follower:
         self.blur_px, self._blur_looks = model.FIRST_BLUR_PX[0], 0
         self.exposure = 1.0
         self.last_s = -math.inf
-        self.lattice, self.ambiguous = False, not trust_start  # lattice: whether it was ever found
+        self.lattice = False  # whether it was ever found
+        self.ambiguous = not trust_start and len(table.turns) > 1
         self._seen_s = self._sought_s = -math.inf  # when it was last in sight, and sought in vain
         self._near = np.zeros((n, 4))
-        self._all, self._turn, self._lost, self._images = np.arange(n), 0, 0, 0
+        self._all, self._turn, self._lost, self._images = table.ids.copy(), 0, 0, 0
         self._places, self._angles = np.zeros((2, 13, 13), np.float32)
         self.changed_s = np.full(n, -math.inf)
         self._stood, self._stands_s = np.full((n, 2), np.nan), math.inf  # where, and since when
@@ -96,7 +100,7 @@ class Follower:
         xy = np.column_stack([blocks['x'], blocks['y']])
         along = np.column_stack([elementary.cos(blocks['yaw']), elementary.sin(blocks['yaw'])])
         there = calibration.to_table(before.to_pixels(xy))
-        ahead = calibration.to_table(before.to_pixels(xy + BLOCK_SIDE_M / 2 * along)) - there
+        ahead = calibration.to_table(before.to_pixels(xy + self.lengths.half_side * along)) - there
         self._take_camera(calibration)
         turn = elementary.arctan2(ahead[:, 1], ahead[:, 0]) - blocks['yaw']
         blocks['x'], blocks['y'] = there.T
@@ -121,12 +125,14 @@ class Follower:
         self._images += 1
         passed_s = stamp_s - self.last_s
         seen = blocks['seen'].sum()
-        if not self.lattice or self._lost > model.LOST_IMAGES or seen < model.LEAST:
+        if not self.lattice or self._lost > model.LOST_IMAGES or seen < self.least:
             good = self._acquire(stamp_s, image)
             passed_s = math.inf
         else:
             ahead_s = passed_s if 0.0 < passed_s < model.MAX_AHEAD_S else 0.0
-            _predict(blocks, found, self._near, self.rest, ahead_s, self.px_per_m)
+            _predict(
+                blocks, found, self._near, self.rest, ahead_s, self.px_per_m, self.lengths.width
+            )
             self._register(image, self._all)
             good = self._judge(self._all)
             lost = np.flatnonzero(blocks['seen'] & ~good)  # may have jumped
@@ -134,16 +140,16 @@ class Follower:
                 _start_wide(blocks, found, lost, ahead_s)
                 self._register(image, lost)
                 good[lost] = self._judge(lost)[lost]
-            lost = np.flatnonzero(~good)
+            lost = np.flatnonzero(self.table.present & ~good)
             if len(lost):  # one of them an image: a search takes as long as eight blocks in sight
                 self._turn += 1
                 self._seek(stamp_s, image, lost[self._turn % len(lost)], good)
             self._doubt(image, good)
         if self.lattice:
-            _take(blocks, found, self._near, good, passed_s)
+            _take(blocks, found, self._near, good, passed_s, self.lengths.near)
             self._learn(passed_s)
-            self._lost = 0 if good.sum() >= model.SEEN_BLOCKS else self._lost + 1
-            if good.sum() >= model.LEAST:
+            self._lost = 0 if good.sum() >= self._seen_blocks else self._lost + 1
+            if good.sum() >= self.least:
                 self._seen_s = stamp_s
         self._met |= blocks['seen']
         xy, seen = np.column_stack([blocks['x'], blocks['y']]), blocks['seen']
@@ -158,9 +164,10 @@ class Follower:
         self.found['expected'] = np.where(known, blocks['gain'] * self.exposure, 0)
         self._expect()
         faces = self.faces
-        close = ~known | ~blocks['seen'] | ((self._all + self._images) % model.CLOSELY == 0)
+        turn = np.arange(self.table.cells) + self._images
+        close = ~known | ~blocks['seen'] | (turn % model.CLOSELY == 0)
         register(
-            image, self.packed, self.heights, BLOCK_SIDE_M / 2, self.blur_px, self.noise,
+            image, self.packed, self.heights, self.lengths.half_side, self.blur_px, self.noise,
             faces.light, faces.spread, ~known, close, which, self.found, faces.own, faces.own_px,
             *self._patches,
         )  # fmt: skip
@@ -173,7 +180,7 @@ class Follower:
         """
         known, found = self.blocks['known'], self.found
         new = self.faces.looks == 0
-        if known.sum() < model.LEAST or not new.any():
+        if known.sum() < self.least or not new.any():
             return
         sides = found['usual'][known].reshape(-1, fit.OWN)
         variance = sides.var(axis=0) + found['own'][known].mean(axis=0)
@@ -182,13 +189,16 @@ class Follower:
         found['side_usual'][new] = np.median(found['side_usual'][known])
 
     def _judge(self, which: np.ndarray, fresh: bool = False) -> np.ndarray:
-        """Return (25,) which of `which` were found in this image."""
+        """Return (cells,) which of `which` were found in this image."""
         blocks, good = self.blocks, np.zeros(len(self.blocks), bool)
         known = blocks['known']
         clear = self.found['gain'][self.found['nats'] > model.CLEAR_NATS]
-        usual = np.median(clear) if len(clear) > model.LEAST else 0.0
-        first = model.ACCEPT_NATS if known.sum() > len(known) // 2 else model.FIRST_NATS
-        _accept(blocks, self.found, self._near, which, fresh, usual, first, self.px_per_m, good)
+        usual = np.median(clear) if len(clear) > self.least else 0.0
+        first = model.ACCEPT_NATS if known.sum() > self.table.count // 2 else model.FIRST_NATS
+        _accept(
+            blocks, self.found, self._near, which, fresh, usual, first, self.px_per_m, self.lengths,
+            good,
+        )  # fmt: skip
         return good
 
     def _seek(self, stamp_s: float, image: np.ndarray, block: int, good: np.ndarray) -> None:
@@ -196,15 +206,15 @@ class Follower:
         near, found, one = self._near[block], self.found[block : block + 1], np.array([block])
         if near[3] < 3:
             return
-        reach = self._places.shape[0] // 2 * model.CELL_M
+        reach = self._places.shape[0] // 2 * self.lengths.cell
         find.respond(
-            image, self.packed, BLOCK_SIDE_M / 2, near[0] - reach, near[1] - reach, self.quiet,
+            image, self.packed, self.lengths, near[0] - reach, near[1] - reach, self.quiet,
             near[2] + self.blocks['yaw_offset'][block] - 0.4, 5, 0.2, self._places, self._angles,
         )  # fmt: skip
         i, j = np.unravel_index(self._places.argmax(), self._places.shape)
         if self._places[i, j] < model.MIN_RESPONSE:
             return
-        place = near[0] - reach + j * model.CELL_M, near[1] - reach + i * model.CELL_M
+        place = near[0] - reach + j * self.lengths.cell, near[1] - reach + i * self.lengths.cell
         for fresh in (False, True):
             found['x'], found['y'], found['yaw'] = *place, self._angles[i, j]
             found['start_px'] = model.LOST_PX
@@ -260,7 +270,7 @@ class Follower:
             self.blocks[name][block] = 0
 
     def _acquire(self, stamp_s: float, image: np.ndarray) -> np.ndarray:
-        """Seek the whole lattice; return (25,) which blocks were found.
+        """Seek the whole lattice; return (cells,) which blocks were found.
 
         Not again at once after it was sought in vain: a search takes as long as ten images.
         """
@@ -268,7 +278,7 @@ class Follower:
         if 0.0 <= stamp_s - self._sought_s < model.SEEK_S:
             self.lose()
             return np.zeros(len(blocks), bool)
-        lattice = find.find_lattice(image, self.packed, self.rest, BLOCK_SIDE_M, self.quiet)
+        lattice = find.find_lattice(image, self.packed, self.table, self.quiet)
         if lattice.response < model.MIN_SUM:
             self._sought_s = stamp_s
             self.lose()
@@ -297,7 +307,7 @@ class Follower:
             found['start_px'] = 1.0
             self._register(image, self._all)
         good = self._judge(self._all)
-        if good.sum() < model.SEEN_BLOCKS:
+        if good.sum() < self._seen_blocks:
             self._sought_s = stamp_s
         self._met[:], self._pause_s = False, model.AGAIN_S[0]
         self._again_s = stamp_s + self._pause_s
@@ -309,18 +319,24 @@ class Follower:
         None while all blocks have been seen, and between two looks. Where arms hide the blocks of
         two borders, the lattice can be found a row beside its place.
         """
-        if self._met.all() or stamp_s < self._again_s or self.blocks['seen'].sum() < model.LEAST:
+        if (
+            self._met[self._all].all()
+            or stamp_s < self._again_s
+            or self.blocks['seen'].sum() < self.least
+        ):
             return None
         self._pause_s = min(2 * self._pause_s, model.AGAIN_S[1])
         self._again_s = stamp_s + self._pause_s
-        side = math.isqrt(len(self.rest))
-        index, seen = np.arange(len(self.rest)).reshape(side, side), self.blocks['seen']
+        table = self.table
+        index, seen = table.grid(np.arange(table.cells)), self.blocks['seen']
         for axis in (0, 1):
             for way in (1, -1):
                 order = np.roll(index, way, axis)
                 new = np.take(index, 0 if way > 0 else -1, axis)
+                new = new[table.present[new]]
                 left = int(seen[np.take(index, -1 if way > 0 else 0, axis)].sum())
-                if left + model.MORE > side:
+                moved = seen[order.ravel()]
+                if left + model.MORE > len(new) or moved[~table.present].any():
                     continue
                 other = copy.deepcopy(self)
                 other._rename(order.ravel(), new)
@@ -328,7 +344,7 @@ class Follower:
                 for block in new:
                     other._seek(stamp_s, image, block, good)
                 if good[new].sum() >= left + model.MORE:
-                    _take(other.blocks, other.found, other._near, good, math.inf)
+                    _take(other.blocks, other.found, other._near, good, math.inf, self.lengths.near)
                     return other
         return None
 
@@ -345,7 +361,7 @@ class Follower:
         self.blocks['sure_px'][new] = model.LOST_PX
         self._patches[0]['starts'] = 0
         xy = np.column_stack([self.blocks['x'], self.blocks['y']])
-        neighbours.predict(self.rest, xy, self.blocks['seen'], self._near)
+        neighbours.predict(self.rest, xy, self.blocks['seen'], self.lengths.width, self._near)
         self._pause_s = model.AGAIN_S[0]
 
     def _approach(self, image: np.ndarray) -> float:
@@ -378,26 +394,36 @@ class Follower:
         found = self.found
         clear = (found['visible'] > 0.8) & (found['nats'] > model.ACCEPT_NATS)
         noise = self.quiet / max(float(np.median(found['gain'])), 1.0) ** 2
-        nats = self.faces.quarters(clear, self.blocks['known'], noise)
+        turns, known = self.table.turns, self.blocks['known']
+        if len(turns) == 1:
+            return
+        nats = self.faces.quarters(self.table, clear, known, noise)
         best = int(nats.argmax())
         if nats[best] - np.delete(nats, best).max() > model.TURN_NATS:
-            self.turn(best, faces=False)
+            self.turn(turns[best], faces=False)
             return
-        same = np.array([self._same(clear, quarters) for quarters in range(4)])
-        best = int(same.argmax())
-        if same[best] >= model.SAME_BLOCKS and 2 * np.delete(same, best).max() <= same[best]:
-            self.turn(best, faces=False)
+        same = np.array([self._same(clear, quarters) for quarters in turns])
+        best, enough = int(same.argmax()), model.SAME_SHARE * self.table.count
+        if same[best] >= enough and 2 * np.delete(same, best).max() <= same[best]:
+            self.turn(turns[best], faces=False)
         elif model.SAME_S < stamp_s - self._seen_s < math.inf:
             self.ambiguous = True
+
+    def _order(self, quarters: int) -> np.ndarray:
+        """Return which id (cells,) each has when the lattice really stands quarters further."""
+        return self.table.unturned_ids[self.table.turns.index(quarters)]
 
     def _same(self, clear: np.ndarray, quarters: int) -> int:
         """Return how many blocks stand where they stood, turned by quarters about their middle.
 
-        Of those `clear` (25,) to see. Blocks stand off their lattice by millimetres: nobody who
+        Of those `clear` (cells,) to see. Blocks stand off their lattice by millimetres: nobody who
         turns the table by a quarter puts them so.
         """
-        order, places = UNTURNED[quarters], np.column_stack([self.blocks['x'], self.blocks['y']])
-        middle, (c, s) = places.mean(axis=0), ((1, 0), (0, 1), (-1, 0), (0, -1))[quarters]
+        order, places = self._order(quarters), np.column_stack([self.blocks['x'], self.blocks['y']])
+        middle, (c, s) = (
+            places[self._all].mean(axis=0),
+            ((1, 0), (0, 1), (-1, 0), (0, -1))[quarters],
+        )
         x, y = (places - middle).T
         found = self.found[order]
         far = elementary.hypot(
@@ -413,7 +439,7 @@ class Follower:
         self.ambiguous = False
         if quarters == 0:
             return
-        order, blocks, found = UNTURNED[quarters], self.blocks, self.found
+        order, blocks, found = self._order(quarters), self.blocks, self.found
         was, was_found = blocks.copy(), found.copy()
         blocks[:], found[:], self._near[:] = blocks[order], found[order], self._near[order]
         if faces:
@@ -427,7 +453,7 @@ class Follower:
                 found[name] = was_found[name]
         blocks['yaw'] += quarters * find.QUARTER
         found['yaw'] += quarters * find.QUARTER
-        around = np.round(np.median(blocks['yaw']) / math.tau) * math.tau
+        around = np.round(np.median(blocks['yaw'][self._all]) / math.tau) * math.tau
         blocks['yaw'] -= around
         found['yaw'] -= around
         blocks['right'] = blocks['up'] = 0.0
@@ -435,24 +461,28 @@ class Follower:
         self._patches[0]['starts'] = 0
 
     def _named(self, nodes: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return nodes (25, 3) by block, and the lattice's turn: of four quarter turns the nearest.
+        """Return nodes (cells, 3) by id, and the lattice's turn: of the table's turns the nearest.
 
-        To where blocks were when they were last seen, or at first to none.
+        To where blocks were when they were last seen, or at first to none. nodes (count, 3): of
+        the blocks, by an order that one of the turns makes right.
         """
-        blocks, side = self.blocks, math.isqrt(len(nodes))
-        index, best = np.arange(len(nodes)).reshape(side, side), (math.inf, nodes, 0.0)
-        for quarter in range(4):
-            at = nodes[np.rot90(index, quarter).ravel()]
-            r = at[:, :2] - at[:, :2].mean(axis=0)
-            x, y = self.rest.T
+        blocks, ids, best = self.blocks, self._all, (math.inf, nodes, 0.0)
+        there = np.full((self.table.cells, 3), np.nan)
+        there[ids] = nodes
+        x, y = self.rest[ids].T
+        for turned in self.table.turned_ids:
+            at = there[turned]
+            r = at[ids, :2] - at[ids, :2].mean(axis=0)
             turn = elementary.arctan2(
                 (x * r[:, 1] - y * r[:, 0]).sum(), (x * r[:, 0] + y * r[:, 1]).sum()
             )
-            far = elementary.hypot(at[:, 0] - blocks['x'], at[:, 1] - blocks['y'])
+            far = elementary.hypot(at[ids, 0] - blocks['x'][ids], at[ids, 1] - blocks['y'][ids])
             cost = float(np.minimum(far, 0.1).mean()) if self.lattice else abs(turn)
             if cost < best[0]:
                 best = cost, at, turn
-        return best[1], best[2]
+        at = best[1]
+        at[~self.table.present] = 0.0
+        return at, best[2]
 
     def _learn(self, passed_s: float) -> None:
         blocks, found, faces = self.blocks, self.found, self.faces
@@ -492,7 +522,7 @@ class Follower:
             blocks['gain'][block] += rate * (gain / self.exposure - blocks['gain'][block])
             blocks['known'][block] = faces.looks[block] >= YOUNG
         still = seen & (found['visible'] > model.WHOLE) & (moved_px < model.STILL_PX)
-        if (still & known).sum() >= model.LEAST:
+        if (still & known).sum() >= self.least:
             self.exposure = float(
                 np.median(found['gain'][still & known] / blocks['gain'][still & known])
             )
@@ -502,7 +532,7 @@ class Follower:
         """Learn how blurred edges are, from blocks that are seen well."""
         good = good & self.found['close'] & (self.found['wider_weight'] > 0)
         settled = self._calibration.covers is not None and self._blur_looks >= model.BLUR_LOOKS
-        if good.sum() >= model.LEAST and not settled:
+        if good.sum() >= self.least and not settled:
             self._blur_looks = min(self._blur_looks + 1, 60)
             wider = np.median(self.found['wider'][good] / self.found['wider_weight'][good])
             low, high = model.BLUR_PX
@@ -518,14 +548,14 @@ def _edge_px(way_px):
 
 
 @njit(cache=True)
-def _predict(blocks, found, near, rest, ahead_s, px_per_m):
+def _predict(blocks, found, near, rest, ahead_s, px_per_m, width_m):
     """Set the starts of `found` by velocity, or for blocks out of sight by their neighbours."""
     n = blocks.shape[0]
     xy, seen = np.empty((n, 2)), np.empty(n, np.bool_)
     for i in range(n):
         b = blocks[i]
         xy[i, 0], xy[i, 1], seen[i] = b.x + b.vx * ahead_s, b.y + b.vy * ahead_s, b.seen
-    neighbours.predict(rest, xy, seen, near)
+    neighbours.predict(rest, xy, seen, width_m, near)
     for i in range(n):
         b, f = blocks[i], found[i]
         f.x, f.y, f.yaw = xy[i, 0], xy[i, 1], b.yaw + b.spin * ahead_s
@@ -568,7 +598,7 @@ def _enters(b, f, px_per_m):
 
 
 @njit(cache=True)
-def _accept(blocks, found, near, which, fresh, usual_gain, first_nats, px_per_m, good):
+def _accept(blocks, found, near, which, fresh, usual_gain, first_nats, px_per_m, lengths, good):
     """Set which blocks of `which` are in sight, and the evidence of all of these.
 
     Evidence adds up from image to image (Wald, Sequential Analysis, 1947).
@@ -608,20 +638,20 @@ def _accept(blocks, found, near, which, fresh, usual_gain, first_nats, px_per_m,
             and f.step_px < 0.5
             and f.sigma_m * px_per_m < model.MAX_SIGMA_PX
             and gain_ok
-            and far < (model.LOSE_M if b.seen else model.STRAY_M)
+            and far < (lengths.lose if b.seen else lengths.stray)
         )
         f.evidence = min(max(total, model.NATS[0]), model.NATS[1]) if f.visible > 0.3 else 0.0
 
 
 @njit(cache=True)
-def _take(blocks, found, near, good, passed_s):
+def _take(blocks, found, near, good, passed_s, least_m):
     """Set places, velocities and what is in sight."""
     n = blocks.shape[0]
     for i in range(n):
         for j in range(i):
             if good[i] and good[j]:
                 dx, dy = found[i].x - found[j].x, found[i].y - found[j].y
-                if dx * dx + dy * dy < (model.NEAR_SIDES * BLOCK_SIDE_M) ** 2:
+                if dx * dx + dy * dy < least_m**2:
                     good[i if found[i].visible < found[j].visible else j] = False
     for i in range(n):
         b, f = blocks[i], found[i]

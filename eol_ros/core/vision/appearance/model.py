@@ -6,6 +6,10 @@ under *Decisions* and *Motion* were chosen on some ten films of two renderers th
 Lengths in px are of the image.
 """
 
+from typing import NamedTuple
+
+from eol_ros.core.table import Table
+
 # The face of a block
 CELLS = 12  # of the brightness map, along each axis: 3.8 px at 545 px/m
 # Standard deviation of an edge, tried in the first image: of a sharp lens and a pixel, and wider
@@ -95,10 +99,10 @@ RELEARN = 5  # images that show another face in a block's place
 CELLS_ALIKE = 8.0  # cells of a face that err together: as one
 COVER_SIGMA = 0.03  # of a cell beside what its spread says: lamps, warmth
 TURN_NATS = 12.0  # as symmetry.ERROR: a wrong turn has a probability of e^-12
-SAME_M, SAME_BLOCKS = 1e-3, 20  # so many blocks that stand where they stood tell the turn
+SAME_M, SAME_SHARE = 1e-3, 0.8  # so many blocks that stand where they stood tell the turn
 SAME_S = 0.3  # lost for less, the lattice has not turned by 45 degrees: 150 degrees a second
 
-# Motion
+# Motion. Lengths for a pitch of 174 mm and blocks of 84 mm: see `Lengths`
 LOSE_M = 0.11  # from where its neighbours put it: 0.6 pitch
 STRAY_M = 0.065  # of a block that is looked for: 0.4 pitch, so that no neighbour's place is reached
 NEAR_SIDES = 0.7  # of a side between two middles: closer, both are one square
@@ -108,12 +112,10 @@ MAX_AHEAD_S = 0.1  # a velocity is not carried on for longer
 PREDICTED_PX, PREDICTED_SHARE = 0.7, 0.3
 UNSEEN_PX = 0.05  # that of a block out of sight grows by so much in an image
 LOST_PX = 6.0
-LEAST = (
-    5  # blocks: fewer do not say what is usual for all, and with fewer in sight the lattice is lost
-)
+LEAST = 5  # blocks: fewer do not say what is usual for all; with fewer the lattice is lost
 MORE = 3  # blocks more of a border in sight make it the right one
 AGAIN_S = 0.5, 600.0  # from one look for it to the next, while a block was never seen: first, last
-SEEN_BLOCKS, LOST_IMAGES = 8, 6  # with fewer blocks for longer, the lattice is sought again
+SEEN_SHARE, LOST_IMAGES = 0.32, 6  # with fewer blocks for longer, the lattice is sought again
 LEARN_PX = 4.0  # in one image: a cell of a face; faster blocks are not learned from
 STILL_PX = 1.0  # slower ones show the width of edges
 
@@ -131,6 +133,34 @@ CLIP = 8.0  # standard deviations; a square that stands out further cannot do so
 # samples along the axes inside, along a side of the ring; its distance as a share of a side
 INNER, RING, GAP = 5, 5, 0.14
 REACH_M = 0.75  # of places from the middle of the table
-CENTRE_M = 0.26  # of the rim's middle from that of the table: RIM_REACH_M and a margin
+CENTRE_M = 0.26  # of the rim's middle from that of the table: its reach and a margin
 MIN_SUM = 0.35  # of the greatest response of all nodes
 MIN_RESPONSE = 0.7
+
+
+class Lengths(NamedTuple):
+    """Lengths of a table in m, by those of the table of the paper: kernels take them."""
+
+    half_side: float
+    near: float  # between two middles
+    lose: float
+    stray: float
+    width: float  # of the weight of neighbours
+    cell: float
+    node_stray: float
+    reach: float
+    centre: float
+
+    @classmethod
+    def of(cls, table: Table) -> 'Lengths':
+        """Return those of a table: by its pitch, its blocks' side, and how far its rim reaches."""
+        usual = Table()
+        pitch, side = min(usual.pitch_m), table.block_side_m
+        far = CENTRE_M * max(table.reach_m) / max(usual.reach_m)
+        corner = float(abs(usual.rest).max()) * 2**0.5 + CENTRE_M
+        return cls(
+            side / 2, NEAR_SIDES * side, LOSE_M * table.scale, STRAY_M * table.scale,
+            NEIGHBOURHOOD * (pitch * table.scale), CELL_M * side / usual.block_side_m,
+            NODE_STRAY_M * table.scale,
+            REACH_M * (float((table.rest**2).sum(axis=1).max()) ** 0.5 + far) / corner, far,
+        )  # fmt: skip

@@ -5,20 +5,19 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import arctan2, exp
-from eol_ros.core.geometry import PITCH_M
-from eol_ros.core.vision.appearance.model import NEIGHBOURHOOD
 
 
 @njit(cache=True)
-def predict(rest, xy, seen, out):
+def predict(rest, xy, seen, width_m, out):
     """Fill out (n, 4): x, y, turn of the lattice there, and how many others are in sight.
 
-    An affine map of the rest lattice (n, 2) to the places xy (n, 2) of the others in sight, the
-    near ones first, drawn to a similarity by a twentieth of its weight, so that blocks in one line
-    suffice. With fewer than three in sight nothing but the count is set.
+    An affine map of the rest lattice (n, 2) to the places xy (n, 2) of the others in sight, with
+    Gaussian weights of standard deviation `width_m`, drawn to a similarity by a twentieth of its
+    weight, so that blocks in one line suffice. With fewer than three in sight nothing but the
+    count is set.
     """
     n = rest.shape[0]
-    spread = 2 * (NEIGHBOURHOOD * PITCH_M) ** 2
+    spread = 2 * width_m**2
     weights = np.empty(n)
     for k in range(n):
         sw = mx = my = mu = mv = 0.0

@@ -330,7 +330,7 @@ def read(image, at, shift, groups, px):
             px[group, TRUST + i] = zero if where < 0 else one
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def shift(patch, u, v, rows, cols, half):
     """Shift a patch by whole pixels to the place nearest to u, v; return whether that is possible.
 

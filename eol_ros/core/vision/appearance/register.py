@@ -135,7 +135,7 @@ def _unlike(f):
     return f.visible < m.ALIKE or f.misfit > m.MISFIT * max(f.side_usual.mean(), 1.0)
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _fit(camera, looks, f, patch, kept, at, px, room):
     """Fit one block from the pose of f.
 
@@ -268,7 +268,7 @@ def _tell(f, patch, half, room):
             f.off[i] += room.kept[side, i, 8 + i] / (4 * gain**2)
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _free(px, starts, half, blur_px, noise, widen, without, flat, f, room):
     """Set the numbers of sides that an image alone says, about what all four sides have in common.
 
@@ -292,7 +292,7 @@ def _free(px, starts, half, blur_px, noise, widen, without, flat, f, room):
             f.free[side, i] = own[side, i] / gain
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _tell_sigma(f, patch, moved_px, without, px, room):
     """Set the standard deviations of f.
 
@@ -308,7 +308,7 @@ def _tell_sigma(f, patch, moved_px, without, px, room):
     f.sigma_rad = beside * math.sqrt(turn * f.more[1])
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _lies_in(patch, c, f, half_m, near, shape, flat):
     """Return whether the stored patch can be used to fit a block at the start of f.
 
@@ -324,7 +324,7 @@ def _lies_in(patch, c, f, half_m, near, shape, flat):
     return can and (flat or (patch.shift[0] == 0 and patch.shift[1] == 0))
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _gather(image, c, heights, n, half_m, near, table, f, patch, px, at):
     """Make a patch for the block n at f."""
     d = patch.map
@@ -392,7 +392,7 @@ def _to_table(z, patch, f):
     f.yaw = patch.yaw + z[2]
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _odd_one(px, starts, half, blur_px, noise, room):
     """Return the side without which the other three look as usual and agree best, or 5.
 

@@ -16,7 +16,7 @@ import numpy as np
 from eol_ros.core import algebra, elementary
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import arctan2, cos, sin
-from eol_ros.core.geometry import BLOCK_SIDE_M, COLS, N_BLOCKS, PITCH_M, ROWS, rest_lattice
+from eol_ros.core.table import Table
 from eol_ros.core.vision.appearance import find, model
 from eol_ros.core.vision.appearance.follow import Follower
 from eol_ros.core.vision.calibration.model import Calibration
@@ -42,7 +42,7 @@ _CELLS = 9  # places along each axis that are searched about a node
 
 
 class Squares(NamedTuple):
-    """The blocks of one image: (25,) SQUARE by id, which of them are seen, and the camera.
+    """The blocks of one image: (cells,) SQUARE by id, which of them are seen, and the camera.
 
     calibration is None if no lattice was found; `why` then says so.
     """
@@ -56,18 +56,20 @@ class Squares(NamedTuple):
 def find_squares(image: np.ndarray, start: Calibration, mirror: bool) -> Squares:
     """Return the blocks in an image (h, w) uint8, read-only, that is still.
 
-    start: lens and covers; its homography is not used. The rim is turned by less than 45 degrees
-    and the far edge of the table is on top of the image; in a mirror columns run to the left.
+    start: lens, covers and table; its homography is not used. The rim is turned by less than 45
+    degrees and the far edge of the table is on top of the image; in a mirror columns run to the
+    left.
     """
-    blocks, seen = np.zeros(N_BLOCKS, SQUARE), np.zeros(N_BLOCKS, bool)
-    px, cells = lattice(image)
+    table = start.table
+    blocks, seen = np.zeros(table.cells, SQUARE), np.zeros(table.cells, bool)
+    px, cells = lattice(image, table)
     noise = find.noise_by_level(image, np.empty(2))
-    many = len(px) >= _FEWEST and np.ptp(cells, axis=0).min() > 1
+    many = len(px) >= fewest(table) and np.ptp(cells, axis=0).min() > 1
     camera = _camera(image, cells, px, start, noise) if many else None
     if camera is None:
         count = len(px)
-        few = said('squares_seen', count=count, all=N_BLOCKS)
-        return Squares(blocks, seen, None, few if count < N_BLOCKS else said('not_in_rows'))
+        few = said('squares_seen', count=count, all=table.count)
+        return Squares(blocks, seen, None, few if count < table.count else said('not_in_rows'))
     if mirror:
         camera = camera.in_mirror()
     follower = Follower(camera)
@@ -84,29 +86,43 @@ def find_squares(image: np.ndarray, start: Calibration, mirror: bool) -> Squares
 def squares_of(camera: Calibration, found: np.ndarray) -> np.ndarray:
     """Return the squares (n,) SQUARE that blocks (n,) with x, y and yaw look like."""
     xy, yaw = np.column_stack([found['x'], found['y']]), found['yaw']
-    half = BLOCK_SIDE_M / 2 * np.stack([elementary.cos(yaw), elementary.sin(yaw)], axis=1)
+    side_m = camera.table.block_side_m
+    half = side_m / 2 * np.stack([elementary.cos(yaw), elementary.sin(yaw)], axis=1)
     across = half[:, ::-1] * [-1.0, 1.0]
     sides = camera.to_pixels(np.concatenate([xy + half, xy + across, xy - half, xy - across]))
     px, blocks = camera.to_pixels(xy), np.zeros(len(xy), SQUARE)
     blocks['u'], blocks['v'] = sides.reshape(4, -1, 2).mean(axis=0).T
     blocks['theta'] = camera.yaw_to_image(px, yaw)
-    blocks['side_px'] = camera.side_px(px, BLOCK_SIDE_M)
+    blocks['side_px'] = camera.side_px(px, side_m)
     return blocks
 
 
-def lattice(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def fewest(table: Table) -> int:
+    """Return from how many squares the others of a table are predicted."""
+    return min(_FEWEST, max(4, table.count // 2))
+
+
+def lattice(image: np.ndarray, table: Table) -> tuple[np.ndarray, np.ndarray]:
     """Return px (n, 2) and column, row (n, 2), from any origin, of the most squares that agree.
 
     Columns run to the right, rows up.
     """
     found = np.zeros((_MOST, 6))
     noise = find.noise_by_level(image, np.empty(2))
-    most = min(SIDES_PX[1], min(image.shape) / (COLS * PITCH_M / BLOCK_SIDE_M) * _SCALE)
+    pitch_x, pitch_y = table.pitch_m
+    size = min(table.columns * pitch_x, table.rows * pitch_y) / table.block_side_m
+    most = min(SIDES_PX[1], min(image.shape) / size * _SCALE)
     contrast = _CONTRAST * max(math.sqrt(noise), 1.0)
     n = _candidates(image, SIDES_PX[0], most, contrast, found)
-    cells = np.zeros((n, 2), np.int64)
-    mine = _walk(found[:n], cells)
-    px, right, up = np.split(found[:n][mine], 3, axis=1)
+    across, along = 2 * pitch_x / table.block_side_m, 2 * pitch_y / table.block_side_m
+    cells, walked = np.zeros((n, 2), np.int64), found[:n].copy()
+    mine = _walk(walked, across, along, cells)
+    if across != along:  # a square does not say which of its axes is x
+        other, again = np.zeros((n, 2), np.int64), found[:n].copy()
+        its = _walk(again, along, across, other)
+        if its.sum() > mine.sum():
+            mine, cells, walked = its, other, again
+    px, right, up = np.split(walked[mine], 3, axis=1)
     # columns run less than 45 degrees from right, by the angle of Calibration.yaw_to_image
     along, away = right[:, 0].sum() - up[:, 1].sum(), -right[:, 1].sum() - up[:, 0].sum()
     column, row = cells[mine].T
@@ -121,33 +137,37 @@ def _camera(
     image: np.ndarray, cells: np.ndarray, px: np.ndarray, start: Calibration, noise: float
 ) -> Calibration | None:
     """Return the camera that sees the lattice of which some squares are at px (n, 2)."""
-    low, high = cells.min(axis=0), cells.max(axis=0)
-    size = np.array([COLS, ROWS])
+    low, high, table = cells.min(axis=0), cells.max(axis=0), start.table
+    rows, columns = table.rows, table.columns
+    size, pitch_m = np.array([columns, rows]), np.array(table.pitch_m)
     first, last = np.minimum(high - size + 1, low), np.maximum(low + size - 1, high)
     x, y = (np.arange(a, b + 1) for a, b in zip(first, last, strict=True))
-    nodes = PITCH_M * np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    camera = _solved(PITCH_M * cells, px, start)
+    nodes = pitch_m * np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    camera = _solved(pitch_m * cells, px, start)
     if camera is None:
         return None
     there, response = _search(image, camera, nodes, noise)
-    table = response.reshape(len(y), len(x))
+    all_of, block = response.reshape(len(y), len(x)), np.where(table.present, 1.0, -1.0)
     sums = np.array(
         [
-            [table[j : j + ROWS, i : i + COLS].sum() for i in range(len(x) - COLS + 1)]
-            for j in range(len(y) - ROWS + 1)
+            [
+                (all_of[j : j + rows, i : i + columns] * table.grid(block)).sum()
+                for i in range(len(x) - columns + 1)
+            ]
+            for j in range(len(y) - rows + 1)
         ]
     )
     j, i = np.unravel_index(sums.argmax(), sums.shape)
-    mine = (np.arange(len(y))[:, None] - j) // ROWS == 0
-    mine = (mine & ((np.arange(len(x)) - i) // COLS == 0)).ravel()
-    there, response, rest = there[mine], response[mine], rest_lattice()
-    nodes = nodes[mine]
+    mine = (np.arange(len(y))[:, None] - j) // rows == 0
+    mine = (mine & ((np.arange(len(x)) - i) // columns == 0)).ravel()
+    there, response = there[mine][table.ids], response[mine][table.ids]
+    nodes, rest = nodes[mine][table.ids], table.rest[table.ids]
     for _ in range(4):
         good = response > model.MIN_RESPONSE
         far = elementary.hypot(*(camera.to_pixels(nodes) - there).T)
         # blocks that somebody has pushed lie far from where the others put them
         good &= far <= _ASTRAY * np.median(far[good]) if good.any() else good
-        if good.sum() < _FEWEST:
+        if good.sum() < fewest(table):
             return None
         camera = _solved(rest[good], there[good], start)
         if camera is None:
@@ -184,13 +204,14 @@ def _search(
     image: np.ndarray, camera: Calibration, nodes: np.ndarray, noise: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return px (n, 2) and response (n,) of what stands out most near nodes (n, 2) m."""
-    packed, reach = camera.packed(), _CELLS // 2 * model.CELL_M
+    packed, lengths = camera.packed(), model.Lengths.of(camera.table)
+    reach = _CELLS // 2 * lengths.cell
     places, angles = np.zeros((2, _CELLS, _CELLS), np.float32)
     xy, response = np.empty((len(nodes), 2)), np.empty(len(nodes))
     for k, (x, y) in enumerate(nodes - reach):
-        find.respond(image, packed, BLOCK_SIDE_M / 2, x, y, noise, -0.4, 5, 0.2, places, angles)
+        find.respond(image, packed, lengths, x, y, noise, -0.4, 5, 0.2, places, angles)
         i, j = np.unravel_index(places.argmax(), places.shape)
-        xy[k], response[k] = (x + j * model.CELL_M, y + i * model.CELL_M), places[i, j]
+        xy[k], response[k] = (x + j * lengths.cell, y + i * lengths.cell), places[i, j]
     return camera.to_pixels(xy), response
 
 
@@ -350,9 +371,12 @@ def _turned(f, quarter):
 
 
 @njit(cache=True)
-def _walk(found, cells):
-    """Return which squares (n,) are on the largest lattice, and set its cells (n, 2)."""
-    n, pitch = found.shape[0], 2 * PITCH_M / BLOCK_SIDE_M
+def _walk(found, pitch_x, pitch_y, cells):
+    """Return which squares (n,) are on the largest lattice, and set its cells (n, 2).
+
+    pitch_x, pitch_y: in half sides.
+    """
+    n = found.shape[0]
     mine, best = np.zeros(n, np.bool_), 0
     visited, queue, at = np.zeros(n, np.bool_), np.empty(n, np.int64), np.zeros((n, 2), np.int64)
     for seed in range(n):
@@ -366,7 +390,8 @@ def _walk(found, cells):
             done += 1
             for way in range(4):
                 right, up = (1, 0, -1, 0)[way], (0, 1, 0, -1)[way]
-                du, dv = pitch * (right * h[2] + up * h[4]), pitch * (right * h[3] + up * h[5])
+                px, py = pitch_x * right, pitch_y * up
+                du, dv = px * h[2] + py * h[4], px * h[3] + py * h[5]
                 there, nearest = -1, _NEAR**2 * (du * du + dv * dv)
                 for j in range(n):
                     far2 = (found[j, 0] - h[0] - du) ** 2 + (found[j, 1] - h[1] - dv) ** 2

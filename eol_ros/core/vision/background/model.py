@@ -9,6 +9,7 @@ The level of the empty platform stays, and with it the noise of a dark pixel.
 import cv2
 import numpy as np
 
+from eol_ros.core.table import Table
 from eol_ros.errors import ConfigError
 from eol_ros.said import said
 
@@ -58,8 +59,8 @@ class BackgroundLearner:
     hand that goes by is nobody's lamp.
     """
 
-    def __init__(self) -> None:
-        self.images = 0
+    def __init__(self, table: Table) -> None:
+        self._table, self.images = table, 0
         self._total: np.ndarray | None = None
         self._least: np.ndarray | None = None
 
@@ -89,7 +90,7 @@ class BackgroundLearner:
         light = self._least
         dark = np.rint(light).astype(np.uint8)
         dark.flags.writeable = False  # as live images
-        lit = len(lattice(dark)[0])
+        lit = len(lattice(dark, self._table)[0])
         if lit >= _BLOCKS_LIT:
             raise ConfigError(said('still_lit', lit=lit))
         light = np.maximum(light - np.quantile(light[::4, ::4], _EMPTY), 0)

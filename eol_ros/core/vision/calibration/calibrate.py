@@ -5,6 +5,7 @@ Each way ends in a `Solution`: the calibration, what it could not explain, and h
 at the platform's corners. A poor one is refused, with the reason.
 """
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
@@ -13,12 +14,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
 from eol_ros.core.compiled import read_only
-from eol_ros.core.geometry import (
-    BLOCK_SIDE_M,
-    N_BLOCKS,
-    PLATFORM_SIDE_M,
-    rest_lattice,
-)
+from eol_ros.core.table import Table
 from eol_ros.core.verdict import Verdict, judged, worst
 from eol_ros.core.vision import outline
 from eol_ros.core.vision.appearance.squares import find_squares
@@ -45,8 +41,9 @@ _SQUARE_SIGMA = 1e-4  # of a camera's pixels
 # How well its focal length is known, and where its axis meets the sensor, in focal lengths. From
 # there on a camera that leans by 5 degrees says less of its plane than 75 covers do.
 _CAMERA_SIGMA = np.array([0.1, 0.01, 0.01])
-PLATFORM_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * PLATFORM_SIDE_M / 2
-_SQUARE = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * BLOCK_SIDE_M / 2
+_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+_SQUARE = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]])
+_WHOLE_SHARE = 0.8  # of the blocks: whole covers that are needed in all
 
 
 @dataclass(frozen=True)
@@ -131,9 +128,16 @@ class Solution:
         return ''
 
 
-def nominal(width: int, height: int, focal_px: float | None = None) -> Calibration:
-    """Return a pinhole camera of which nothing is known but its image size."""
-    ideal = Calibration.ideal(width, height)
+def platform_corners(table: Table) -> np.ndarray:
+    """Return the corners (4, 2) of the platform in m, counter-clockwise from the front left."""
+    return _CORNERS * np.array(table.platform_m) / 2
+
+
+def nominal(
+    width: int, height: int, focal_px: float | None = None, table: Table | None = None
+) -> Calibration:
+    """Return a pinhole camera of which nothing is known but its image size, above a table."""
+    ideal = Calibration.ideal(width, height, table=table)
     if focal_px is None:
         return ideal
     camera = ideal.camera_matrix.copy()
@@ -151,7 +155,7 @@ def from_blocks(
     corner_sigma_px: float = CORNER_SIGMA_PX,
     relief: tuple[Calibration, Callable[[Calibration], np.ndarray]] | None = None,
 ) -> Solution:
-    """Calibrate on the blocks: squares of 84 mm near their places on the lattice of 174 mm.
+    """Calibrate on the blocks: squares of a known side near their places on their lattice.
 
     Bundle adjustment (Triggs et al. 2000): homography, lens (k1, k2) and the pose of every block in
     every view are solved together from the corners of the covers. The squares give the lengths; the
@@ -161,9 +165,9 @@ def from_blocks(
     far as its focal length and axis are known.
 
     Args:
-        views: per image the ids (25,) and the corners (25, 4, 2) px (see corners.corners). Ids
+        views: per image the ids (n,) and the corners (n, 4, 2) px (see corners.corners). Ids
             that run to the left, as seen in a mirror, give a calibration with a mirror.
-        start: image size and camera matrix.
+        start: image size, camera matrix and table.
         lens: how many of k1 and k2 to solve for; the others stay as in `start`.
         side_sigma: share by which all sides together may seem longer than they are, as light falls
             towards them (falling_light). The lattice then has a say in the lengths. 0: not at all.
@@ -173,7 +177,7 @@ def from_blocks(
             heights look the wider, the further they are from the point below it.
 
     Raises:
-        ConfigError: fewer than 20 whole covers in all.
+        ConfigError: fewer whole covers in all than four fifths of the blocks.
     """
     covers = _whole_covers(views, start)
     bundle = _Bundle(covers, start, lens, rest_sigma_m, side_sigma, corner_sigma_px)
@@ -218,15 +222,16 @@ class _Covers:
 
 
 def _whole_covers(views: list[tuple[np.ndarray, np.ndarray]], start: Calibration) -> _Covers:
-    """Return the covers of all views that can be used; raise ConfigError for fewer than 20."""
+    """Return the covers of all views that can be used; raise ConfigError for too few."""
     ids = np.concatenate([np.asarray(i) for i, _ in views])
     corners = np.concatenate([c for _, c in views])
     view = np.repeat(np.arange(len(views)), [len(i) for i, _ in views])
     whole = np.isfinite(corners).all(axis=(1, 2))
-    if whole.sum() < 20:
-        raise ConfigError(said('few_covers', count=int(whole.sum())))
+    least = math.ceil(_WHOLE_SHARE * start.table.count)
+    if whole.sum() < least:
+        raise ConfigError(said('few_covers', count=int(whole.sum()), least=least))
     ids, corners = ids[whole], corners[whole]
-    rest = rest_lattice()[ids]
+    rest = start.table.rest[ids]
     view = np.unique(view[whole], return_inverse=True)[1]
     flat = start.undistort(corners.mean(axis=1))
     rims = _rim_places(rest, flat, view)
@@ -305,7 +310,8 @@ class _Bundle:
         pose, longer = x[self._n_shared :].reshape(-1, 3), x[8 + n_lens : self._n_known]
         known = x[self._n_known : self.n_camera]
         rim = x[self.n_camera : self._n_shared].reshape(-1, 3)
-        covers = _cover_corners(pose, 1 + longer.sum()).reshape(-1, 2)
+        side_m = self._start.table.block_side_m * (1 + longer.sum())
+        covers = _cover_corners(pose, side_m).reshape(-1, 2)
         seen = self.camera(x).to_pixels(covers).reshape(-1, 4, 2)
         seen += np.tensordot(x[: 8 + n_lens] - self.x0[: 8 + n_lens], self._leads, 1)
         place = _pushed(at.rest, rim[at.view]) if self._n_rim else at.rest
@@ -398,7 +404,7 @@ def from_images(
     rim is turned by less than 45 degrees; where it stands may differ between images.
 
     Raises:
-        ConfigError: no image shows 25 squares on their lattice; or as `from_blocks`.
+        ConfigError: no image shows all squares on their lattice; or as `from_blocks`.
     """
     start = replace(start, cover_height_m=cover_height_m, covers=covers)
     seen, reasons = [], []
@@ -422,7 +428,7 @@ def from_squares(
     start: Calibration,
     lens: bool = True,
 ) -> Solution:
-    """Calibrate on images (h, w) uint8, each with its squares, SQUARE (25,) in order of id.
+    """Calibrate on images (h, w) uint8, each with its squares, SQUARE (count,) in order of id.
 
     The lens: as many of k1 and k2 as these images plainly ask for; the others are held at what they
     are in `start`, and that is said. Height and relief of the covers are those of `start`.
@@ -430,7 +436,7 @@ def from_squares(
     Raises:
         ConfigError: as `from_blocks`.
     """
-    ids, covers = np.arange(N_BLOCKS), start.covers
+    ids, covers = start.table.ids, start.covers
     looks = [(image, *outline.upright(squares)) for image, squares in seen]
 
     def solved(camera: Calibration | None, lens: int) -> Solution:
@@ -473,13 +479,13 @@ def from_squares(
 
 
 def all_blocks(image: np.ndarray, start: Calibration, mirror: bool) -> np.ndarray:
-    """Return the 25 squares in `image` (h, w) as a SQUARE array in order of id.
+    """Return the squares in `image` (h, w) as a SQUARE array in order of id.
 
     The rim is turned by less than 45 degrees and the far edge of the table is on top of the image;
     in a mirror, which must be said, columns run to the left.
 
     Raises:
-        ConfigError: the image cannot be used, or does not show 25 squares on their lattice.
+        ConfigError: the image cannot be used, or does not show all squares on their lattice.
     """
     fault = Watch(None).fault(0.0, image)
     if fault:
@@ -487,9 +493,10 @@ def all_blocks(image: np.ndarray, start: Calibration, mirror: bool) -> np.ndarra
     found = find_squares(read_only(image), start, mirror)
     if found.calibration is None:
         raise ConfigError(found.why)
-    if not found.seen.all():
-        raise ConfigError(said('squares_seen', count=int(found.seen.sum()), all=N_BLOCKS))
-    return found.blocks
+    table = start.table
+    if not found.seen[table.ids].all():
+        raise ConfigError(said('squares_seen', count=int(found.seen.sum()), all=table.count))
+    return found.blocks[table.ids]
 
 
 def from_points(
@@ -579,10 +586,10 @@ def raise_plane(calibration: Calibration, height_m: float) -> Calibration:
     return replace(calibration, homography=lifted / lifted[2, 2])
 
 
-def _cover_corners(poses: np.ndarray, size: float = 1.0) -> np.ndarray:
-    """Return table corners (n, 4, 2) of covers at poses (n, 3), of `size` sides."""
+def _cover_corners(poses: np.ndarray, side_m: float) -> np.ndarray:
+    """Return table corners (n, 4, 2) of covers of `side_m` at poses (n, 3)."""
     c, s = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
-    x, y = size * _SQUARE.T
+    x, y = side_m / 2 * _SQUARE.T
     return np.stack([poses[:, :1] + c * x - s * y, poses[:, 1:2] + s * x + c * y], axis=-1)
 
 
@@ -600,17 +607,18 @@ def _sigmas(
     freedom = max(len(done.fun) - len(done.x), 1)
     variance = 2 * done.cost / freedom
     covariance = np.linalg.pinv(done.jac.T @ done.jac, hermitian=True)[:n_camera, :n_camera]
-    axis = np.linspace(-0.5, 0.5, 9) * PLATFORM_SIDE_M
-    grid = np.stack(np.meshgrid(axis, axis), -1).reshape(-1, 2)
-    places = np.concatenate([PLATFORM_CORNERS, grid])
-    at = camera(done.x).to_pixels(places)
+    there, axis = camera(done.x), np.linspace(-0.5, 0.5, 9)
+    wide, deep = there.table.platform_m
+    grid = np.stack(np.meshgrid(axis * wide, axis * deep), -1).reshape(-1, 2)
+    places = np.concatenate([platform_corners(there.table), grid])
+    at = there.to_pixels(places)
     moves = np.zeros((len(at), 2, n_camera))
     for k in range(n_camera):
         step = np.zeros(len(done.x))
         step[k] = 1e-4 * max(abs(done.x[k]), 1.0)
-        there = camera(done.x + step).to_table(at)
+        ahead = camera(done.x + step).to_table(at)
         back = camera(done.x - step).to_table(at)
-        moves[..., k] = (there - back) / (2 * step[k])
+        moves[..., k] = (ahead - back) / (2 * step[k])
 
     def variances(moves: np.ndarray) -> np.ndarray:
         return 1e6 * np.einsum('pak,kl,pal->p', moves, covariance, moves)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.calibrate import Solution, from_points, nominal
 from eol_ros.errors import ConfigError
 
@@ -73,6 +74,7 @@ def from_board(
     cover_height_m: float = 0.0,
     focal_px: float | None = None,
     mirror: bool = False,
+    table: Table | None = None,
 ) -> Solution:
     """Calibrate on images of a board.
 
@@ -110,7 +112,7 @@ def from_board(
                 f'{_LEAST_CORNERS} are needed: lay it flat, light it evenly, '
                 'and give its true --board sizes'
             )
-    start = nominal(width, height, focal_px)
+    start = nominal(width, height, focal_px, table)
     if len(views) >= _LENS_VIEWS:
         # what stands in the mirror is a rigid board, too: the mirror image of the printed one
         shown = grid * [-1.0, 1.0] if mirror else grid

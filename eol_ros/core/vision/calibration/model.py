@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eol_ros.core import algebra, elementary
+from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.errors import ConfigError
 
@@ -49,6 +50,8 @@ class Calibration:
         RMS of what the calibration could not explain, per axis.
     covers : CoverOutlines, optional
         Heights of the blocks' covers over the platform; None for flat ones.
+    table : Table
+        Whose blocks it sees.
 
     Raises
     ------
@@ -76,6 +79,7 @@ class Calibration:
     residual_px: float = 0.0
     residual_mm: float = 0.0
     covers: CoverOutlines | None = None
+    table: Table = field(default_factory=Table)
     _inverse: np.ndarray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -111,18 +115,22 @@ class Calibration:
         height: int = 800,
         px_per_m: float | None = None,
         mirror: bool = False,
+        table: Table | None = None,
     ) -> 'Calibration':
         """Return a camera straight above the table, without distortion, the table in the middle.
 
-        1280 x 800 gives 545 px/m: the platform's 140 cm nearly fill the 800 rows. With `mirror` it
+        1280 x 800 gives 545 px/m: a platform of 140 cm nearly fills the 800 rows. With `mirror` it
         sees the table in a mirror: the far edge on top, left and right exchanged.
         """
-        scale = px_per_m or IDEAL_PX_PER_M * min(width / 1280, height / 800)
+        table = table or Table()
+        wide, deep = table.platform_m
+        shown = max(deep / 1.4, wide / 2.24)  # 1280 x 800 as well
+        scale = px_per_m or IDEAL_PX_PER_M * min(width / 1280, height / 800) / shown
         focal = IDEAL_FOCAL_PX * scale / IDEAL_PX_PER_M
         u0, v0 = (width - 1) / 2, (height - 1) / 2
         camera = np.array([[focal, 0, u0], [0, focal, v0], [0, 0, 1.0]])
         homography = np.array([[scale, 0, u0], [0, -scale, v0], [0, 0, 1.0]])
-        direct = cls(width, height, camera, np.zeros(5), homography)
+        direct = cls(width, height, camera, np.zeros(5), homography, table=table)
         return direct.in_mirror() if mirror else direct
 
     @property
@@ -136,6 +144,8 @@ class Calibration:
         )
         if self.covers is not None:
             arrays += (np.array([self.covers.lower_mm]), self.covers.land_mm)
+        if self.table != Table():
+            arrays += (self.table.rest, self.table.ids, np.array([self.table.block_side_m]))
         parts = [np.array(numbers, float), *(array.ravel() for array in arrays)]
         return hashlib.sha256(np.concatenate(parts).astype('<f8').tobytes()).hexdigest()
 
@@ -333,7 +343,8 @@ class Calibration:
 
     def px_per_m(self) -> float:
         """Return the scale at the table's centre in pixels per metre."""
-        return float(self.side_px(self.to_pixels([[0.0, 0.0]]), 0.084)[0] / 0.084)
+        side_m = self.table.block_side_m
+        return float(self.side_px(self.to_pixels([[0.0, 0.0]]), side_m)[0] / side_m)
 
 
 def project(homography: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -88,7 +88,7 @@ def workspace() -> tuple[np.ndarray, np.ndarray]:
     return np.zeros((FIELDS + TAPS) * LINES, np.float32), ends
 
 
-@njit(cache=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
 def gather(image, u, v, theta, half, blur, table, work, ends):
     """Copy the profiles of all sides into `work`, from TAP on (tap, line), running outwards.
 

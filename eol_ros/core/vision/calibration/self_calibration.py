@@ -1,28 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Metres from nothing but the blocks: 84 mm squares, at rest on the lattice of 174 mm.
+"""Metres from nothing but the blocks: squares of a known side, at rest on their lattice.
 
-Until 25 blocks have rested for a moment, lengths come from the size of the squares alone; that is
+Until all blocks have rested for a moment, lengths come from the size of the squares alone; that is
 good enough to tell neighbours, not to publish. Then the camera is solved from the corners of all
 covers, and refused where the blocks do not lie on their lattice.
 """
 
 import numpy as np
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.vision.appearance.squares import SQUARE
 from eol_ros.core.vision.calibration.calibrate import from_squares
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
 from eol_ros.said import clauses, said
 
-IMAGES = 20  # still ones, all 25 blocks seen
+IMAGES = 20  # still ones, all blocks seen
 MOST_MM = 6.0  # RMS departure of resting blocks from the lattice that is still believed
 RETRY_IMAGES = 120  # images to wait after a refusal: solving takes a while
-
-
-def nominal(shape: tuple[int, ...], side_px: float, mirror: bool) -> Calibration:
-    """Return a straight camera that sees blocks `side_px` wide in images of `shape`."""
-    return Calibration.ideal(shape[1], shape[0], side_px / BLOCK_SIDE_M, mirror)
 
 
 class SelfCalibration:
@@ -38,7 +32,7 @@ class SelfCalibration:
         self.why: str = said('must_rest')
 
     def add(self, image: np.ndarray, squares: np.ndarray | None) -> Calibration | None:
-        """Take an image (h, w) uint8 with its 25 squares, a SQUARE array in order of id.
+        """Take an image (h, w) uint8 with its squares, a SQUARE array in order of id.
 
         None when not all blocks are seen whole and at rest. Returns the calibration once.
         """
@@ -62,7 +56,8 @@ class SelfCalibration:
             return None
         found = solution.calibration
         place = found.to_table(np.column_stack([squares['u'], squares['v']]))
-        off_mm = float(np.sqrt(((place - rest_lattice()) ** 2).mean()) * 1e3)
+        rest = found.table.rest[found.table.ids]
+        off_mm = float(np.sqrt(((place - rest) ** 2).mean()) * 1e3)
         if off_mm > MOST_MM:
             self.why = said('off_lattice', mm=f'{off_mm:.1f}')
         elif solution.refusal():
