@@ -169,7 +169,7 @@ def test_the_calibration_is_that_in_the_bag(run, monkeypatch):
     assert [yaml.safe_load(text)['digest'] for text in texts] == [c.digest for c in found]
 
     other = dataclasses.replace(ideal, cover_height_m=0.1, homography=1.01 * ideal.homography)
-    monkeypatch.setattr(tracker_files, 'calibration_of', lambda settings: other)
+    monkeypatch.setattr(tracker_files, 'calibration_of', lambda settings, table: other)
     assert retrack(run).equal  # the file has changed since
     monkeypatch.setattr(run, 'count', lambda topic: 0 if topic == 'calibration' else 150)
     assert not retrack(run).topics['blocks'].equal  # of a bag of before it is the file's
