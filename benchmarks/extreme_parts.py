@@ -11,7 +11,7 @@ import numpy as np
 from support.sound_reference import reference, score, snr_db
 
 from eol_ros.core.geometry import rest_lattice
-from eol_ros.core.physics.twin.hands import keep_within
+from eol_ros.core.physics.twin.hands import Frame, keep_within
 from eol_ros.core.physics.twin.play import Play
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.mixer import Mixer
@@ -45,7 +45,7 @@ def wild_hands(seconds: float = 10.0) -> dict:
         play.advance(1 / RATE_HZ)
         pose = play.rim.pose
         kept = pose.copy()
-        keep_within(kept)
+        keep_within(kept, Frame.of(play.table.table))
         off = max(off, float(np.abs(pose - kept).max()))
         if not all(np.isfinite(part).all() for part in (pose, play.table.x, play.table.velocity)):
             return _row('live twin, hands at 100 m/s and NaN', 'not finite', reached=now)

@@ -12,7 +12,9 @@ import numpy as np
 
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.builders import Plain, offsets, plate, single, table
+from eol_ros.core.table import Table
 from eol_ros.lab import presets
+from eol_ros.settings import TwinSettings
 
 PULL, CIRCLE, STILL = presets.PULL, presets.CIRCLE, {'kind': 'none'}
 ASLANT = {'kind': 'constant_velocity', 'par': [0.012, 0.016]}
@@ -93,7 +95,7 @@ def compressed(scene: Plain, natural_m: float) -> Plain:
 
 def _lone(duration_s: float) -> Plain:
     """Return one block that lags by what friction holds: it swings about that, and never stops."""
-    lag = 0.65 * builders.BLOCK_MASS_KG * builders.GRAVITY / builders.STIFFNESS
+    lag = 0.65 * TwinSettings.block_kg * builders.GRAVITY / builders.STIFFNESS
     return single(PULL, duration_s, **EQUAL, u0=[[-lag, 0.0]], v0=[[0.03, 0.0]])
 
 
@@ -173,7 +175,7 @@ def _in_the_plane() -> list[Case]:
     def row(name, build, *given, **more):
         return Case(name, 'plane', build, *given, **more)
 
-    side = builders.BLOCK_SIDE_M
+    side = Table().block_side_m
     turning = {'side': side, 'yaw0': [0.1] * 9, 'spin0': [1.0, -2.0, 3.0] * 3}
     return [
         row('k = 1e6, geometric', lambda: table(PULL, 1.0, k=1e6, geometric=True, u0=_plane()),
@@ -191,7 +193,7 @@ def _in_the_plane() -> list[Case]:
             EVENTS, 0.02, 'dop853'),
         row('stiffness 1e-3 to 1e9 N/m, geometric',
             lambda: compressed(
-                uneven(table(PULL, 0.015, geometric=True, u0=_plane(25, 1e-9))), builders.SPRING_M
+                uneven(table(PULL, 0.015, geometric=True, u0=_plane(25, 1e-9))), Table().gap_m
             ), EVENTS, 0.003, 'dop853'),
         row('stiffness 1e-3 to 1e9 N/m, linear',
             lambda: uneven(table(PULL, 0.05, u0=_plane(25, 1e-9))), EVENTS, 0.01, 'dop853'),

@@ -26,6 +26,7 @@ from eol_ros.core.physics.result import Limits, sample_times
 from eol_ros.core.physics.rotation import solver as rotation
 from eol_ros.core.physics.scene import Scene, from_mapping
 from eol_ros.core.physics.twin.play import Play
+from eol_ros.core.table import Table
 from eol_ros.lab import choose, presets
 from eol_ros.lab.exact import solver as exact
 from eol_ros.lab.stepping import solver as stepping
@@ -232,7 +233,7 @@ def convergence_rows() -> list[dict]:
     rows = []
     for name, plain in track(list(CONVERGENCE.items()), 'convergence'):
         scene = from_mapping(plain)
-        rotating = from_mapping(plain | {'rotation': {'side': builders.BLOCK_SIDE_M}})
+        rotating = from_mapping(plain | {'rotation': {'side': Table().block_side_m}})
         model, rotating_model = Model.of(scene), Model.of(rotating)
         times = np.linspace(0.0, scene.duration_s, 11)
         truth = scipy_solver.scipy_run(scene, times, 1e-13, 1e-8, 1e-6)[0]

@@ -14,7 +14,8 @@ from support.chromium import complaints, picture, press, run, until_page, visit
 
 from eol_ros.core import terrain
 from eol_ros.core.geometry import PLATFORM_SIDE_M, rest_lattice
-from eol_ros.core.physics.twin.hands import reach_m
+from eol_ros.core.physics.twin.hands import Frame, reach_m
+from eol_ros.core.table import Table
 from eol_ros.web import wire
 
 pytestmark = [pytest.mark.slow, needs.marker('chromium', 'chromium-driver')]
@@ -159,7 +160,7 @@ def test_the_rim_is_drawn_on_the_platform_as_far_as_the_twin_lets_it(table, brow
     brush.rect = rect;
     return found.slice(-8); // the first ones are those of its shadow
     """
-    corners = np.array(run(browser, drawn, [float(reach_m(yaw)), 0.0, yaw]))
+    corners = np.array(run(browser, drawn, [reach_m(yaw, Frame.of(Table()))[0], 0.0, yaw]))
     assert np.abs(corners).max() == pytest.approx(PLATFORM_SIDE_M / 2, abs=1e-6)
 
 

@@ -3,10 +3,10 @@
 
 import numpy as np
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.physics.twin.accelerometer import Accelerometers, Samples
 from eol_ros.core.physics.twin.live import Trace
 from eol_ros.core.serial_protocol import Detector as Wanted
+from eol_ros.core.table import Table
 from eol_ros.devices.board.block import FELT, LEARN, RESTS, TOLD, Detector
 from eol_ros.devices.board.twin import Felt
 from eol_ros.settings import TwinSettings
@@ -18,21 +18,21 @@ TRACE = 16  # samples of the solver from image to image, about one a millisecond
 
 
 class FeltBlocks:
-    """25 blocks that feel; time is that of the table, in s.
+    """Blocks that feel; time is that of the table, in s.
 
     Raises DeviceMissing where the firmware was not compiled.
     """
 
-    def __init__(self, settings: TwinSettings):
-        self.sensors = Accelerometers(settings)
-        self.detectors = [Detector() for _ in range(N_BLOCKS)]
+    def __init__(self, settings: TwinSettings, table: Table = Table()):
+        self.sensors, cells = Accelerometers(settings, table=table), table.cells
+        self.detectors = [Detector() for _ in range(cells)]
         for detector, samples in zip(self.detectors, self.sensors.at_rest(LEARNT), strict=True):
             detector.feed(samples)
-        self._awake = np.zeros(N_BLOCKS, bool)  # has felt something, and is not at rest since
-        self._moved_s = np.zeros(N_BLOCKS)  # when it was last not at rest
+        self._awake = np.zeros(cells, bool)  # has felt something, and is not at rest since
+        self._moved_s = np.zeros(cells)  # when it was last not at rest
         self.samples: list[Samples] = []  # of the last step
         self.lit: list[tuple[float, int]] = []  # in the last step: when which block felt a knock
-        self._lit_s = np.zeros(N_BLOCKS)
+        self._lit_s = np.zeros(cells)
         self._nominal_s = 1 / settings.accelerometer_hz  # the block knows no better
         self._wake_s = 1 / settings.accelerometer_wake_hz
 
@@ -79,6 +79,6 @@ class FeltBlocks:
                     setattr(detector.running, name, value)
 
     def _sleepers(self, now_s: float) -> np.ndarray:
-        """Return which blocks (25,) have been at rest for so long that they sleep."""
+        """Return which blocks (cells,) have been at rest for so long that they sleep."""
         idle = (now_s - self._moved_s) / self._nominal_s
         return ~self._awake & ~self.sensors.woken & (idle > self.detectors[0].config.idle)

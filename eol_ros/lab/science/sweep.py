@@ -21,6 +21,7 @@ from eol_ros.core.physics.result import Limits, Run
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.twin.hands import PUSH_MPS, Rim, Visitors
 from eol_ros.core.science import powerlaw
+from eol_ros.core.table import Table as Shape
 from eol_ros.errors import EolError
 from eol_ros.lab import choose, presets
 from eol_ros.lab.automaton.ofc import Automaton
@@ -213,10 +214,10 @@ def _built(task: Table | Plate | Train) -> Plain:
     drive, seconds, loose = _drive(task), _seconds(task), task.stiffness / task.stiffness_ratio
     if isinstance(task, Train):
         return _set(task, builders.train(drive, seconds, task.blocks, loose))
-    rows, columns = _shape(task)
+    shape = _shape(task)
     if isinstance(task, Plate):
-        return _set(task, builders.plate(drive, seconds, rows, columns, loose))
-    scene = builders.table(drive, seconds, rows, columns)
+        return _set(task, builders.plate(drive, seconds, shape.rows, shape.columns, loose))
+    scene = builders.table(drive, seconds, shape=shape)
     for spring in scene['springs_to_frame']:
         spring['k'] = loose
     return _set(task, scene)
@@ -292,7 +293,7 @@ def _spectra(task: Table | Plate | Train, scene: Plain, run: Run) -> Plain:
 
     @functools.cache
     def apart() -> tuple[np.ndarray, np.ndarray]:
-        return _slips(_run(builders.uncoupled(scene, *_shape(task))), begin_s)
+        return _slips(_run(builders.uncoupled(scene, _shape(task))), begin_s)
 
     def counts(slips: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         return surrogates.event_counts(slips[0], span_s, SPECTRA_HZ)
@@ -323,10 +324,10 @@ def _spectra(task: Table | Plate | Train, scene: Plain, run: Run) -> Plain:
     return found
 
 
-def _shape(task: Table | Plate | Train) -> tuple[int, int]:
+def _shape(task: Table | Plate | Train) -> Shape:
     if isinstance(task, Train):
-        return 1, task.blocks
-    return task.rows, task.columns or task.rows
+        return Shape(rows=1, columns=task.blocks)
+    return Shape(rows=task.rows, columns=task.columns or task.rows)
 
 
 def _slips(run: Run, begin_s: float) -> tuple[np.ndarray, np.ndarray]:

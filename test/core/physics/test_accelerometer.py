@@ -12,6 +12,7 @@ from eol_ros.core.physics.twin import accelerometer
 from eol_ros.core.physics.twin.accelerometer import MG, Accelerometers
 from eol_ros.core.physics.twin.live import SOFT, Coupling
 from eol_ros.core.physics.twin.play import Play
+from eol_ros.core.table import Table
 from eol_ros.settings import TwinSettings
 
 IMAGE_S = 1 / 60
@@ -234,3 +235,19 @@ def test_what_goes_beyond_the_range_is_cut_off():
     ])  # fmt: skip
     assert xy.min() == -32768 and xy.max() == 32704
     assert set(np.unique(xy % 64)) == {0}
+
+
+@pytest.mark.parametrize(
+    'table', [Table(rows=3, columns=4), Table(absent=(6, 7, 8, 11, 12, 13, 16, 17, 18))]
+)
+def test_only_blocks_that_there_are_have_sensors(table):
+    loud = dataclasses.replace(QUIET, rim_hits_per_min=6000, rim_hit_mg=200)
+    for always in (False, True):
+        sensors = Accelerometers(loud, always, table)
+        keep = np.zeros(table.cells, bool)
+        found = set()
+        for k in range(20):
+            samples = sensors.advance(k * IMAGE_S, (k + 1) * IMAGE_S, None, True, keep)
+            found |= {one.block for one in samples}
+        assert found == set(table.ids.tolist())
+    assert sensors.at_rest(4).shape == (table.cells, 4, 2)

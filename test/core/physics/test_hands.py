@@ -10,16 +10,20 @@ from eol_ros.core.physics.twin.hands import (
     HAND_NSPM,
     MAX_YAW_RATE_RADPS,
     RIM_KG,
-    ROLLING_N,
+    ROLLING,
     VISITORS_YAW_RAD,
     YIELD_S,
     Commands,
+    Frame,
     Rim,
     Visitors,
     reach_m,
+    resists,
 )
+from eol_ros.core.table import Table
 
 STEP_S = 1 / 60
+ROLLING_N = ROLLING * RIM_KG * 9.81
 
 
 def run(
@@ -191,4 +195,50 @@ def test_a_hard_command_ends_at_the_edge(yaw_rate):
     else:
         assert rim.pose == pytest.approx([RIM_REACH_M, -RIM_REACH_M, 0.0])
         assert not rim.velocity.any()
-    assert reach_m(0.0) == pytest.approx(RIM_REACH_M)
+    assert reach_m(0.0, Frame.of(Table())) == pytest.approx([RIM_REACH_M, RIM_REACH_M])
+
+
+OBLONG = Table(rows=2, columns=9, gap_y_m=0.03, platform_m=(2.2, 1.0))  # does not fit at any yaw
+
+
+@pytest.mark.parametrize('table', [OBLONG, Table(rows=4, columns=4, platform_m=(1.0, 1.4))])
+def test_an_oblong_rim_never_leaves_its_platform(table):
+    size = np.array(table.rim_m()) / 2 + table.rim_width_m
+    visitors, commands, rim = Visitors(2, table), Commands(), Rim(table=table)
+    away = np.zeros(2)
+    for i in range(1800):
+        if i > 900:
+            commands.take(i * STEP_S, 'anna', (2.0, -2.0, 3.0), 1.0)
+        rim.advance(STEP_S, visitors.hands(i * STEP_S, rim.pose) + commands.hands(i * STEP_S))
+        c, s = np.abs([np.cos(rim.pose[2]), np.sin(rim.pose[2])])
+        reach = np.abs(rim.pose[:2]) + np.array([[c, s], [s, c]]) @ size
+        assert (reach <= np.array(table.platform_m) / 2 + 1e-9).all()
+        away = np.maximum(away, np.abs(rim.pose[:2]))
+    assert (away > 0.5 * np.array(table.reach_m)).all() or table is OBLONG
+    assert rim.pose[2] > 0.1  # it was rotated as far as the platform lets it
+
+
+def test_the_table_resists_as_its_springs_do():
+    """Oracle: energy of springs (natural length 2/3 of the gap) in small motions of the rim."""
+    ring = Table(absent=(6, 7, 8, 11, 12, 13, 16, 17, 18))
+    for table in (Table(), Table(rows=3, columns=6, gap_y_m=0.05, platform_m=(2.0, 2.0)), ring):
+        at_rest = np.column_stack([table.rest, np.zeros(table.cells)])
+        long = np.where(np.abs(np.diff(table.spring_ends(at_rest, np.zeros(3)), axis=1))[:, 0, 0]
+                        > 1e-9, *table.gaps_m)[table.springs[:, 1] < 0]  # fmt: skip
+
+        def energy(pose, table=table, at_rest=at_rest, long=long):
+            ends = table.spring_ends(at_rest, pose)[table.springs[:, 1] < 0]
+            length = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
+            return 0.5 * np.sum((length - long * 2 / 3) ** 2)
+
+        step, found = 1e-3, []
+        for unit, lever in zip(np.eye(3), (1, 1, Frame.of(table).gyration_m), strict=True):
+            both = energy(step * unit) + energy(-step * unit) - 2 * energy(0 * unit)
+            found.append(both / step**2 / lever**2)
+        assert resists(table) == pytest.approx(found, rel=1e-3, abs=0.51)
+
+
+def test_more_hands_move_a_heavier_table():
+    big = Table(rows=15, columns=15, platform_m=(3.2, 3.2))
+    assert Frame.of(big).strength == 9 and Frame.of(Table(rows=2, columns=2)).strength == 1
+    assert Frame.of(Table(), 0.5).strength == 2

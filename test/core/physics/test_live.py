@@ -22,11 +22,13 @@ from eol_ros.core.physics.twin.hands import (
     VISITORS_YAW_RAD,
     YIELD_S,
     Commands,
+    Frame,
     Rim,
     keep_within,
 )
 from eol_ros.core.physics.twin.live import CLEAR_M, SOFT, Coupling, LiveTable
 from eol_ros.core.physics.twin.play import Play
+from eol_ros.core.table import Table
 from eol_ros.lab.choose import simulate
 
 IMAGE_S = 1 / 60
@@ -76,7 +78,7 @@ def test_people_rotate_the_rim_all_the_way_round_and_visitors_take_it_back():
             hands.commands.take(hands.time_s, name, (0.1, -0.05, 0.9), 0.5)
         hands.advance(IMAGE_S)
         on = rim.pose.copy()
-        keep_within(on)
+        keep_within(on, Frame.of(table.table))
         assert on == pytest.approx(rim.pose, abs=1e-12)
         assert gap_m(table) > 0.01
     assert table.faults == 0 and abs(table.energy_residual) < 1e-4
@@ -266,7 +268,7 @@ def test_blocks_that_do_not_rotate_stay_straight():
 def test_a_block_that_stands_askew_reaches_further_to_the_rim():
     table = LiveTable(1)
     table._u[:] = 0.0
-    table.yaw = np.full(N_BLOCKS, np.pi / 4)
+    table._yaw = np.full(N_BLOCKS, np.pi / 4)
     assert table.clearance_m(np.zeros(3)) == pytest.approx(0.132 - 0.042 * np.sqrt(2))
     assert table.clearance_m(np.array([0.0, 0.0, np.pi / 4])) < 0.09
 
@@ -279,3 +281,45 @@ def test_light_blocks_on_stiff_springs_do_not_stop_in_their_motion():
         play.advance(1 / 60)
     assert play.table.slips > 20
     assert play.table.faults == 0
+
+
+RING = Table(absent=(6, 7, 8, 11, 12, 13, 16, 17, 18))
+TABLES = {
+    '3x4': Table(rows=3, columns=4), 'ring': RING,
+    'uneven': Table(rows=2, columns=6, block_side_m=0.06, gap_y_m=0.05, absent=(0, 8)),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('table', TABLES.values(), ids=TABLES)
+@pytest.mark.parametrize('rotate', [True, False])
+def test_any_table_slips_under_visitors_and_its_holes_rest(table, rotate):
+    play, slipped = Play(1, 4, Coupling(rotate=rotate), table), set()
+    live, holes = play.table, ~table.present
+    for _ in range(1200):
+        play.advance(IMAGE_S)
+        if live.trace is not None:
+            slipped |= set(live.trace.event_block.tolist())
+            assert not live.trace.v[:, holes].any() and not live.trace.u[:, holes].any()
+            last = live.trace.u[-1] + table.rest
+            assert np.array_equal(last, np.stack([live.x, live.y], axis=1))
+    assert live.slips > 10 and live.faults == 0 and abs(live.energy_residual) < 1e-4
+    assert slipped and slipped <= set(table.ids.tolist())
+    assert len(live.x) == table.cells and live.velocity.shape == (table.cells, 3)
+    assert np.array_equal(np.stack([live.x, live.y], axis=1)[holes], table.rest[holes])
+    assert not live.moving[holes].any() and not live.velocity[holes].any()
+
+
+@pytest.mark.parametrize('table', TABLES.values(), ids=TABLES)
+def test_the_rim_feels_the_springs_of_any_table(table):
+    """Oracle: the ends of all springs to the rim, by `Table.spring_ends`."""
+    coupling = Coupling()
+    live, pose = LiveTable(3, coupling=coupling, table=table), np.array([0.02, -0.01, 0.1])
+    blocks = np.column_stack([live.x, live.y, live.yaw])
+    ends = table.spring_ends(blocks, pose)[table.springs[:, 1] < 0]
+    way = ends[:, 1] - ends[:, 0]
+    held = 1 - coupling.spring_natural_m / np.hypot(*way.T)
+    force = -coupling.stiffness * held[:, None] * way
+    arm = ends[:, 1] - pose[:2]
+    torque = (arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]).sum()
+    assert live.pull(pose) == pytest.approx([*force.sum(axis=0), torque], abs=1e-9)

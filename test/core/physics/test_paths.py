@@ -15,10 +15,12 @@ from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.science import powerlaw
+from eol_ros.core.table import Table
 from eol_ros.errors import UsageError
 from eol_ros.lab import presets
 from eol_ros.lab.choose import choose_path, simulate
 from eol_ros.lab.science.quiescent import cascades
+from eol_ros.settings import TwinSettings
 
 PULL = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}
 NONE = {'kind': 'none'}
@@ -258,7 +260,7 @@ def test_numbers_of_any_size_end_with_a_status(geometric):
         scene = builders.table(
             {'kind': 'constant_velocity', 'par': [0.02, 0.01 * drawn[0]]}, 1.0, 2, 2, k=drawn[1],
             mass=drawn[2], geometric=geometric, u0=random.uniform(-1, 1, (4, 2)) * drawn[3],
-            rotation=random.choice([None, {'side': builders.BLOCK_SIDE_M}]),
+            rotation=random.choice([None, {'side': Table().block_side_m}]),
         )  # fmt: skip
         run = solve(scene, sample_s=0.25, limits=Limits(events=500, steps=500))
         assert run.status != 'ok' or np.isfinite(run.energy.residual_J)
@@ -279,7 +281,7 @@ def test_a_block_with_static_friction_alone_stops_where_it_turns_back(
     if path == 'exact':
         scene |= {'dim1': True, 'v0': [[v0, 0.0]]}
     if rotates:
-        scene['rotation'] = {'side': builders.BLOCK_SIDE_M}
+        scene['rotation'] = {'side': Table().block_side_m}
         scene['springs_to_frame'][0]['arm'] = [0.0, 0.0]
     run, w = solve(scene, path=path, step_s=5e-4), np.sqrt(40.0 / 0.25)
     assert run.status == 'ok' and len(run.event_t) == stops
@@ -336,7 +338,7 @@ def test_a_block_breaks_as_the_formula_says_after_a_spring_of_the_rim_has_passed
         {'kind': 'constant_velocity', 'par': [speed, 0.0]}, 12.0, 1, 1, geometric=True,
         mu_s=5.7, mu_k=4.0,
     )  # fmt: skip
-    limit = 5.7 * builders.BLOCK_MASS_KG * builders.GRAVITY
+    limit = 5.7 * TwinSettings.block_kg * builders.GRAVITY
 
     def beyond(t):
         x = speed * t

@@ -22,8 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.geometry import N_BLOCKS, RIM_SIDE_M, rest_lattice
 from eol_ros.core.physics.twin.live import Trace
+from eol_ros.core.table import Table
 from eol_ros.settings import TwinSettings
 
 MG = 9.80665e-3  # m/s^2
@@ -54,24 +54,27 @@ class Samples(NamedTuple):
 
 
 class Accelerometers:
-    """The 25 sensors. Time is that of the table, in s, and must not fall.
+    """The sensors of the blocks. Time is that of the table, in s, and must not fall.
 
-    `asleep` (25,) may be set for a block at rest: it then looks `accelerometer_wake_hz` times a
+    `asleep` (cells,) may be set for a block at rest: it then looks `accelerometer_wake_hz` times a
     second, coarsely, until it sees `accelerometer_wake_mg`. `always` samples all blocks, even at
     rest.
     """
 
-    def __init__(self, settings: TwinSettings, always: bool = False):
-        s = self._settings = settings
+    def __init__(
+        self, settings: TwinSettings, always: bool = False, table: Table = Table()
+    ) -> None:
+        s, cells = settings, table.cells
+        self._settings, self._table = settings, table
         self._random = random = np.random.default_rng([s.seed, 0x616363])
         self.always = always
-        self.asleep = np.zeros(N_BLOCKS, bool)
-        self.woken = np.zeros(N_BLOCKS, bool)  # and has not been sampled since
-        rate = s.accelerometer_hz * (1 + random.normal(0, s.accelerometer_clock, N_BLOCKS))
+        self.asleep = np.zeros(cells, bool)
+        self.woken = np.zeros(cells, bool)  # and has not been sampled since
+        rate = s.accelerometer_hz * (1 + random.normal(0, s.accelerometer_clock, cells))
         self.period_s = 1 / rate
         self._next_s = random.uniform(0, self.period_s)  # when the next sample ends
-        self._last_v = np.zeros((N_BLOCKS, 2))
-        self._offset_mg = random.normal(0, s.accelerometer_offset_mg, (N_BLOCKS, 2))
+        self._last_v = np.zeros((cells, 2))
+        self._offset_mg = random.normal(0, s.accelerometer_offset_mg, (cells, 2))
         # white over half the rate
         self._noise_mg = 1e-3 * s.accelerometer_noise_ug * math.sqrt(s.accelerometer_hz / 2)
         grit = 2 * np.pi * s.grit_hz
@@ -82,25 +85,26 @@ class Accelerometers:
         ])  # fmt: skip
         # Struck, what was at rest is at rest again in the end: the integral of each is zero.
         self._strike = 1 + 1j * np.array([PLATFORM_DAMPING, GRIT_DAMPING, FLOOR_DAMPING])
-        self._rings = np.zeros((N_BLOCKS, 3, 2), complex)  # of each mode, as it is now, m/s^2
+        self._rings = np.zeros((cells, 3, 2), complex)  # of each mode, as it is now, m/s^2
         self._ringing = False
-        self._rest = rest_lattice()
+        self._rest = table.rest
         self._by_platform = s.block_kg / s.platform_kg
         self._by_spring = s.stiffness / (s.block_kg * grit**2)
-        apart = np.abs(self._rest[:, None] - self._rest[None]).sum(axis=2)
-        pitch = np.sort(apart[0])[1]
-        self._beside = np.abs(apart - pitch) < 0.1 * pitch
+        between = table.springs[table.springs[:, 1] >= 0]
+        self._beside = np.zeros((cells, cells), bool)
+        self._beside[between, between[:, ::-1]] = True
         self._step_s = random.exponential(1 / STEPS_HZ)
         # of no block, for no time: compiles or loads the kernel before the clock runs
-        self._sample(0.0, 0.0, None, self.asleep, *_NEVER)
+        self._still = _still(cells)
+        self._sample(0.0, 0.0, None, self.asleep, *_never(cells))
 
     def at_rest(self, count: int, random: np.random.Generator | None = None) -> np.ndarray:
-        """Return `count` samples of each block at rest, (25, count, 2).
+        """Return `count` samples of each block at rest, (cells, count, 2).
 
         With a generator of the caller's the samples to come stay what they are.
         """
         random = random or self._random
-        noise = self._noise_mg * random.standard_normal((N_BLOCKS, count, 2))
+        noise = self._noise_mg * random.standard_normal((self._table.cells, count, 2))
         return _counts(self._offset_mg[:, None] + noise)
 
     def advance(
@@ -113,11 +117,11 @@ class Accelerometers:
     ) -> list[Samples]:
         """Return what the blocks that feel something write from `begin_s` to `end_s`.
 
-        `keep` (25,): blocks that are sampled whatever they feel, because they felt something.
+        `keep` (cells,): blocks that are sampled whatever they feel, because they felt something.
         """
         when, mode, size = self._knocks(begin_s, end_s, trace, rim_moves)
-        active = keep | self.always
-        loud = np.zeros(N_BLOCKS)
+        active = keep | (self.always & self._table.present)
+        loud = np.zeros(self._table.cells)
         if trace is None and not self._ringing and not len(when) and not active.any():
             return []
         if trace is not None:
@@ -130,7 +134,7 @@ class Accelerometers:
         self._ringing = loud.max() > SILENT_MG * MG
         if not self._ringing:
             self._rings[:] = 0.0
-        active |= loud > FELT_MG * MG
+        active |= (loud > FELT_MG * MG) & self._table.present
         if active.all():
             return self._sample(begin_s, end_s, trace, active, when, mode, size)
         self._pass(begin_s, end_s, active, when, mode, size)
@@ -174,7 +178,7 @@ class Accelerometers:
         count, first_s = np.zeros(len(blocks), np.int64), np.zeros(len(blocks))
         _write(
             end_s - begin_s,
-            trace or _STILL,
+            trace or self._still,
             blocks,
             self._next_s,
             begin_s,
@@ -208,37 +212,38 @@ class Accelerometers:
     def _knocks(
         self, begin_s: float, end_s: float, trace: Trace | None, rim_moves: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return when after `begin_s`, in which mode and how hard (25, 2), m/s^2, all is struck."""
-        s, random = self._settings, self._random
+        """Return when after `begin_s`, in which mode and how hard all is struck, m/s^2."""
+        s, random, cells = self._settings, self._random, self._table.cells
         found = []
         if trace is not None and len(trace.event_t):
             for t, block, start in zip(
                 trace.event_t, trace.event_block, trace.event_start, strict=True
             ):
                 jump = _jump(trace, float(t), int(block), bool(start))
-                size = np.tile(-self._by_platform * jump, (N_BLOCKS, 1))
+                size = np.tile(-self._by_platform * jump, (cells, 1))
                 size[self._beside[block]] += self._by_spring * jump
                 size[block] = 0.0
                 found.append((float(t), PLATFORM, size))
                 if not start:
-                    own = np.zeros((N_BLOCKS, 2))
+                    own = np.zeros((cells, 2))
                     own[block] = -jump
                     found.append((float(t), GRIT, own))
         if rim_moves and s.rim_hits_per_min:
             span_s = end_s - begin_s
             for _ in range(random.poisson(s.rim_hits_per_min / 60 * span_s)):
-                along, side = random.uniform(-0.5, 0.5) * RIM_SIDE_M, random.integers(4)
-                place = np.array([along, 0.5 * RIM_SIDE_M]) * (1 if side % 2 else -1)
+                along, side = random.uniform(-0.5, 0.5), random.integers(4)
+                length, away = self._table.rim_m()[:: 1 if side < 2 else -1]
+                place = np.array([along * length, 0.5 * away]) * (1 if side % 2 else -1)
                 far = np.hypot(*(self._rest - (place if side < 2 else place[::-1])).T)
                 size = self._struck(s.rim_hit_mg, HAND_SPREAD) / (1 + far[:, None] / REACH_M)
                 found.append((random.uniform(0, span_s), PLATFORM, size))
         while self._step_s < end_s:
             if s.footstep_mg and self._step_s >= begin_s:
-                size = np.tile(self._struck(s.footstep_mg, FOOT_SPREAD), (N_BLOCKS, 1))
+                size = np.tile(self._struck(s.footstep_mg, FOOT_SPREAD), (cells, 1))
                 found.append((self._step_s - begin_s, FLOOR, size))
             self._step_s += random.exponential(1 / STEPS_HZ)
         if not found:
-            return _NEVER
+            return _never(cells)
         found.sort(key=lambda knock: knock[0])
         modes = np.array([knock[1] for knock in found])
         sizes = np.array([knock[2] for knock in found]) * self._strike[modes, None, None]
@@ -251,11 +256,15 @@ class Accelerometers:
         return strength * np.array([math.cos(way), math.sin(way)])
 
 
-_NEVER = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, N_BLOCKS, 2), complex)
-_STILL = Trace(
-    np.zeros(2), np.zeros((2, N_BLOCKS, 2)), np.zeros((2, N_BLOCKS, 2)),
-    np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int8),
-)  # fmt: skip
+def _never(cells: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return np.zeros(0), np.zeros(0, np.int64), np.zeros((0, cells, 2), complex)
+
+
+def _still(cells: int) -> Trace:
+    return Trace(
+        np.zeros(2), np.zeros((2, cells, 2)), np.zeros((2, cells, 2)),
+        np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int8),
+    )  # fmt: skip
 
 
 def _counts(mg: np.ndarray) -> np.ndarray:

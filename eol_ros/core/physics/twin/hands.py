@@ -7,25 +7,21 @@ A pose of the rim is (x, y, yaw) in metres and radians; a velocity is its rate.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from eol_ros.core import elementary
 from eol_ros.core.elementary_kernels import cos, sin
-from eol_ros.core.geometry import PLATFORM_SIDE_M, RIM_BAR_M, RIM_SIDE_M
 from eol_ros.core.physics.series import entry
+from eol_ros.core.table import Table
+from eol_ros.settings import TwinSettings
 
-VISITORS_YAW_RAD = 0.25  # people may rotate the rim at will: on the platform it fits at any yaw
-RIM_KG = 8.0  # a frame of steel tube on four casters; a guess
-ROLLING_N = 0.05 * RIM_KG * 9.81  # small casters on grit; a guess
-HAND_N = 60.0  # what one hand pulls with at most; 55 N hold all 25 blocks at mu_s 0.9
+VISITORS_YAW_RAD = 0.25  # further, unattended hands do not rotate the rim
+RIM_KG = 8.0  # of the paper's size: a frame of steel tube on four casters; a guess
+ROLLING = 0.05  # small casters on grit; a guess
+HAND_N = 60.0  # what one hand pulls with at most; 55 N hold all 25 blocks of 250 g at mu_s 0.9
 HAND_NSPM = 1000.0  # how firmly it wants its velocity, N s/m
-GYRATION_M = RIM_SIDE_M / math.sqrt(6)  # radius, of a thin square frame
-ALIKE = (1.0, 1.0, GYRATION_M)  # m, m, rad into m: the mass is the same in all three
-# By how many springs the table resists: ten lie along the way and ten across, where the pre-tension
-# leaves a third; in rotation the same forces at the lever arms of the 20 ends.
-RESISTS = (40 / 3, 40 / 3, 16.0)
 MAX_SPEED_MPS = 0.35
 MAX_YAW_RATE_RADPS = 0.9
 MAX_HOLD_S = 1.0
@@ -40,24 +36,93 @@ FOLLOW_PER_S, FOLLOW_MPS = 6.0, 0.05
 PAUSE_S = (1.5, 4.5)  # between gestures
 
 Springs = Callable[[np.ndarray], np.ndarray]
+_PAPER = Table()  # the masses, forces and ways of hands here are for it
 
 
-@entry
-def reach_m(yaw):
-    """Return how far (m) the rim may stand off centre along x or y and stay on the platform.
+class Frame(NamedTuple):
+    """The rim as hands move it: its outside on its platform, its mass, and how strong hands are.
 
-    A square of side s rotated by phi spans s (|cos phi| + |sin phi|); at yaw 0 this is RIM_REACH_M.
+    `most_yaw` is the largest angle at which the rim still fits on the platform, inf where it fits
+    at any. The mass is the same along x, along y and along `gyration_m` times yaw.
     """
-    span = (RIM_SIDE_M + 2 * RIM_BAR_M) * (abs(cos(yaw)) + abs(sin(yaw)))
-    return max(0.0, (PLATFORM_SIDE_M - span) / 2)
+
+    width_m: float
+    depth_m: float
+    platform_x_m: float
+    platform_y_m: float
+    most_yaw: float
+    gyration_m: float
+    kg: float
+    strength: float  # by how much hands are stronger than one: together they can move all blocks
+
+    @classmethod
+    def of(cls, table: Table, block_kg: float = TwinSettings.block_kg) -> 'Frame':
+        """Return the rim of a table."""
+        width, depth = table.rim_m()
+        size = (width + depth) / sum(_PAPER.rim_m())
+        blocks_kg = table.count * block_kg / (_PAPER.count * TwinSettings.block_kg)
+        outside = width + 2 * table.rim_width_m, depth + 2 * table.rim_width_m
+        return cls(
+            *outside,
+            *map(float, table.platform_m),
+            min(_most_yaw(*outside, table.platform_m[0]),
+                _most_yaw(*outside[::-1], table.platform_m[1])),
+            (width + depth) / 2 / math.sqrt(6),  # as of a plate; thin bars alone have sqrt(3)
+            RIM_KG * size,
+            max(1.0, blocks_kg),
+        )  # fmt: skip
+
+
+def _most_yaw(along: float, across: float, platform: float) -> float:
+    """Return at which angle a rectangle spans the platform along an axis; inf: at none.
+
+    At phi it spans along cos(phi) + across sin(phi) = d cos(phi - delta), d its diagonal.
+    """
+    diagonal = math.hypot(along, across)
+    if diagonal <= platform:
+        return math.inf
+    return math.atan2(across, along) - math.acos(platform / diagonal)
+
+
+def resists(table: Table) -> tuple[float, float, float]:
+    """Return by how many springs a table resists its rim: along x, along y, and in rotation.
+
+    Springs to the rim resist along their axis, and by a third across it: that is what the paper's
+    pre-tension leaves. In rotation the same forces act at their lever arms, where the pre-tension
+    also pulls the rim further.
+    """
+    held, frame = table.grid(table.present), Frame.of(table)
+    x, y = table.grid(table.rest.T)
+    sides, ends = held[:, [0, -1]], held[[0, -1]]
+    torque = np.sum(sides * y[:, [0, -1]] ** 2) + np.sum(ends * x[[0, -1]] ** 2)
+    for count, size, gap in zip((sides, ends), table.rim_m(), table.gaps_m, strict=True):
+        torque += count.sum() * size / 2 * (size / 2 - gap) / 3
+    along_x, along_y = int(sides.sum()), int(ends.sum())
+    return along_x + along_y / 3, along_y + along_x / 3, round(float(torque) / frame.gyration_m**2)
 
 
 @entry
-def keep_within(pose):
-    """Move `pose` (3,) along x and y to the nearest that keeps the rim on the platform."""
-    reach = reach_m(pose[2])
-    for p in range(2):
-        pose[p] = min(max(pose[p], -reach), reach)
+def reach_m(yaw, frame):
+    """Return how far (m) the rim may stand off centre along x and y and stay on the platform.
+
+    A rectangle w x d rotated by phi spans w |cos phi| + d |sin phi| along x.
+    """
+    c, s = abs(cos(yaw)), abs(sin(yaw))
+    wide = frame.width_m * (c + s * (frame.depth_m / frame.width_m))
+    deep = frame.depth_m * (c + s * (frame.width_m / frame.depth_m))
+    return (
+        max(0.0, (frame.platform_x_m - wide) / 2),
+        max(0.0, (frame.platform_y_m - deep) / 2),
+    )
+
+
+@entry
+def keep_within(pose, frame):
+    """Move `pose` (3,) to the nearest that keeps the rim of `frame` on the platform."""
+    pose[2] = min(max(pose[2], -frame.most_yaw), frame.most_yaw)
+    x, y = reach_m(pose[2], frame)
+    pose[0] = min(max(pose[0], -x), x)
+    pose[1] = min(max(pose[1], -y), y)
 
 
 @entry
@@ -79,13 +144,13 @@ def led(time_s, begin_s, stop_s, move, circle, grip, place, rate):
 
 
 @entry
-def follow(time_s, pose, begin_s, stop_s, move, circle, grip, place, wanted):
+def follow(time_s, pose, begin_s, stop_s, move, circle, grip, gyration, place, wanted):
     """Write the velocity (3,) that a hand on its way wants of a rim at `pose`."""
     led(time_s, begin_s, stop_s, move, circle, grip, place, wanted)
     square = 0.0
     for p in range(3):
         place[p] = FOLLOW_PER_S * (place[p] - pose[p])
-        square += (ALIKE[p] * place[p]) ** 2
+        square += ((gyration if p == 2 else 1.0) * place[p]) ** 2
     slack = min(1.0, (stop_s + HOLD_S - time_s) / HOLD_S)
     for p in range(3):
         wanted[p] += place[p] * slack / max(1.0, math.sqrt(square) / FOLLOW_MPS)
@@ -104,6 +169,7 @@ class Reach:
     move: np.ndarray
     radius: float = 0.0  # m
     heading: float = 0.0  # rad, where on the circle it begins
+    gyration_m: float = Frame.of(_PAPER).gyration_m  # of the rim
     grip: np.ndarray | None = None  # pose at which it took hold
 
     def velocity(self, time_s: float, pose: np.ndarray) -> np.ndarray | None:
@@ -113,7 +179,7 @@ class Reach:
         if self.grip is None:
             self.grip = pose.copy()
         place, wanted = np.empty(3), np.empty(3)
-        follow(time_s, pose, *self._way(), place, wanted)
+        follow(time_s, pose, *self._way(), self.gyration_m, place, wanted)
         return wanted
 
     def place(self, time_s: float) -> np.ndarray | None:
@@ -129,28 +195,31 @@ class Reach:
         return self.begin_s, self.stop_s, self.move, circle, self.grip
 
 
-def _gently(pose: np.ndarray) -> np.ndarray:
+def _gently(pose: np.ndarray, frame: Frame) -> np.ndarray:
     """Return the nearest pose (3,) to which unattended hands would lead the rim."""
     pose = np.array(pose, float)
     pose[2] = min(max(pose[2], -VISITORS_YAW_RAD), VISITORS_YAW_RAD)
-    keep_within(pose)
+    keep_within(pose, frame)
     return pose
 
 
 class Visitors:
     """Hands of nobody, gentle and varied: they play while no person does, the same for a seed.
 
+    Ways scale with how far the rim can move on its platform; lengths here are for the paper's.
     Gestures with pauses between: a push (slow and far), a jerk (short and quick), a circle, a
     rotation, and two people who begin one after the other and do not quite agree.
     """
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, table: Table = Table()) -> None:
         self._random = np.random.default_rng([seed, 0x68616E64])
+        self._frame = Frame.of(table)
+        self._far = min(table.reach_m) / min(_PAPER.reach_m)
         self.reaches: list[Reach] = []
         self._next_s: float | None = None  # when the next gesture begins; None: now
         self._back_s = -np.inf  # until when they stay away
         # compiles or loads what moves them before the clock runs
-        Reach(0.0, 1.0, np.zeros(3)).velocity(0.5, _gently(np.zeros(3)))
+        Reach(0.0, 1.0, np.zeros(3)).velocity(0.5, _gently(np.zeros(3), self._frame))
 
     def let_go(self, time_s: float, away_s: float) -> None:
         """Take the hands off the rim at `time_s`, until `away_s` later at least."""
@@ -187,19 +256,19 @@ class Visitors:
         return [self._reach(begin_s, target - pose, PUSH_MPS)]
 
     def _jerk(self, begin_s: float, pose: np.ndarray) -> list[Reach]:
-        way = self._way(pose) * self._random.uniform(0.04, 0.09)
-        target = _gently(pose + np.array([*way, 0.0]))
+        way = self._way(pose) * self._random.uniform(0.04, 0.09) * self._far
+        target = _gently(pose + np.array([*way, 0.0]), self._frame)
         return [self._reach(begin_s, target - pose, JERK_MPS)]
 
     def _circle(self, begin_s: float, pose: np.ndarray) -> list[Reach]:
-        target = _gently(pose * (0.6, 0.6, 0.5))
+        target = _gently(pose * (0.6, 0.6, 0.5), self._frame)
         heading = elementary.arctan2(pose[1], pose[0])  # the way back crosses the middle
-        radius = self._random.uniform(0.04, 0.08)
+        radius = self._random.uniform(0.04, 0.08) * self._far
         return [self._reach(begin_s, target - pose, CIRCLE_MPS, radius, heading)]
 
     def _rotate(self, begin_s: float, pose: np.ndarray) -> list[Reach]:
         yaw = -np.sign(pose[2] or 1.0) * self._random.uniform(0.12, 0.24)
-        target = _gently(np.array([pose[0] * 0.5, pose[1] * 0.5, yaw]))
+        target = _gently(np.array([pose[0] * 0.5, pose[1] * 0.5, yaw]), self._frame)
         return [self._reach(begin_s, target - pose, PUSH_MPS)]
 
     def _two(self, begin_s: float, pose: np.ndarray) -> list[Reach]:
@@ -207,12 +276,12 @@ class Visitors:
         first = self._across(pose, 0.10, 0.18, pose[2]) - pose
         off = self._random.choice((-1.0, 1.0)) * self._random.uniform(np.pi / 3, np.pi)
         way = elementary.arctan2(first[1], first[0]) + off
-        far = self._random.uniform(0.05, 0.12)
+        far = self._random.uniform(0.05, 0.12) * self._far
         yaw = np.sign(off) * self._random.uniform(0.05, 0.15)
         end = pose + first + np.array([far * elementary.cos(way), far * elementary.sin(way), yaw])
         pushed = self._reach(begin_s, first, PUSH_MPS)
         late_s = begin_s + self._random.uniform(0.2, 0.6) * (pushed.stop_s - begin_s)
-        return [pushed, self._reach(late_s, _gently(end) - pose - first, PUSH_MPS)]
+        return [pushed, self._reach(late_s, _gently(end, self._frame) - pose - first, PUSH_MPS)]
 
     def _reach(
         self,
@@ -224,19 +293,20 @@ class Visitors:
     ) -> Reach:
         length = elementary.hypot(move[0], move[1]) + 0.4 * abs(move[2]) + 2 * np.pi * radius
         duration = max(SHORTEST_S, float(length) / self._random.uniform(*speed))
-        return Reach(begin_s, begin_s + duration, move, radius, heading)
+        gyration_m = self._frame.gyration_m
+        return Reach(begin_s, begin_s + duration, move, radius, heading, gyration_m)
 
     def _way(self, pose: np.ndarray) -> np.ndarray:
         """Return a direction (2,), back over the middle where the rim stands off it."""
-        off = elementary.hypot(pose[0], pose[1]) > 0.03
+        off = elementary.hypot(pose[0], pose[1]) > 0.03 * self._far
         back = elementary.arctan2(-pose[1], -pose[0]) if off else 0.0
         angle = back + self._random.uniform(-1, 1) * (np.pi / 3 if off else np.pi)
         return np.array([elementary.cos(angle), elementary.sin(angle)])
 
     def _across(self, pose: np.ndarray, near: float, far: float, yaw: float) -> np.ndarray:
         """Return a target across the middle, `near`..`far` from it."""
-        x, y = self._way(pose) * self._random.uniform(near, far)
-        return _gently(np.array([x, y, yaw]))
+        x, y = self._way(pose) * self._random.uniform(near, far) * self._far
+        return _gently(np.array([x, y, yaw]), self._frame)
 
 
 class Commands:
@@ -266,69 +336,80 @@ class Commands:
 
 
 @entry
-def drag(step_s, wanted, load, resists, pose, velocity, push, pulls, strong, firm):
+def drag(step_s, wanted, load, resists, frame, pose, velocity, push, pulls, strong, firm):
     """Move `pose` and `velocity` (3,) of the rim by one step under hands and the springs' `load`.
 
     `wanted` (h, 3) is the velocity that each hand wants, `pulls` (h, 3) and `strong` (h,) take what
     it pulls with, N; `firm` (h,) must be true, and stays so for those that could pull harder still.
-    `resists` (3,) is the stiffness of the table, N/m, `push` (3,) is for work. See `Rim`.
+    `resists` (3,) is the stiffness of the table, N/m, `push` (3,) is for work. See `Frame`, `Rim`.
     """
-    inertia = RIM_KG / step_s
+    inertia = frame.kg / step_s
+    alike = (1.0, 1.0, frame.gyration_m)  # m, m, rad into m: the mass is the same in all three
+    rolling_n = ROLLING * frame.kg * 9.81
+    hand_n, hand_nspm = HAND_N * frame.strength, HAND_NSPM * frame.strength
     weak = True
     while weak:
         held = square = 0.0
         for p in range(3):
-            push[p] = (inertia - 0.5 * step_s * resists[p]) * velocity[p] * ALIKE[p]
-            push[p] += load[p] / ALIKE[p]
+            push[p] = (inertia - 0.5 * step_s * resists[p]) * velocity[p] * alike[p]
+            push[p] += load[p] / alike[p]
         for k in range(len(wanted)):
-            held += HAND_NSPM if firm[k] else 0.0
+            held += hand_nspm if firm[k] else 0.0
             for p in range(3):
-                push[p] += HAND_NSPM * ALIKE[p] * wanted[k, p] if firm[k] else pulls[k, p]
+                push[p] += hand_nspm * alike[p] * wanted[k, p] if firm[k] else pulls[k, p]
         for p in range(3):
             square += push[p] * push[p]
-        left = max(0.0, 1.0 - ROLLING_N / math.sqrt(square))  # they roll, or hold
+        left = max(0.0, 1.0 - rolling_n / math.sqrt(square))  # they roll, or hold
         for p in range(3):
             push[p] *= left / (inertia + 0.5 * step_s * resists[p] + held)
         weak = False
         for k in range(len(wanted)):
             if firm[k]:
                 for p in range(3):
-                    pulls[k, p] = HAND_NSPM * (ALIKE[p] * wanted[k, p] - push[p])
+                    pulls[k, p] = hand_nspm * (alike[p] * wanted[k, p] - push[p])
                 strong[k] = math.sqrt(pulls[k, 0] ** 2 + pulls[k, 1] ** 2 + pulls[k, 2] ** 2)
-                if strong[k] > HAND_N:
+                if strong[k] > hand_n:
                     for p in range(3):
-                        pulls[k, p] *= HAND_N / strong[k]
-                    strong[k], firm[k], weak = HAND_N, False, True
+                        pulls[k, p] *= hand_n / strong[k]
+                    strong[k], firm[k], weak = hand_n, False, True
     speed = math.sqrt(push[0] ** 2 + push[1] ** 2)
     slow = min(1.0, MAX_SPEED_MPS / max(speed, 1e-12))
     push[0], push[1] = slow * push[0], slow * push[1]
-    push[2] = min(max(push[2] / ALIKE[2], -MAX_YAW_RATE_RADPS), MAX_YAW_RATE_RADPS)
+    push[2] = min(max(push[2] / alike[2], -MAX_YAW_RATE_RADPS), MAX_YAW_RATE_RADPS)
     for p in range(3):
         pose[p] += 0.5 * step_s * (velocity[p] + push[p])
         velocity[p] = pose[p]
-    keep_within(pose)
+    keep_within(pose, frame)
     for p in range(3):
         velocity[p] = 0.0 if abs(pose[p] - velocity[p]) > 1e-12 else push[p]
 
 
 class Rim:
-    """The rim under all hands: a square frame on casters, pulled by its springs and by people.
+    """The rim under all hands: a frame on casters, pulled by its springs and by people.
 
     A hand wants the rim to go at some velocity, and pulls with HAND_NSPM times what that lacks, at
-    most with HAND_N. So hands that agree go at their common speed, and hands that do not stand
-    against each other. `springs` gives the force (3,) of the springs on the rim at a pose, N and
-    N m, and `stiffness` (N/m) is that of one of them; without them the rim runs free.
+    most with HAND_N, or more where the blocks of the table weigh more than those of the paper. So
+    hands that agree go at their common speed, and hands that do not stand against each other.
+    `springs` gives the force (3,) of the springs on the rim at a pose, N and N m, and `stiffness`
+    (N/m) is that of one of them; without them the rim runs free.
 
     `pose` and `velocity` are (3,), `load` (3,) is what the springs pulled with in the last step,
     `hands_n` how strongly each hand pulled, N.
     """
 
-    def __init__(self, springs: Springs | None = None, stiffness: float = 0.0) -> None:
+    def __init__(
+        self,
+        springs: Springs | None = None,
+        stiffness: float = 0.0,
+        table: Table = Table(),
+        block_kg: float = TwinSettings.block_kg,
+    ) -> None:
         self.pose = np.zeros(3)
         self.velocity = np.zeros(3)
         self.load = np.zeros(3)
         self.hands_n = np.zeros(0)
-        self._springs, self._resists = springs, tuple(stiffness * share for share in RESISTS)
+        self._springs, self._frame = springs, Frame.of(table, block_kg)
+        self._resists = tuple(stiffness * share for share in resists(table))
         self.advance(1.0, [np.zeros(3)])  # stays where it is: compiles or loads the loop
 
     def advance(self, step_s: float, hands: Sequence[np.ndarray]) -> None:
@@ -343,6 +424,6 @@ class Rim:
         self.pose, self.velocity = self.pose.copy(), self.velocity.copy()
         self.hands_n = np.empty(len(wanted))
         drag(
-            step_s, wanted, self.load, self._resists, self.pose, self.velocity, np.empty(3),
-            np.empty_like(wanted), self.hands_n, np.ones(len(wanted), bool),
+            step_s, wanted, self.load, self._resists, self._frame, self.pose, self.velocity,
+            np.empty(3), np.empty_like(wanted), self.hands_n, np.ones(len(wanted), bool),
         )  # fmt: skip

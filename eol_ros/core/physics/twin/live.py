@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.drive import POSES, Drive
 from eol_ros.core.physics.event.kernel import make_workspace, run
@@ -17,7 +16,8 @@ from eol_ros.core.physics.numerics import length_scale
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.status import NOT_FINITE, OK
 from eol_ros.core.physics.twin import rim_springs
-from eol_ros.core.physics.twin.hands import GYRATION_M, keep_within
+from eol_ros.core.physics.twin.hands import Frame, keep_within
+from eol_ros.core.table import Table
 from eol_ros.settings import TwinSettings
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ MOST_EVENTS, MOST_STEPS = 2000, 5000  # between two images: some 50 ms of work
 FRICTION_SPREAD = 0.15  # blocks differ by up to this share, as grit and weights do
 OFFSET_M = 0.004  # the blocks are set down by hand,
 REST = 0.0725  # and rest: no further off than this share of what stretches a spring to a break
+OF_GAP = 0.05  # nor than this share of the gap between two blocks
 CLEAR_M = 0.002  # between the rim and a block: nearer the hands do not push
 TOUCH_M = 1e-7
 MOST_CONTACTS = 100
@@ -64,7 +65,7 @@ SOFT = Coupling(builders.STIFFNESS, builders.MU_STATIC, builders.MU_KINETIC, Fal
 class Trace(NamedTuple):
     """How blocks moved between two images.
 
-    t (n + 1,): s, from 0 to the end; u, v (n + 1, 25, 2): displacement and velocity then, m, m/s.
+    t (n + 1,): s, from 0 to the end; u, v (n + 1, cells, 2): displacement (m), velocity (m/s) then.
     event_t, event_block, event_start (e,): when which block broke loose (1) or came to rest (0).
     """
 
@@ -77,12 +78,15 @@ class Trace(NamedTuple):
 
 
 def scene_of(
-    seed: int, coupling: Coupling, drive: builders.Plain, duration_s: float
+    seed: int, coupling: Coupling, drive: builders.Plain, duration_s: float, table: Table = Table()
 ) -> builders.Plain:
-    """Return the twin's table as a scene: friction and starting offsets follow from `seed`."""
+    """Return the twin's table as a scene: friction and starting offsets follow from `seed`.
+
+    Its blocks are those of `table.ids`, in this order.
+    """
     random = np.random.default_rng([seed, 0x7461626C])
-    share = 1 + FRICTION_SPREAD * random.uniform(-1, 1, N_BLOCKS)
-    offset_m = min(OFFSET_M, REST * coupling.break_m)
+    share = 1 + FRICTION_SPREAD * random.uniform(-1, 1, table.count)
+    offset_m = min(OFFSET_M, REST * coupling.break_m, OF_GAP * min(table.gaps_m))
     return builders.table(
         drive,
         duration_s,
@@ -92,28 +96,36 @@ def scene_of(
         geometric=True,
         mu_s=list(coupling.mu_static * share),
         mu_k=list(coupling.mu_kinetic * share),
-        u0=random.uniform(-offset_m, offset_m, (N_BLOCKS, 2)).tolist(),
-        rotation={'side': BLOCK_SIDE_M} if coupling.rotate else None,
+        u0=random.uniform(-offset_m, offset_m, (table.count, 2)).tolist(),
+        rotation={'side': table.block_side_m} if coupling.rotate else None,
+        shape=table,
     )
 
 
 class LiveTable:
-    """25 blocks with static and kinetic Coulomb friction, springs, and a rim that is led.
+    """Blocks with static and kinetic Coulomb friction, springs, and a rim that is led.
 
-    `x`, `y`, `yaw` (25,) are the block centres (m, rad), `velocity` (25, 3) their rates, and
-    `moving` (25,) tells which slide; `slips` counts slips begun, `energy_residual` (J) is what the
-    ledger misses since the start. `faults` counts images in which the solver met a limit: blocks
-    then move on from where they have got to, and are late by what is left of that image. With
-    `samples`, `trace` tells how the blocks moved in the last step, at so many equal parts of it;
-    None where all was still.
+    `x`, `y`, `yaw` (cells,) are the block centres (m, rad), `velocity` (cells, 3) their rates, and
+    `moving` (cells,) tells which slide; a place without a block is at rest. `slips` counts slips
+    begun, `energy_residual` (J) is what the ledger misses since the start. `faults` counts images
+    in which the solver met a limit: blocks then move on from where they have got to, and are late
+    by what is left of that image. With `samples`, `trace` tells how the blocks moved in the last
+    step, at so many equal parts of it; None where all was still.
     """
 
-    def __init__(self, seed: int, samples: int = 0, coupling: Coupling | None = None) -> None:
+    def __init__(
+        self,
+        seed: int,
+        samples: int = 0,
+        coupling: Coupling | None = None,
+        table: Table = Table(),
+    ) -> None:
         coupling = coupling or Coupling()
-        scene = from_mapping(scene_of(seed, coupling, {'kind': 'none'}, 0.0))
+        scene = from_mapping(scene_of(seed, coupling, {'kind': 'none'}, 0.0, table))
+        self.table, self._frame = table, Frame.of(table)
         self._model = Model.of(scene)
         self._rules = rules_for(TOLERANCE, length_scale(scene, self._model))
-        self._rest = rest_lattice()
+        self._rest = table.rest
         springs = scene.to_frame
         side = springs.rest / np.linalg.norm(springs.rest, axis=1)[:, None]
         self._beside, self._k = springs.i, coupling.stiffness
@@ -121,7 +133,7 @@ class LiveTable:
         # in the complex plane: ends at the rim, centres of the blocks at rest, from there to their
         # edges, the ways inwards
         self._ends = springs.anchor.copy().view(complex)[:, 0]
-        self._centres = self._rest.view(complex)[self._beside, 0]
+        self._centres = self._rest[table.ids].view(complex)[self._beside, 0]
         self._arms = (springs.anchor - springs.rest).view(complex)[:, 0] - self._centres
         self._inward = -side.view(complex)[:, 0]
         self._u, self._v = scene.u0.copy(), scene.v0.copy()
@@ -135,13 +147,14 @@ class LiveTable:
         else:
             self._workspace = make_workspace(self._model.lattice, self._rules.order)
         self._sampled = np.linspace(0.0, 1.0, samples + 1)
-        rows = (samples + 1, N_BLOCKS, 2)
+        rows = (samples + 1, table.count, 2)
         self._path = np.zeros(samples + 1), np.zeros(rows), np.zeros(rows)
         self._grid = Grid(*(part[1:] for part in self._path))
         self.trace: Trace | None = None
         self._par, self._knots, self._cubics = np.zeros(4), np.zeros(2), np.zeros((1, 3, 4))
-        self._rim_rate, self.yaw = np.zeros(3), np.zeros(N_BLOCKS)
-        self.moving = np.zeros(N_BLOCKS, bool)
+        # of the blocks that there are, in order of their ids
+        self._rim_rate, self._yaw = np.zeros(3), np.zeros(table.count)
+        self._moving = np.zeros(table.count, bool)
         self.rim_pose = np.zeros(3)
         self.faults = 0
         self._energy0 = self._energy()
@@ -149,7 +162,7 @@ class LiveTable:
         # a run of no time, on copies: compiles or loads the kernels before the clock runs
         self.pull(self.rim_pose)
         self.clearance_m(self.rim_pose)
-        self._solve(self._u.copy(), self._v.copy(), self.moving.copy(), 0.0)
+        self._solve(self._u.copy(), self._v.copy(), self._moving.copy(), 0.0)
         self._work_and_heat[:] = self._counts[:] = 0
 
     def advance(self, start_s: float, stop_s: float, pose: np.ndarray, rate: np.ndarray) -> None:
@@ -165,7 +178,7 @@ class LiveTable:
         # plain numbers: arrays of three cost more than what they hold
         begin, end = self.rim_pose.tolist(), pose.tolist()
         leaves, arrives = self._rim_rate.tolist(), rate.tolist()
-        if not (begin != end or any(arrives) or any(leaves) or self.moving.any()):
+        if not (begin != end or any(arrives) or any(leaves) or self._moving.any()):
             return  # all is still: nothing to work out
         for c, p, q, a, b in zip(self._cubics[0], begin, end, leaves, arrives, strict=True):
             mean = (q - p) / span
@@ -174,15 +187,18 @@ class LiveTable:
         t, u, v = self._path
         if len(t) > 1:
             t[:], u[0], v[0] = span * self._sampled, self._u, self._v
-        status, events = self._solve(self._u, self._v, self.moving, span)
+        status, events = self._solve(self._u, self._v, self._moving, span)
         self.faults += status != OK
         if status == NOT_FINITE:
             self._v[:] = 0.0
             if self._rotating:
                 self._rotating.stop()
-            self.moving[:] = False
+            self._moving[:] = False
         elif status == OK and len(t) > 1:
-            self.trace = Trace(t, u, v, *(column[:events] for column in self._log))
+            when, which, starts = (column[:events] for column in self._log)
+            if self.table.absent:
+                which = self.table.ids[which]
+            self.trace = Trace(t, self._by_id(u, 1), self._by_id(v, 1), when, which, starts)
         self.rim_pose = np.array(pose, float)
         self._rim_rate = np.array(rate, float)
         self._place()
@@ -191,7 +207,7 @@ class LiveTable:
         """Return the force of the springs on the rim at `pose` (3,): N, N, and N m about it."""
         force = np.empty(3)
         rim_springs.pull(
-            pose, self._u, self.yaw, self._beside, self._ends, self._centres, self._arms, self._k,
+            pose, self._u, self._yaw, self._beside, self._ends, self._centres, self._arms, self._k,
             self._natural_m, force,
         )  # fmt: skip
         return force
@@ -204,8 +220,8 @@ class LiveTable:
         """Return the least distance (m) from the rim at `pose` to a block, and all, by spring."""
         gap = np.empty(len(self._beside))
         least = rim_springs.gaps(
-            pose, self._u, self.yaw, self._rotating is not None, 0.5 * BLOCK_SIDE_M, self._beside,
-            self._ends, self._centres, self._inward, gap,
+            pose, self._u, self._yaw, self._rotating is not None, 0.5 * self.table.block_side_m,
+            self._beside, self._ends, self._centres, self._inward, gap,
         )  # fmt: skip
         return least, gap
 
@@ -213,7 +229,7 @@ class LiveTable:
         """Move `pose` to where no block is nearer than allowed, and `rate` with it.
 
         The rim slides along what it touches, without friction: from where the hands want it, it is
-        put back by the least motion in |dx|^2 + |dy|^2 + (GYRATION_M dyaw)^2, block by block, until
+        put back by the least motion in |dx|^2 + |dy|^2 + (gyration_m dyaw)^2, block by block, until
         none is too near (Kaczmarz 1937), and between blocks onto the platform.
         """
         nearest, near = self._near(pose)
@@ -224,13 +240,13 @@ class LiveTable:
         if np.all(near >= least):
             return
         for _ in range(MOST_CONTACTS):
-            keep_within(pose)
+            keep_within(pose, self._frame)
             short = least - self._near(pose)[1]
             worst = int(np.argmax(short))
             if short[worst] <= TOUCH_M:
                 break
             slope = self._slope(pose, worst)
-            light = slope * (1.0, 1.0, GYRATION_M**-2)
+            light = slope * (1.0, 1.0, self._frame.gyration_m**-2)
             pose += short[worst] / (slope * light).sum() * light
         else:  # held from all sides
             pose[:] = self.rim_pose
@@ -245,8 +261,8 @@ class LiveTable:
         way = complex(pose[0], pose[1]) + end - self._centres[which] - complex(*self._u[block])
         rotated = (1j * end * normal.conjugate()).real + (way * (1j * normal).conjugate()).real
         if self._rotating:  # it reaches further with its corners
-            s, c = elementary.sincos(self.yaw[block] - pose[2])
-            rotated += 0.5 * BLOCK_SIDE_M * (s * np.sign(c) - c * np.sign(s))
+            s, c = elementary.sincos(self._yaw[block] - pose[2])
+            rotated += 0.5 * self.table.block_side_m * (s * np.sign(c) - c * np.sign(s))
         return -np.array([normal.real, normal.imag, rotated])
 
     def _solve(
@@ -304,13 +320,25 @@ class LiveTable:
         return float(held + m.kinetic_energy(self._v) + spinning)
 
     def _place(self) -> None:
-        self.x = self._rest[:, 0] + self._u[:, 0]
-        self.y = self._rest[:, 1] + self._u[:, 1]
+        u = self._by_id(self._u)
+        self.x = self._rest[:, 0] + u[:, 0]
+        self.y = self._rest[:, 1] + u[:, 1]
         if self._rotating:
-            self.yaw = self._rotating.yaw
+            self._yaw = self._rotating.yaw
+        self.yaw, self.moving = self._by_id(self._yaw), self._by_id(self._moving)
+
+    def _by_id(self, values: np.ndarray, axis: int = 0) -> np.ndarray:
+        """Return `values` with a row for each place; 0 where no block is. May be `values`."""
+        if not self.table.absent:
+            return values
+        shape = list(values.shape)
+        shape[axis] = self.table.cells
+        spread = np.zeros(shape, values.dtype)
+        spread[(slice(None),) * axis + (self.table.ids,)] = values
+        return spread
 
     @property
     def velocity(self) -> np.ndarray:
-        """Return the rates (25, 3) of x, y and yaw."""
-        spin = self._rotating.spin if self._rotating else np.zeros(N_BLOCKS)
-        return np.column_stack([self._v, spin])
+        """Return the rates (cells, 3) of x, y and yaw."""
+        spin = self._rotating.spin if self._rotating else np.zeros(self.table.count)
+        return self._by_id(np.column_stack([self._v, spin]))

@@ -3,6 +3,7 @@
 
 from eol_ros.core.physics.twin.hands import YIELD_S, Commands, Rim, Visitors
 from eol_ros.core.physics.twin.live import Coupling, LiveTable
+from eol_ros.core.table import Table
 
 AWAY_S = 1.0  # visitors who were sent away come back this long after they may
 
@@ -14,11 +15,17 @@ class Play:
     the table is in `playing`: 'people', 'visitors' or 'nobody'. `time_s` is 0 at the start.
     """
 
-    def __init__(self, seed: int, samples: int = 0, coupling: Coupling | None = None) -> None:
+    def __init__(
+        self,
+        seed: int,
+        samples: int = 0,
+        coupling: Coupling | None = None,
+        table: Table = Table(),
+    ) -> None:
         coupling = coupling or Coupling()
-        self.table = LiveTable(seed, samples, coupling)
-        self.rim = Rim(self.table.pull, coupling.stiffness)
-        self.visitors, self.commands = Visitors(seed), Commands()
+        self.table = LiveTable(seed, samples, coupling, table)
+        self.rim = Rim(self.table.pull, coupling.stiffness, table, coupling.block_kg)
+        self.visitors, self.commands = Visitors(seed, table), Commands()
         self.time_s, self.playing = 0.0, ''
         self._rested = False  # in the last step: no hand, and nothing moved
 
