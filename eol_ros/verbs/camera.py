@@ -322,17 +322,19 @@ def _number(value: float, digits: int) -> float | None:
 def _source(args: argparse.Namespace) -> Any:
     """Return the camera that is meant, with its settings from scene and command line."""
     from eol_ros import scene as scenes
+    from eol_ros.core.table import Table
     from eol_ros.devices.camera.sources import source_of
     from eol_ros.devices.camera.twin import TwinCamera
     from eol_ros.settings import CameraSettings, TwinSettings
 
     settings: CameraSettings | TwinSettings = CameraSettings()
+    table = Table()
     if args.scene:
         scene = scenes.load(args.scene)
         node = next((n for n in ('camera', 'twin') if n in scene.nodes), None)
         if node is None:
             raise ConfigError(f'{args.scene}: has neither a camera nor a twin')
-        settings = scene.nodes[node]
+        settings, table = scene.nodes[node], Table.of(scene.table)
     if args.device == 'twin' and not isinstance(settings, TwinSettings):
         settings = TwinSettings()
     elif args.device not in (None, 'twin'):
@@ -359,5 +361,5 @@ def _source(args: argparse.Namespace) -> Any:
             raise UsageError(f'--{option}: {error}') from None
     settings = dataclasses.replace(settings, **changes)
     if isinstance(settings, TwinSettings):
-        return TwinCamera(settings)
+        return TwinCamera(settings, table)
     return source_of(settings)

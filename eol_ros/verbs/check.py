@@ -19,6 +19,7 @@ from eol_ros import scene as scenes
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
 from eol_ros.ros import installed, network
 from eol_ros.scene import Scene
+from eol_ros.settings import TableSettings
 from eol_ros.yaml_text import Mistake
 
 HELP = (
@@ -154,7 +155,9 @@ def _refused(scene: Scene, checks: Iterator[Check]) -> list[Mistake]:
 def _settings(scene: Scene) -> Iterator[Check]:
     """Yield what the nodes check when they start, without any device or graph."""
     for name, settings in scene.nodes.items():
-        if name in _NODES:
+        if name == 'twin':
+            yield from _twin(settings, scene.table)
+        elif name in _NODES:
             yield from _NODES[name](settings)
     tables = {n: s.calibration for n, s in scene.nodes.items() if getattr(s, 'calibration', '')}
     for name, path in tables.items():
@@ -184,15 +187,16 @@ def _calibration(settings: Any, name: str) -> Iterator[Check]:
         yield f'{name}.calibration', lambda: calibration_file.load(path, mirror)
 
 
-def _twin(settings: Any) -> Iterator[Check]:
+def _twin(settings: Any, table: TableSettings) -> Iterator[Check]:
     static, kinetic = settings.mu_static, settings.mu_kinetic
     if kinetic > static:
         what = f'is {kinetic:g}, mu_static is {static:g}: kinetic friction cannot exceed static'
         yield 'twin.mu_kinetic', functools.partial(_refuse, what)
     if settings.calibration:
+        from eol_ros.core.table import Table
         from eol_ros.devices.files.twin_camera import twin_camera
 
-        yield 'twin.calibration', lambda: twin_camera(settings)
+        yield 'twin.calibration', lambda: twin_camera(settings, Table.of(table))
 
 
 def _camera(settings: Any) -> Iterator[Check]:
@@ -307,7 +311,6 @@ def _recorder(settings: Any) -> Iterator[Check]:
 
 
 _NODES: dict[str, Callable[[Any], Iterator[Check]]] = {
-    'twin': _twin,
     'camera': _camera,
     'tracker': _tracker,
     'leds': _leds,

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from eol_ros.core.geometry import N_BLOCKS, rest_lattice
+from eol_ros.core.table import Table
 from eol_ros.devices.camera.picture import Picture
 from eol_ros.devices.files.twin_camera import twin_camera
 from eol_ros.settings import TwinSettings
@@ -19,12 +19,12 @@ class TwinCamera:
 
     live: Literal[True] = True
 
-    def __init__(self, settings: TwinSettings):
+    def __init__(self, settings: TwinSettings, table: Table = Table()):
         self.name, self.fps = 'twin', settings.fps
         self.exposure_us = float(settings.exposure_us)
         self.notes: list[str] = []
         self.missed = 0
-        self._settings = settings
+        self._settings, self._table = settings, table
         self._index = self._begun_ns = 0
 
     @property
@@ -40,14 +40,15 @@ class TwinCamera:
         options = RenderOptions(
             s.noise, s.clutter, exposure_s=s.exposure_us * 1e-6, rate_hz=s.fps
         )  # fmt: skip
-        self._renderer = Renderer(options, twin_camera(s), s.seed)
+        camera = twin_camera(s, self._table)
+        self._renderer = Renderer(options, camera, s.seed, table=self._table)
         self._index = 0
         self._draw()
         self._begun_ns = time.monotonic_ns()
 
     def _draw(self) -> np.ndarray:
-        x, y = rest_lattice().T
-        return self._renderer.render(x, y, np.zeros(N_BLOCKS), self._index).copy()
+        x, y = self._table.rest.T
+        return self._renderer.render(x, y, np.zeros(len(x)), self._index).copy()
 
     def read(self) -> Picture:
         """Return the next image when its exposure has ended."""

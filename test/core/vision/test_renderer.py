@@ -4,6 +4,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
+from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.clutter import LEVELS, clutter_calibration
 from eol_ros.core.vision.render.renderer import NOISE_LEVELS, Renderer, RenderOptions
@@ -112,3 +113,31 @@ def test_unknown_levels_are_named():
         Renderer(RenderOptions(noise='L9'))
     with pytest.raises(ConfigError, match="clutter 'awful'"):
         Renderer(RenderOptions(clutter='awful'))
+
+
+@pytest.mark.parametrize(
+    'table',
+    [
+        Table(rows=3, columns=4, block_side_m=0.05),
+        Table(absent=(6, 7, 8, 11, 12, 13, 16, 17, 18)),
+    ],
+)
+@pytest.mark.parametrize('velocity', [False, True])
+def test_it_draws_the_blocks_of_a_table_and_nothing_where_none_is(table, velocity):
+    renderer = Renderer(RenderOptions(noise='none'), table=table)
+    x, y = table.rest.T
+    rates = np.full((table.cells, 3), 0.2) if velocity else None
+    white = 1.0 * ~table.present  # of no block
+    renderer.render(x, y, 0 * x, 0, velocity=rates, flash=white)
+    light = renderer.light.sum() - 14 * renderer.light.size
+    side_px = table.block_side_m * renderer.calibration.px_per_m()
+    assert light == pytest.approx(170 * table.count * side_px**2, rel=2e-3)
+    for level in LEVELS:
+        shown = Renderer(RenderOptions(clutter=level), table=table)
+        shown.render(x, y, 0 * x, 3)
+        assert shown.visible_share(x, y, 0 * x, 3).shape == (table.cells,)
+
+
+def test_lamps_beside_the_platform_need_floor_in_the_image():
+    wide = Table(platform_m=(2.4, 1.6))
+    assert Renderer(RenderOptions(clutter='glittering'), table=wide).light.shape == (800, 1280)

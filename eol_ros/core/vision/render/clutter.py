@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from eol_ros.core.geometry import PLATFORM_SIDE_M
+from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.model import Calibration
 
 _SLOT_S = 3.0  # one visit of one arm
@@ -140,6 +140,7 @@ class Clutter:
         seed: of everything drawn by chance.
         n_blocks: how many blocks there are.
         rate_hz: images a second, which turns an image index into a time.
+        table: its size is that of arms, and its platform is what glints.
     """
 
     def __init__(
@@ -150,13 +151,15 @@ class Clutter:
         seed: int,
         n_blocks: int,
         rate_hz: float,
+        table: Table = Table(),
     ):
         self.level = chosen = LEVELS[level]
         self.calibration = calibration
         self.seed = seed
         self.n_blocks = n_blocks
         self.rate_hz = rate_hz
-        self.scale_px = calibration.px_per_m() * 0.084 / 45.8
+        self.table = table
+        self.scale_px = calibration.px_per_m() * table.block_side_m / 45.8
         rng = np.random.default_rng([seed, 1])
         shape = (calibration.image_height, calibration.image_width)
         v, u = np.mgrid[0 : shape[0], 0 : shape[1]].astype(np.float32)
@@ -216,9 +219,12 @@ class Clutter:
     def _beside(self, rng: np.random.Generator, u: np.ndarray, v: np.ndarray) -> None:
         """Add lamps that stand in the image, but not on the platform."""
         level, missing = self.level, self.level.lights
+        edge, end = 0.55 * np.array(self.table.platform_m), [u.shape[1], u.shape[0]]
+        if missing and not (np.abs(self.calibration.to_table([[0, 0], end])) > edge).any():
+            return  # nothing else is in the image
         while missing:
-            place = rng.uniform([0, 0], [u.shape[1], u.shape[0]])
-            if np.abs(self.calibration.to_table(place[None])[0]).max() > 0.55 * PLATFORM_SIDE_M:
+            place = rng.uniform([0, 0], end)
+            if (np.abs(self.calibration.to_table(place[None])[0]) > edge).any():
                 self._lamp(rng, u, v, place, level.light_px, level.light_level)
                 missing -= 1
 
@@ -231,7 +237,7 @@ class Clutter:
         n = self.level.glints
         if not n:
             return np.zeros((0, 0), np.float32)
-        place = self.calibration.to_pixels(rng.uniform(-0.5, 0.5, (n, 2)) * PLATFORM_SIDE_M)
+        place = self.calibration.to_pixels(rng.uniform(-0.5, 0.5, (n, 2)) * self.table.platform_m)
         cells = np.rint(place[:, ::-1]).astype(int)
         inside = ((cells >= 0) & (cells < shape)).all(axis=1)
         return _points(shape, cells[inside], self._levels(rng, n)[inside], 1.2)
@@ -240,18 +246,25 @@ class Clutter:
         """Return capsules (k, 5): x0, y0, x1, y1, radius in metres, and their grey levels (k,)."""
         time_s = image_index / self.rate_hz
         found, levels = [], []
+        rim, platform = (  # by how much they are larger than those of the paper
+            np.divide(mine, paper)
+            for mine, paper in (
+                (self.table.rim_m(), Table().rim_m()),
+                (self.table.platform_m, Table().platform_m),
+            )
+        )
         for arm in range(self.level.arms):
             slot, phase = divmod(time_s / _SLOT_S + arm / max(self.level.arms, 1), 1.0)
             rng = np.random.default_rng([self.seed, 2, arm, int(slot)])
             if rng.random() >= self.level.arm_share:
                 continue
             side = rng.uniform(0, 2 * np.pi)
-            goal = rng.uniform(-0.40, 0.40, 2)
+            goal = rng.uniform(-0.40, 0.40, 2) * rim
             sway = rng.uniform(0.02, 0.10) * np.sin(
                 2 * np.pi * rng.uniform(1, 3) * phase + np.array([0, np.pi / 2])
             )
             grey = rng.uniform(*self.level.arm_level)
-            shoulder = 1.25 * np.array([np.cos(side), np.sin(side)])
+            shoulder = 1.25 * platform * [np.cos(side), np.sin(side)]
             reach = min(phase, 1 - phase) / 0.25
             reach = 1.0 if reach > 1 else reach * reach * (3 - 2 * reach)
             hand = shoulder + reach * (goal + sway - shoulder)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The twin's virtual camera: 25 lit squares on sandpaper, as an 8-bit grey sensor would see them.
+"""The twin's virtual camera: lit squares on sandpaper, as an 8-bit grey sensor would see them.
 
 Every image is a pure function of the poses, the seed and the image index. Covers are anti-aliased
 analytically (see renderer_kernels), so the true centre of a drawn block is known to 1e-3 px.
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
+from eol_ros.core.table import Table
 from eol_ros.core.vision import outline
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render import kernels
@@ -86,8 +86,10 @@ class Renderer:
         Where metres fall in the image, distortion and tilt included.
     seed : int
         Of noise and clutter.
-    n_blocks : int
-        How many blocks it draws.
+    n_blocks : int, optional
+        How many blocks it draws; all places of `table` that have one where it is not given.
+    table : Table
+        Sizes of blocks and platform, and which places have a block.
 
     Raises
     ------
@@ -106,17 +108,20 @@ class Renderer:
         options: RenderOptions | None = None,
         calibration: Calibration | None = None,
         seed: int = 0,
-        n_blocks: int = N_BLOCKS,
+        n_blocks: int | None = None,
+        table: Table = Table(),
     ):
         self.options = options = options or RenderOptions()
         self.calibration = calibration or Calibration.ideal()
-        for name, table in (('noise', NOISE_LEVELS), ('clutter', LEVELS)):
-            if getattr(options, name) not in table:
+        for name, levels in (('noise', NOISE_LEVELS), ('clutter', LEVELS)):
+            if getattr(options, name) not in levels:
                 raise ConfigError(
-                    f'{name} {getattr(options, name)!r} is not one of {", ".join(table)}'
+                    f'{name} {getattr(options, name)!r} is not one of {", ".join(levels)}'
                 )
         self.seed = int(seed)
-        self.n_blocks = n_blocks
+        self.table = table
+        self._present = table.present if n_blocks is None else np.ones(n_blocks, bool)
+        self.n_blocks = n_blocks = len(self._present)
         self.clutter = Clutter(
             options.clutter,
             self.calibration,
@@ -124,6 +129,7 @@ class Renderer:
             self.seed,
             n_blocks,
             options.rate_hz,
+            table,
         )
         self._land = _land_lines(self.calibration)
         self._sensor = Sensor(*NOISE_LEVELS[options.noise], (self.seed, 0))
@@ -224,7 +230,7 @@ class Renderer:
             windows,
             0,
         )
-        halo = _FLASH_HALO * white
+        halo = _FLASH_HALO * (white * self._present[: len(poses)])
         if halo.any():
             centres = self.corners_px(poses).mean(axis=1)
             n = kernels.draw_halos(work, centres, halo, 40.0 * scale, windows, n)
@@ -245,7 +251,7 @@ class Renderer:
     ) -> np.ndarray:
         """Return the true share (n,) of each cover that no arm hides in this image."""
         capsules, _ = self.clutter.arms_and(arms, image_index)
-        return 1.0 - self.clutter.hidden_share(x, y, yaw, capsules, BLOCK_SIDE_M)
+        return 1.0 - self.clutter.hidden_share(x, y, yaw, capsules, self.table.block_side_m)
 
     def corners_px(self, poses: np.ndarray, blocks: np.ndarray | None = None) -> np.ndarray:
         """Return image corners (n, 4, 2) of covers at `poses` (n, 3).
@@ -255,7 +261,7 @@ class Renderer:
         far out as its light on the sandpaper moves it (outline.SHINE_PX); blocks (n,) then says
         whose they are.
         """
-        unit = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * BLOCK_SIDE_M / 2
+        unit = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * self.table.block_side_m / 2
         c, s = elementary.cos(poses[:, 2]), elementary.sin(poses[:, 2])
         xy = np.stack(
             [
@@ -300,19 +306,23 @@ class Renderer:
     def _positions(
         self, poses: np.ndarray, velocity: ArrayLike | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return poses (p, 3) at equal steps through the exposure, their block and share (p,)."""
-        steps = np.ones(len(poses), np.int64)
+        """Return poses (p, 3) at equal steps through the exposure, their block and share (p,).
+
+        A place without a block has none.
+        """
+        there = self._present[: len(poses)]
+        steps = there.astype(np.int64)
         if velocity is not None:
             velocity = np.asarray(velocity, float).reshape(-1, 3)
             speed = (
                 elementary.hypot(velocity[:, 0], velocity[:, 1])
-                + np.abs(velocity[:, 2]) * BLOCK_SIDE_M * 0.71
+                + np.abs(velocity[:, 2]) * self.table.block_side_m * 0.71
             )
             path_px = speed * self.options.exposure_s * self.calibration.px_per_m()
-            steps = np.clip(np.ceil(path_px / _BLUR_STEP_PX), 1, _BLUR_STEPS).astype(np.int64)
+            steps *= np.clip(np.ceil(path_px / _BLUR_STEP_PX), 1, _BLUR_STEPS).astype(np.int64)
         owner = np.repeat(np.arange(len(poses)), steps)
         if velocity is None:
-            return poses, owner, np.ones(len(poses))
+            return poses[there], owner, np.ones(len(owner))
         step = np.arange(len(owner)) - np.repeat(np.cumsum(steps) - steps, steps)
         moment = ((step + 0.5) / steps[owner] - 0.5) * self.options.exposure_s
         return poses[owner] + velocity[owner] * moment[:, None], owner, 1.0 / steps[owner]
