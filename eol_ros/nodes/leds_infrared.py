@@ -56,5 +56,5 @@ class Infrared:
         if not told:
             return None
         if self.lights.twin:  # what the twin's camera sees of it
-            self.node.requests.ask(Asked('infrared', 'twin', {'mask': mask}))
+            self.node.requests.ask(Asked('infrared', 'twin', {'mask': f'{mask:x}'}))
         return told[-1]

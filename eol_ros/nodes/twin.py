@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from eol_msgs.msg import RimCommand, Truth
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.physics.twin.live import Coupling
 from eol_ros.core.physics.twin.play import Play
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
@@ -53,24 +52,25 @@ class TwinNode(EolNode):
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
         s, exposure_s = self.settings, self.settings.exposure_us * 1e-6
-        calibration = twin_camera(s)
+        calibration = twin_camera(s, self.table)
         options = RenderOptions(s.noise, s.clutter, exposure_s=exposure_s, rate_hz=s.fps)
-        self.renderer = Renderer(options, calibration, s.seed)
-        self.blocks = FeltBlocks(s) if s.accelerometer and block.compiled() else None
+        self.renderer = Renderer(options, calibration, s.seed, table=self.table)
+        felt = s.accelerometer and block.compiled()
+        self.blocks = FeltBlocks(s, self.table) if felt else None
         if s.accelerometer and self.blocks is None:
             self.get_logger().warning(block.MISSING)
         self.radio, self.knocks = Radio(self.namespace), 0
         self.firmware = False  # runs elsewhere, and has learnt what rest is
         self.rest_noise = np.random.default_rng(s.seed)
         self.lamps = Lamps(self.radio)
-        self.play = Play(s.seed, TRACE if self.blocks else 0, Coupling.of(s))
+        self.play = Play(s.seed, TRACE if self.blocks else 0, Coupling.of(s), self.table)
         self.image = np.empty((s.height, s.width), np.uint8)
         self.moments: deque[Moment] = deque()  # that no image has shown yet
         self.stamp_ns = 0
         self.told = '', ''  # whose hands, and who has the table, as last reported
         self.images = ImagePublisher(self, 'camera/image_raw', 'camera/camera_info', calibration)
         self.truth = self.publisher('truth')
-        self.infrared: np.ndarray = np.ones(N_BLOCKS)  # light of each block
+        self.infrared: np.ndarray = np.ones(self.table.cells)  # light of each block
         self.subscribe('rim_command', self.on_rim_command)
         self.requests.serve(infrared=self.on_infrared)
         self.step(1e-4)  # compiles what is not compiled yet, before the clock runs
@@ -83,7 +83,8 @@ class TwinNode(EolNode):
         self.play.commands.take(self.play.time_s, command.source, velocity, command.hold)
 
     def on_infrared(self, asked: Asked) -> None:
-        self.infrared = asked.values['mask'] >> np.arange(N_BLOCKS) & 1
+        mask = int(asked.values['mask'], 16)
+        self.infrared = np.array([mask >> block & 1 for block in range(self.table.cells)])
 
     def move(self, stamp_ns: int) -> None:
         """Move hands, rim and table to `stamp_ns`; blocks report in their time what they feel.
@@ -136,7 +137,8 @@ class TwinNode(EolNode):
         self.firmware = self.radio.firmware
         if self.firmware and not begun:
             rest = sensors.at_rest(block.LEARN + REST_SAMPLES, self.rest_noise)
-            chunks += [Chunk(b, REST, 0, sensors.period_s[b], xy) for b, xy in enumerate(rest)]
+            ids = self.table.ids.tolist()
+            chunks += [Chunk(b, REST, 0, sensors.period_s[b], rest[b]) for b in ids]
         for s in self.blocks.samples if self.firmware else ():
             first_ns = self.stamp_ns - round((end_s - s.first_s) * NS)
             chunks.append(Chunk(s.block, WOKEN if s.woken else LIVE, first_ns, s.period_s, s.xy))

@@ -7,6 +7,7 @@ again by a replay and by `eol report --retrack`, from the same image on.
 """
 
 import math
+import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -19,7 +20,6 @@ from eol_ros.settings import live_fields
 from eol_ros.streams.graph import NODES
 
 SET = 'set'
-_MASK = 2**25 - 1
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,19 @@ class Word:
 
 
 @dataclass(frozen=True)
+class Bits:
+    """One bit for each place of a table, in hex: more of them than a number of a message has."""
+
+    name: str
+
+    def check(self, value: Any) -> str:
+        """Return the value; raise UsageError where it is another."""
+        if not (isinstance(value, str) and re.fullmatch('[0-9a-f]{1,64}', value)):
+            raise UsageError(said('no_bits', name=self.name, value=f'{str(value)[:40]!r}'))
+        return value
+
+
+@dataclass(frozen=True)
 class Value:
     """The value of a setting, whose type and range its node checks."""
 
@@ -101,7 +114,7 @@ class Kind:
     doc: str
     nodes: tuple[str, ...]
     also: tuple[str, ...] = field(default=(), kw_only=True)
-    takes: tuple[Number | Word | Value, ...] = ()
+    takes: tuple[Number | Word | Bits | Value, ...] = ()
     answered_by: str = ''
     within_s: float = 3.0
     internal: bool = False
@@ -123,7 +136,7 @@ class Kind:
 
 
 def checked(
-    name: str, takes: tuple[Number | Word | Value, ...], values: Mapping[str, Any]
+    name: str, takes: tuple[Number | Word | Bits | Value, ...], values: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return `values` where they are what `takes` names; raise UsageError that says what not."""
     known = {item.name for item in takes}
@@ -183,7 +196,7 @@ KINDS: dict[str, Kind] = {
         Kind('covers', 'how bright each cover is, place by place, as learned before, by which'
              ' names are known', ('tracker',), internal=True),
         Kind('infrared', 'blocks whose infrared light is on, one bit each', ('twin',),
-             (Number('mask', 0, _MASK, whole=True),), internal=True),
+             (Bits('mask'),), internal=True),
     )
 }  # fmt: skip
 

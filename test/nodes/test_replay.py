@@ -297,7 +297,7 @@ REQUESTS = [
     ('requests', 0.26, ask('calibrate', 'tracker')),
     ('requests', 0.27, ask('move_grain', 'grains', {'grain': 3, 'x': 0.5, 'y': 0.5})),
     ('request_results', 0.275, accept('move_grain', 'grains')),
-    ('requests', 0.28, ask('infrared', 'twin', {'mask': 0}, source='leds')),
+    ('requests', 0.28, ask('infrared', 'twin', {'mask': '0'}, source='leds')),
     ('request_results', 0.30, accept('darkness', 'tracker', {'until_ns': 9}, 0.35)),
     ('block_taps', 0.32, BlockTap()),
     ('blocks', 0.4, Blocks()),

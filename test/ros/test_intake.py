@@ -234,7 +234,7 @@ def real():
     asks = [
         Asked('set', 'grains', {'radius': 0.1}), Asked('set', 'motion', {'start_mps': 0.01}),
         Asked('sleep'), Asked('wake'), Asked('mute'), Asked('test', 'leds'),
-        Asked('play_grain', 'sound', {'grain': 3}), Asked('infrared', 'twin', {'mask': 7}),
+        Asked('play_grain', 'sound', {'grain': 3}), Asked('infrared', 'twin', {'mask': '7'}),
         Asked('move_grain', 'grains', {'grain': 3, 'x': 0.5, 'y': 0.5}), Asked('calibrate'),
         Asked('recall_preset', 'sound', {'preset': 'a', 'over_s': 1.0}),
         Asked('background', 'tracker', data=b'PNG'), Asked('covers', 'tracker', data=b'123'),

@@ -137,3 +137,15 @@ def test_before_a_later_start_only_what_still_holds_is_asked():
     ]
     assert [a.from_ns for a in ahead(lines, 0)] == [1, 2, 3, 4, 6]
     assert [a.from_ns for a in ahead(lines, 5)] == [2, 3, 6]
+
+
+def test_a_mask_of_the_largest_table_survives_a_message():
+    from eol_ros.ros.requests import request_from_msg, request_to_msg
+
+    mask = f'{(1 << 225) - 1 - (1 << 200):x}'
+    asked = Asked('infrared', 'twin', {'mask': mask})
+    kept = request_from_msg(request_to_msg(asked, 1)).values
+    assert KINDS['infrared'].check(kept) == {'mask': mask}
+    for wrong in (7, '', '0x7', 'FF', 'g', '-1', 'f' * 65, '7\n'):
+        with pytest.raises(UsageError, match='mask: .* is not a number in hex'):
+            KINDS['infrared'].check({'mask': wrong})
