@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from eol_ros.analysis.figures import BLUE, GREY, ORANGE
-from eol_ros.core.measure.friction import INNER, Friction
+from eol_ros.core.measure.friction import Friction
 from eol_ros.core.measure.light import Light
 from eol_ros.core.measure.springs import Springs
 from eol_ros.errors import ConfigError
@@ -63,13 +63,18 @@ def _friction(axes: Any, found: Friction) -> None:
         name = ('static', 'kinetic')[column]
         each = [(slip.block, slip.stamp_s, getattr(slip, name)) for slip in found.slips]
         block, stamp_s, mu = np.array(each).T
-        left.plot(np.searchsorted(INNER, block), mu, '.', color=colour, alpha=0.3, markersize=4)
-        left.plot(np.arange(len(INNER)), found.each[:, column], '_', color='black', markersize=14)
+        left.plot(
+            np.searchsorted(found.blocks, block), mu, '.', color=colour, alpha=0.3, markersize=4
+        )
+        left.plot(
+            np.arange(len(found.blocks)), found.each[:, column], '_', color='black', markersize=14
+        )
         low, high = estimate.interval(0.95)
         for axis in (left, right):
             axis.axhspan(low, high, color=colour, alpha=0.15, linewidth=0)
         right.plot(stamp_s - stamp_s.min(), mu, '.', color=colour, markersize=4, label=words)
-    left.set(xlabel='block', ylabel='friction', xticks=range(len(INNER)), xticklabels=INNER)
+    ticks = range(len(found.blocks))
+    left.set(xlabel='block', ylabel='friction', xticks=ticks, xticklabels=found.blocks)
     left.set_title('each slip, the blocks (dashes), 95 % of the mean (bands)', fontsize=10)
     right.set(xlabel='time, s', ylabel='friction')
     right.legend(fontsize=8)

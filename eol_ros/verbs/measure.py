@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from eol_ros.cli import within
-from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.table import Table
 from eol_ros.core.verdict import Verdict, judged, worst
-from eol_ros.errors import DeviceMissing, EolError, UsageError
+from eol_ros.errors import ConfigError, DeviceMissing, EolError, UsageError
 from eol_ros.verbs import reach
 
 HELP = (
@@ -52,11 +52,11 @@ def add_arguments(parser):
         help='springs: grams that hang on the thread, one after the other, up and down again',
     )  # fmt: skip
     parser.add_argument(
-        '--block', type=within(0, N_BLOCKS - 1, int), default=14, metavar='ID',
-        help='springs: the block that is pulled, at the rim (default: 14, the middle of the right)',
+        '--block', type=within(0, 224, int), metavar='ID',
+        help='springs: the block that is pulled, at the rim (default: the middle of the right)',
     )  # fmt: skip
     parser.add_argument(
-        '--natural', type=within(10, 88), metavar='MM',
+        '--natural', type=float, metavar='MM',
         help='length of a spring that nothing pulls, by a ruler (default: as in the scene)',
     )  # fmt: skip
     parser.add_argument(
@@ -85,8 +85,11 @@ def run(args) -> int:
     node, settings = (
         ('camera', CameraSettings()) if args.what == 'camera' else ('twin', TwinSettings())
     )
+    scene = None
     if args.scene:
-        settings = scene_text.to_write(Path(args.scene), node).nodes[node]
+        loaded = scene_text.to_write(Path(args.scene), node)
+        settings, scene = loaded.nodes[node], Table.of(loaded.table)
+    args.table = _table(args, scene)
     values, about, picture = measure(args, settings)
     verdict = _verdict(args.what, values)
     print(json.dumps(about | {'verdict': verdict._asdict()}) if args.json else verdict)
@@ -99,6 +102,36 @@ def run(args) -> int:
         said = ', '.join(f'{name} {scene_text.plain(value)}' for name, value in values.items())
         _say(f'written into {args.scene}, {node}: {said}')
     return 0
+
+
+def _table(args, scene: Table | None) -> Table:
+    """Return the table that is measured: that of the bag, of the scene, or of the running graph."""
+    if args.bag:
+        from eol_ros.analysis.bag import open_bag
+        from eol_ros.analysis.recorded_settings import recorded_table
+
+        found = recorded_table(open_bag(args.bag))
+    else:
+        found = scene or _told(args)
+    _agree(args.bag, found, scene or found)
+    return found
+
+
+def _agree(whose: str, found: Table, wanted: Table) -> None:
+    """Raise ConfigError where the blocks of two tables lie otherwise."""
+    both = [(t.rows, t.columns, t.block_side_m, t.gaps_m, t.ids.tolist()) for t in (found, wanted)]
+    if both[0] != both[1]:
+        raise ConfigError(
+            f'{whose}: its table is not that of the scene: {_size(found)}, not {_size(wanted)}.'
+            ' Name the scene that it runs with'
+        )
+
+
+def _size(table: Table) -> str:
+    return (
+        f'{table.count} blocks of {1e3 * table.block_side_m:g} mm in {table.rows} x {table.columns}'
+        f' places, {1e3 * table.gaps_m[0]:g} and {1e3 * table.gaps_m[1]:g} mm apart'
+    )
 
 
 def _verdict(what: str, values: dict[str, float]) -> Verdict:
@@ -126,10 +159,16 @@ def _springs(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
     from eol_ros.core.measure import springs
 
     weights = _weights(args.weights)
-    natural_m = _natural(args, twin)
-    out = springs.outwards(args.block)
+    natural_m, table = _natural(args, twin), args.table
+    if args.block is None:
+        args.block = springs.usual(table)
+    elif args.block >= table.cells:
+        raise UsageError(f'--block: {args.block} is outside 0 to {table.cells - 1}')
+    elif not table.present[args.block]:
+        raise UsageError(f'--block: no block stands in place {args.block}')
+    out = springs.outwards(args.block, table)
     side = {(1, 0): 'right', (-1, 0): 'left', (0, 1): 'back', (0, -1): 'front'}[tuple(out)]
-    rests = springs.Rests(args.block)
+    rests = springs.Rests(args.block, table)
     if not args.bag:
         _say(
             f'Hold the rim in its place. Block {args.block} rolls, and a thread leads from it over'
@@ -150,7 +189,7 @@ def _springs(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
                 f'block {args.block} is not seen whole' if not seen[args.block]
                 else f'block {args.block} has not come to rest elsewhere: hang more, and let go'
             )  # fmt: skip
-    found = springs.fit(rests.found, weights, args.block, natural_m)
+    found = springs.fit(rests.found, weights, args.block, natural_m, table)
     value, error = _rounded(found.stiffness)
     values = {'stiffness': value, 'stiffness_error': error}
     if args.natural is not None:
@@ -180,10 +219,12 @@ def _friction(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
     from eol_ros.core.physics.builders import GRAVITY
 
     stiffness, mass, natural_m = _stiffness(args, twin), _mass(args, twin), _natural(args, twin)
+    inner = friction.inner(args.table)
     if not args.bag:
+        far_cm = 100 * min(0.1, *args.table.reach_m)
         _say(
-            'Push the rim to and fro by hand, 10 cm each way at some 3 cm/s, evenly, until the'
-            ' middle of the table slips.'
+            f'Push the rim to and fro by hand, {far_cm:.0f} cm each way at some 3 cm/s, evenly,'
+            ' until the middle of the table slips.'
         )
     images, told_s = [], math.nan
     for image in _images(args):
@@ -194,14 +235,14 @@ def _friction(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
             continue
         told_s = stamp_s
         spent_s = stamp_s - images[0][0]
-        track = friction.track_of(images)
+        track = friction.track_of(images, args.table)
         few, words = _so_far(track, stiffness.value, mass.value, natural_m)
         _say(f'{spent_s:.0f} of {args.seconds:g} s: {words}')
         if few >= ENOUGH or spent_s >= args.seconds:
             break
     if not images:
         raise EolError(f'{args.bag}: no image of the blocks')
-    track = friction.track_of(images)
+    track = friction.track_of(images, args.table)
     slips = friction.find_slips(track, stiffness.value, mass.value, natural_m)
     found = friction.fit(slips, track, stiffness, mass, natural_m)
     values: dict[str, float] = {}
@@ -217,7 +258,7 @@ def _friction(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
         values['spring_natural_m'] = natural_m
     each = {
         int(block): None if np.isnan(row[0]) else row.tolist()
-        for block, row in zip(friction.INNER, found.each, strict=True)
+        for block, row in zip(inner, found.each, strict=True)
     }
     about |= values | {'slips': len(slips), 'blocks': each}
     known = found.each[np.isfinite(found.each[:, 0])]
@@ -260,7 +301,7 @@ def _camera(args, camera) -> tuple[dict[str, float], dict[str, Any], Any]:
 
 
 def _recorded_blinks(path: str) -> tuple[Any, Any, Any, Any]:
-    """Return commands (m,) s, images (n,) s, their arrival (n,) s, who was seen (n, 25)."""
+    """Return commands (m,) s, images (n,) s, their arrival (n,) s, who was seen (n, cells)."""
     import numpy as np
 
     from eol_ros.analysis.bag import open_bag
@@ -312,7 +353,7 @@ def _so_far(track, stiffness: float, mass: float, natural_m: float) -> tuple[int
     except EolError as error:
         return 0, str(error)
     counts = Counter(slip.block for slip in slips)
-    fewest = min(friction.INNER.tolist(), key=lambda block: counts[block])
+    fewest = min(friction.inner(track.table).tolist(), key=lambda block: counts[block])
     few = counts[fewest]
     return (
         few,
@@ -378,11 +419,14 @@ def _natural(args, twin) -> float:
     """Return m."""
     if args.natural is None:
         return float(twin.spring_natural_m)
+    gap_mm = 1e3 * min(args.table.gaps_m)
+    if not gap_mm / 9 <= args.natural <= gap_mm - 2:
+        raise UsageError(f'--natural: {args.natural:g} is outside {gap_mm / 9:g} to {gap_mm - 2:g}')
     return round(1e-3 * args.natural, 6)
 
 
 def _images(args) -> Iterator[tuple[float, Any, Any]]:
-    """Yield stamp, s, places (25, 3) m, m, rad, and who was seen (25,), recorded or live."""
+    """Yield stamp, s, places (cells, 3) m, m, rad, and who was seen (cells,), recorded or live."""
     import numpy as np
 
     for blocks in _recorded(args.bag) if args.bag else _live(args):
@@ -407,21 +451,57 @@ def _live(args, others: dict[str, Any] | None = None) -> Iterator[Any]:
     from eol_ros.ros.session import session
     from eol_ros.streams import blocks
     from eol_ros.streams.graph import full_name
+    from eol_ros.streams.tables import table as table_of
 
     network, namespace = reach.running(args)
-    codec = blocks.Codec(definition(blocks.TYPE))
+    codec = blocks.Codec(definition(blocks.TYPE), cells=args.table.cells)
     waiting: deque[bytes] = deque()
+    tables: deque[Any] = deque()
     topic = full_name('blocks', namespace)
     with session(reach=network, namespace=namespace) as visit:
         listen(visit.node, topic, lambda raw: waiting.append(bytes(raw)), raw=True)
         for name, hear in (others or {}).items():
             listen(visit.node, full_name(name, namespace), hear)
+        listen(visit.node, full_name('table', namespace), tables.append)
         while visit.run(lambda: bool(waiting), SILENT_S):
+            while tables:
+                _agree(topic, table_of(tables.popleft()), args.table)
             while waiting:
-                yield codec.read(waiting.popleft())
+                yield _read(codec, waiting.popleft(), topic, args.table)
         if visit.stopped:
             raise KeyboardInterrupt
-    raise DeviceMissing(
+    raise _silent(topic)
+
+
+def _read(codec: Any, raw: bytes, topic: str, table: Table) -> Any:
+    try:
+        return codec.read(raw)
+    except ValueError as error:
+        raise ConfigError(
+            f'{topic}: {error}. Name the scene that the graph runs with, whose table this is'
+        ) from None
+
+
+def _told(args) -> Table:
+    """Return the table that the tracker of the running graph tells."""
+    from eol_ros.ros.echo import listen
+    from eol_ros.ros.session import session
+    from eol_ros.streams.graph import full_name
+    from eol_ros.streams.tables import table as table_of
+
+    network, namespace = reach.running(args)
+    topic, found = full_name('table', namespace), deque[Any]()
+    with session(reach=network, namespace=namespace) as visit:
+        listen(visit.node, topic, found.append)
+        if visit.run(lambda: bool(found), SILENT_S):
+            return table_of(found[0])
+        if visit.stopped:
+            raise KeyboardInterrupt
+    raise _silent(topic)
+
+
+def _silent(topic: str) -> DeviceMissing:
+    return DeviceMissing(
         f'{topic}: no message for {SILENT_S:g} s: start the graph with its camera, or name a --bag'
     )
 

@@ -19,6 +19,7 @@ from eol_ros.core.measure.springs import NATURAL_SIGMA_M, RIM_SIGMA_M, outwards
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.twin.live import Coupling, LiveTable
+from eol_ros.core.table import Table
 from eol_ros.errors import EolError
 from eol_ros.lab.choose import simulate
 
@@ -199,7 +200,7 @@ def of_friction(seed: int) -> dict[str, tuple[float, Measured]]:
     return {
         'mu_static': (twin.coupling.mu_static, found.static),
         'mu_kinetic': (twin.coupling.mu_kinetic, found.kinetic),
-        'nine, told': (twin.coupling.mu_static, SampleMean(twin.each[friction.INNER, 0])),
+        'nine, told': (twin.coupling.mu_static, SampleMean(twin.each[friction.inner(Table()), 0])),
     }
 
 

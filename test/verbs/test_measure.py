@@ -15,20 +15,23 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from eol_msgs.msg import Blocks, LedCommand
+from eol_msgs.msg import Table as TableMessage
 from rclpy.serialization import serialize_message
 from support.measured_twins import FPS, Blinks, Hung, Pulled
 from support.waiting import GENEROUS_S
 
 from eol_ros import cli, scene
 from eol_ros.core.geometry import rest_lattice
+from eol_ros.core.table import Table
 from eol_ros.core.vision.states import TRACKING
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
+from eol_ros.errors import ConfigError
 from eol_ros.ros import network
 from eol_ros.ros.definitions import definition, describe
 from eol_ros.ros.session import session
 from eol_ros.ros.topics import PUBLISHER_QOS
-from eol_ros.streams import blocks
+from eol_ros.streams import blocks, tables
 from eol_ros.verbs import measure
 
 pytestmark = pytest.mark.slow
@@ -174,6 +177,7 @@ def test_a_pull_of_the_rim_gives_friction(pulled, mine, tmp_path, capsys):
 def test_who_pulls_is_told_how_far_it_is(pulled, monkeypatch, capsys):
     twin, bag = pulled
     monkeypatch.setattr(measure, '_live', lambda args: measure._recorded(bag))
+    monkeypatch.setattr(measure, '_told', lambda args: Table())
     words = ['measure', 'friction', '--stiffness', f'{twin.stiffness.value:.2f}', '--json']
 
     assert cli.main([*words, '--seconds', '14']) == 0
@@ -224,6 +228,7 @@ def test_blinks_tell_how_late_light_is_seen(tmp_path, monkeypatch, capsys):
         yield from measure._recorded(str(tmp_path / 'bag'))
 
     monkeypatch.setattr(measure, '_live', live)
+    monkeypatch.setattr(measure, '_told', lambda args: Table())
     assert cli.main(['measure', 'camera', '--json', '--seconds', '3600']) == 0
     again = json.loads(capsys.readouterr().out)
     assert again['light_seen_s'] == found.light_seen_s and again['block'] == 12
@@ -283,6 +288,27 @@ def test_a_person_is_guided_while_the_table_is_measured(hung, mine):
     assert child.returncode == 0, said
     assert out.startswith('stiffness ')
     assert scene.load(mine).nodes['twin'].stiffness_error > 0
+
+
+def test_the_table_is_that_of_bag_and_scene(hung, mine, capsys):
+    words = ['measure', 'springs', mine, '--weights', '300', '--bag', hung[2]]
+    for table, said in (
+        ('{rows: 4}', '25 blocks of 84 mm in 5 x 5 places, 90 and 90 mm apart, not 20 blocks'),
+        ('{gap_y_m: 0.08}', 'not 25 blocks of 84 mm in 5 x 5 places, 90 and 80 mm apart'),
+    ):
+        Path(mine).write_text(f'{SCENE}table: {table}\n')
+        assert cli.main(words) == 78
+        assert said in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_a_graph_tells_its_table():
+    """It is on a topic that is latched; blocks of another number are refused in one line."""
+    table = Table(rows=3, columns=4, gap_y_m=0.08, absent=(3,), platform_m=(1.5, 1.2))
+    assert tables.table(tables.RECORD.fill(TableMessage(), tables.of(0, table))) == table
+    one = next(iter(messages([(0.0, np.zeros((25, 3)), np.ones(25, bool))])))[1]
+    codec = blocks.Codec(definition(blocks.TYPE), cells=12)
+    with pytest.raises(ConfigError, match='not a .* message of 12 blocks.*Name the scene'):
+        measure._read(codec, one, '/eol/blocks', table)
 
 
 def test_without_a_graph_it_says_so(monkeypatch, capfd):

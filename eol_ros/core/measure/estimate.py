@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import special
 
+MOST_VALUES = 12  # of which all subsets are used, 4095
+
 
 class Estimate(NamedTuple):
     """`value` with the standard error `sigma`, which is known with `dof` degrees of freedom."""
@@ -61,13 +63,14 @@ class SampleMean(NamedTuple):
 
         The means of the 2^n - 1 subsets of the values part the line into 2^n intervals, and the
         true value is in each with the same probability (Hartigan, J. Am. Stat. Assoc. 64, 1303,
-        1969); so as many are left out at both ends as `level` allows. Raises ValueError where that
-        is none, below six values for 95 %.
+        1969); so as many are left out at both ends as `level` allows. So it is with subsets of them
+        drawn at random, which are used of more than MOST_VALUES. Raises ValueError where that is
+        none, below six values for 95 %.
         """
         n = len(self.values)
         subsets, sizes = _subsets(n)
         means = np.sort(subsets @ self.values / sizes)
-        out = math.floor(0.5 * (1 - level) * 2**n)
+        out = math.floor(0.5 * (1 - level) * (len(means) + 1))
         if not out:
             raise ValueError(f'{n} values have no interval of {100 * level:g} %')
         value = self.value
@@ -84,7 +87,13 @@ class SampleMean(NamedTuple):
 def _subsets(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return which of `n` values are in each subset that is not empty (2^n - 1, n), and how many.
 
-    As floats, for the product with the values.
+    As floats, for the product with the values. Of more than MOST_VALUES some subsets are drawn, as
+    many as those have.
     """
-    subsets = (np.arange(1, 2**n)[:, None] >> np.arange(n) & 1).astype(float)
+    if n <= MOST_VALUES:
+        subsets = (np.arange(1, 2**n)[:, None] >> np.arange(n) & 1).astype(float)
+    else:
+        drawn = np.random.default_rng(n).integers(0, 2, (2**MOST_VALUES, n))
+        drawn = np.unique(drawn, axis=0)
+        subsets = drawn[drawn.any(axis=1)].astype(float)
     return subsets, subsets.sum(axis=1)

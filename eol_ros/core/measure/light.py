@@ -40,11 +40,11 @@ def fit(
     seen: np.ndarray,
     exposure_s: float,
 ) -> Light:
-    """Return the delay from commands at `sent_s` (m,) and images at `stamp_s` (n,), seen (n, 25).
+    """Return the delay from commands at `sent_s` (m,) and images at `stamp_s` (n,).
 
-    `heard_s` (n,) is when the blocks of an image arrived. An image shows a light as dark when it
-    was so for some part of the exposure, nobody knows which: that is in the error. Raises EolError
-    where no light blinked, or in step with the camera.
+    seen: (n, cells). `heard_s` (n,) is when the blocks of an image arrived. An image shows a light
+    as dark when it was so for some part of the exposure, nobody knows which: that is in the error.
+    Raises EolError where no light blinked, or in step with the camera.
     """
     if len(stamp_s) < 2:
         raise EolError('no images of the blocks: does the tracker see the table?')

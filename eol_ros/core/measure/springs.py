@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eol_ros.core.geometry import COLS, ROWS, SPRING_BLOCKS, neighbours, spring_ends
 from eol_ros.core.measure.estimate import Estimate
 from eol_ros.core.physics.builders import GRAVITY
+from eol_ros.core.table import Table
 from eol_ros.errors import EolError
 
 REST_S = 4.0  # nobody holds a weight so still for so long
@@ -26,7 +26,7 @@ LEAST_WEIGHTS = 5
 
 
 class Rest(NamedTuple):
-    """All blocks while the one that is pulled stood still: (25, 3) m, m, rad, and when, s."""
+    """All blocks while the one that is pulled stood still: (cells, 3) m, m, rad, and when, s."""
 
     places: np.ndarray
     stamp_s: float
@@ -35,16 +35,16 @@ class Rest(NamedTuple):
 class Rests:
     """Finds the rests of `block` between its motions, image by image."""
 
-    def __init__(self, block: int):
+    def __init__(self, block: int, table: Table = Table()):
         self.block = block
         self.found: list[Rest] = []
-        self._needed = [block, *neighbours(block)]
+        self._needed = [block, *table.neighbours(block)]
         self._seen: deque[tuple[float, np.ndarray]] = deque()
 
     def add(self, stamp_s: float, places: np.ndarray, seen: np.ndarray) -> Rest | None:
-        """Take the blocks (25, 3) of one image; return the rest that is known by now, if it is new.
+        """Take the blocks of one image; return the rest that is known by now, if it is new.
 
-        `seen` (25,): which were.
+        places: (cells, 3); seen: (cells,), which were.
         """
         images = self._seen
         if not seen[self._needed].all() or (images and stamp_s <= images[-1][0]):
@@ -82,35 +82,56 @@ class Springs(NamedTuple):
     way: np.ndarray
 
 
-def outwards(block: int) -> np.ndarray:
+def usual(table: Table) -> int:
+    """Return the block in the middle of the right edge, or the one nearest to it.
+
+    Raises EolError where the last column has no block.
+    """
+    last = table.columns - 1
+    rows = [row for row in range(table.rows) if table.present[row * table.columns + last]]
+    if not rows:
+        raise EolError('the right edge of the table has no block: name one at another, --block')
+    row = min(rows, key=lambda row: abs(2 * row - table.rows + 1))
+    return row * table.columns + last
+
+
+def outwards(block: int, table: Table = Table()) -> np.ndarray:
     """Return the direction (2,) in which a thread at `block` leads over the edge of the table.
 
     Raises EolError for blocks from which none does without crossing others.
     """
-    row, column = divmod(block, COLS)
-    if column in (0, COLS - 1):
+    row, column = divmod(block, table.columns)
+    if column in (0, table.columns - 1):
         return np.array([-1.0 if column == 0 else 1.0, 0.0])
-    if row in (0, ROWS - 1):
+    if row in (0, table.rows - 1):
         return np.array([0.0, -1.0 if row == 0 else 1.0])
     raise EolError(
         f'block {block} stands inside, where a thread would cross others: take one at the rim,'
-        f' such as {COLS * (ROWS // 2) + COLS - 1}'
+        f' such as {usual(table)}'
     )
 
 
 def pull_of_springs(
-    places: np.ndarray, block: int, natural_m: float, rim: np.ndarray | None = None
+    places: np.ndarray,
+    block: int,
+    natural_m: float,
+    rim: np.ndarray | None = None,
+    table: Table = Table(),
 ) -> np.ndarray:
-    """Return the force (2,) m on `block` of springs of 1 N/m, all blocks at `places` (25, 3)."""
-    ends = spring_ends(places, np.zeros(3) if rim is None else rim)
+    """Return the force (2,) m on `block` of springs of 1 N/m, all blocks at `places` (cells, 3)."""
+    ends = table.spring_ends(places, np.zeros(3) if rim is None else rim)
     way = ends[:, 1] - ends[:, 0]
     force = (1 - natural_m / np.hypot(*way.T))[:, None] * way
-    first, second = SPRING_BLOCKS.T
+    first, second = table.springs.T
     return force[first == block].sum(axis=0) - force[second == block].sum(axis=0)
 
 
 def fit(
-    rests: Sequence[Rest], weights_kg: Sequence[float], block: int, natural_m: float
+    rests: Sequence[Rest],
+    weights_kg: Sequence[float],
+    block: int,
+    natural_m: float,
+    table: Table = Table(),
 ) -> Springs:
     """Return the stiffness that `weights_kg` (n,) say, which hung one after the other.
 
@@ -129,7 +150,7 @@ def fit(
             f'{len(weights_kg)} weights leave nothing to know the error by: hang {LEAST_WEIGHTS} or'
             ' more, up and down again'
         )
-    out = outwards(block)
+    out = outwards(block, table)
     along = np.array([rest.places[block, :2] @ out for rest in rests])
     way = np.sign(np.diff(along))
     if abs(way.sum()) == len(way):
@@ -141,7 +162,7 @@ def fit(
 
     def reach(natural: float, rim: np.ndarray | None = None) -> np.ndarray:
         return np.array(
-            [-pull_of_springs(rest.places, block, natural, rim) @ out for rest in rests[1:]]
+            [-pull_of_springs(rest.places, block, natural, rim, table) @ out for rest in rests[1:]]
         )
 
     def solved(reached: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -9,29 +9,34 @@ import pytest
 from support import measured_twins
 from support.measured_twins import Pulled
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.measure import friction
 from eol_ros.core.measure.estimate import Estimate, SampleMean
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.scene import from_mapping
+from eol_ros.core.table import Table
 from eol_ros.errors import EolError
 
 MASS = Estimate(0.25, 1e-6)
 
 
-def test_the_force_on_inner_blocks_is_that_of_the_twin():
+@pytest.mark.parametrize(
+    'table',
+    [Table(), Table(rows=4, columns=6, gap_y_m=0.07, block_side_m=0.06), Table(absent=(0, 4))],
+)
+def test_the_force_on_inner_blocks_is_that_of_the_twin(table):
     """The energy of the springs falls along the force, by differences of the model's own."""
-    random = np.random.default_rng(5)
-    u, yaw = random.normal(0, 0.01, (N_BLOCKS, 2)), random.normal(0, 0.1, N_BLOCKS)
+    random, cells = np.random.default_rng(5), table.cells
+    u, yaw = random.normal(0, 0.005, (cells, 2)), random.normal(0, 0.1, cells)
     scene = from_mapping(
         builders.table({'kind': 'none'}, 1.0, k=1.0, geometric=True,
-                       rotation={'side': BLOCK_SIDE_M})
+                       rotation={'side': table.block_side_m}, shape=table)
     )  # fmt: skip
     model, step = Model.of(scene), 1e-6
-    found = friction.force(np.column_stack([rest_lattice() + u, yaw])[None], builders.NATURAL_M)[0]
-    lever = friction.LEVER * BLOCK_SIDE_M
-    for row, block in zip(found, friction.INNER, strict=True):
+    places = np.column_stack([table.rest + u, yaw])
+    found = friction.force(places[None], builders.NATURAL_M, table)[0]
+    lever = friction.LEVER * table.block_side_m
+    for row, block in zip(found, friction.inner(table), strict=True):
         slope = []
         for axis in range(3):
             energy = []
@@ -41,7 +46,8 @@ def test_the_force_on_inner_blocks_is_that_of_the_twin():
                     there[block, axis] += sign * step
                 else:
                     turned[block] += sign * step / lever
-                energy.append(model.elastic_energy(there, 0.0, turned))
+                ids = table.ids
+                energy.append(model.elastic_energy(there[ids], 0.0, turned[ids]))
             slope.append(-(energy[0] - energy[1]) / (2 * step))
         np.testing.assert_allclose(row, slope, atol=1e-8)
 
@@ -62,7 +68,7 @@ def test_friction_of_each_block_is_found(pulled):
 
     known = np.isfinite(found.each[:, 0])
     assert known.sum() >= 7
-    off = found.each[known] / twin.each[friction.INNER][known] - 1
+    off = found.each[known] / twin.each[friction.inner(Table())][known] - 1
     assert np.abs(off).max() < 0.006 and np.sqrt(np.mean(off**2)) < 0.003
     for estimate, truth in (
         (found.static, twin.coupling.mu_static), (found.kinetic, twin.coupling.mu_kinetic),
@@ -87,7 +93,7 @@ def test_errors_of_scale_and_spring_are_in_that_of_friction(pulled):
 
 
 def still(images):
-    return np.tile(np.column_stack([rest_lattice(), np.zeros(N_BLOCKS)]), (images, 1, 1))
+    return np.tile(np.column_stack([Table().rest, np.zeros(Table().cells)]), (images, 1, 1))
 
 
 def of(places, fps=60.0):
@@ -111,7 +117,7 @@ def test_what_cannot_be_known_is_refused():
     once[300:, 12, 0] += 0.01
     once[300, 12, 0] -= 0.005
     track = of(once)
-    with pytest.raises(EolError, match='1 slip in the middle, and 0 of its nine'):
+    with pytest.raises(EolError, match='1 slip in the middle, and 0 of its 9'):
         friction.fit(slips(track), track, Estimate(70.0, 1.0), MASS, builders.NATURAL_M)
 
 
@@ -156,6 +162,22 @@ def test_nine_blocks_stand_for_a_table_as_often_as_the_interval_says(spread):
         ends = [SampleMean(nine).interval(level) for nine in drawn]
         held = np.mean([low <= 1 <= high for low, high in ends])
         assert held == pytest.approx(exact, abs=4 * math.sqrt(exact * (1 - exact) / tables))
+
+
+def test_more_blocks_than_have_all_subsets_keep_the_interval():
+    tables, level = 1000, 0.95
+    drawn = 1 + np.random.default_rng(0).uniform(-0.15, 0.15, (tables, 169))  # of 15 x 15
+    ends = [SampleMean(inner).interval(level) for inner in drawn]
+    held = np.mean([low <= 1 <= high for low, high in ends])
+    assert held == pytest.approx(level, abs=4 * math.sqrt(level * (1 - level) / tables))
+
+
+@pytest.mark.parametrize('table', [Table(rows=3, columns=4), Table(absent=(7, 11, 13))])
+def test_a_table_with_too_few_inner_blocks_is_refused(table):
+    still = np.zeros((20, table.cells, 3))
+    track = friction.Track(np.arange(20.0), still, still[..., 0] == 0, table)
+    with pytest.raises(EolError, match='blocks of this table have four neighbours'):
+        friction.find_slips(track, 70.0, 0.25, builders.NATURAL_M)
 
 
 def test_an_interval_is_between_means_of_some_of_the_values():

@@ -7,53 +7,76 @@ import numpy as np
 import pytest
 from support import measured_twins
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
+from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.measure import springs
 from eol_ros.core.measure.estimate import Estimate
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.scene import from_mapping
+from eol_ros.core.table import Table
 from eol_ros.errors import EolError
 
 NATURAL_M = 0.055
 SEEN = np.ones(N_BLOCKS, bool)
+WIDE = Table(rows=3, columns=4, gap_y_m=0.07, block_side_m=0.06)
+HOLES = Table(absent=(0, 7, 9, 12))
 
 
-def pulled_by_model(u, yaw, k=1.0):
-    """Return the force (25, 2) of all springs, by the model that the solvers run."""
+def pulled_by_model(u, yaw, k=1.0, table=Table()):
+    """Return the force (cells, 2) of all springs, by the model that the solvers run."""
     scene = from_mapping(
         builders.table({'kind': 'none'}, 1.0, k=k, natural_m=NATURAL_M, geometric=True,
-                       rotation={'side': BLOCK_SIDE_M})
+                       rotation={'side': table.block_side_m}, shape=table)
     )  # fmt: skip
     model = Model.of(scene)
-    pull = model.tension(u, 0.0, yaw)
-    total = np.zeros((N_BLOCKS + len(model.anchors), 2))
+    pull = model.tension(u[table.ids], 0.0, yaw[table.ids])
+    total = np.zeros((table.count + len(model.anchors), 2))
     np.add.at(total, model.first, pull)
     np.subtract.at(total, model.second, pull)
-    return total[:N_BLOCKS]
+    by_id = np.zeros((table.cells, 2))
+    by_id[table.ids] = total[: table.count]
+    return by_id
 
 
-def test_the_pull_of_springs_is_that_of_the_twin():
-    random = np.random.default_rng(3)
-    u, yaw = random.normal(0, 0.01, (N_BLOCKS, 2)), random.normal(0, 0.1, N_BLOCKS)
-    places = np.column_stack([rest_lattice() + u, yaw])
-    wanted = pulled_by_model(u, yaw)
-    found = [springs.pull_of_springs(places, block, NATURAL_M) for block in range(N_BLOCKS)]
+@pytest.mark.parametrize('table', [Table(), WIDE, HOLES])
+def test_the_pull_of_springs_is_that_of_the_twin(table):
+    random, cells = np.random.default_rng(3), table.cells
+    u, yaw = random.normal(0, 0.005, (cells, 2)), random.normal(0, 0.1, cells)
+    places = np.column_stack([table.rest + u, yaw])
+    places[~table.present] = np.nan  # as of what is never seen
+    wanted = pulled_by_model(u, yaw, table=table)
+    found = [
+        springs.pull_of_springs(places, block, NATURAL_M, table=table) for block in range(cells)
+    ]
     np.testing.assert_allclose(found, wanted, atol=1e-14)
 
 
-def hung(stiffness, friction, way, block=14):
+def hung(stiffness, friction, way, block=14, table=Table()):
     """Return rests and weights (kg) of a block that stands `way` (n,) m outwards."""
-    out, rests = springs.outwards(block), []
-    weights = []
+    out, rests = springs.outwards(block, table), []
+    weights, still = [], np.zeros(table.cells)
     for k, moved in enumerate([0.0, *way]):
-        u = np.zeros((N_BLOCKS, 2))
+        u = np.zeros((table.cells, 2))
         u[block] = moved * out
-        rests.append(springs.Rest(np.column_stack([rest_lattice() + u, np.zeros(N_BLOCKS)]), k))
+        rests.append(springs.Rest(np.column_stack([table.rest + u, still]), k))
         held = friction * np.sign(moved - (way[k - 2] if k > 1 else 0.0))
-        pull = -pulled_by_model(u, np.zeros(N_BLOCKS), stiffness)[block] @ out
+        pull = -pulled_by_model(u, still, stiffness, table)[block] @ out
         weights.append((pull + held + 0.05) / builders.GRAVITY)  # the rim stands off a little
     return rests, weights[1:]
+
+
+@pytest.mark.parametrize('table', [WIDE, HOLES])
+def test_weights_at_any_table_give_its_stiffness(table):
+    block = springs.usual(table)
+    assert block == {WIDE: 7, HOLES: 14}[table]
+    rests, weights = hung(81.0, 0.3, [0.004, 0.009, 0.02, 0.012, 0.006, 0.002], block, table)
+    found = springs.fit(rests, weights, block, NATURAL_M, table)
+    assert found.stiffness.value == pytest.approx(81.0, rel=1e-9)
+    with pytest.raises(EolError, match='block 6 stands inside.* such as'):
+        springs.outwards(6, table)
+    finder = springs.Rests(block, table)
+    places, seen = rests[0].places, table.present.copy()
+    assert [finder.add(0.5 * k, places, seen) for k in range(9)][-1] is not None
 
 
 @pytest.mark.parametrize('block', [14, 2, 0, 10, 22])
@@ -96,13 +119,13 @@ def test_rests_are_found_between_motions_and_not_on_the_way():
             time_s += 1 / 10
             moved = (told[-1] if told else 0.0) + speed / 10
             told.append(moved)
-            places = np.column_stack([rest_lattice(), np.zeros(N_BLOCKS)])
+            places = np.column_stack([Table().rest, np.zeros(N_BLOCKS)])
             places[14, 0] += moved
             places[:, :2] += random.normal(0, 9e-6, (N_BLOCKS, 2))
             there = SEEN.copy()
             there[13] = seen
             finder.add(time_s, places, there)
-    along = [rest.places[14, 0] - rest_lattice()[14, 0] for rest in finder.found]
+    along = [rest.places[14, 0] - Table().rest[14, 0] for rest in finder.found]
     np.testing.assert_allclose(along, [0.0, 0.006], atol=1e-4)
 
 
