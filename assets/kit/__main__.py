@@ -11,7 +11,6 @@ from pathlib import Path
 from assets.kit import drawings, netlist, schematic
 
 FOLDER = Path(__file__).resolve().parents[2] / 'docs' / 'build'
-BLOCKS = 25
 
 
 def page(text: str, tables: dict[str, list[str]]) -> str:
@@ -27,7 +26,7 @@ def made() -> dict[str, str]:
     """Return the text of every generated file."""
     circuit, bridge = netlist.load(), netlist.load(netlist.BRIDGE)
     tables = {
-        'materials': netlist.materials(circuit, BLOCKS, 'blocks'),
+        'materials': netlist.materials(circuit, drawings.TABLE.count, 'blocks'),
         'wiring': netlist.wiring(circuit),
         'bridge-materials': netlist.materials(bridge, 1, 'bridge'),
         'bridge-wiring': netlist.wiring(bridge),

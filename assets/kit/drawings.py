@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drawings of block, springs, rim, casters and jig, with the sizes of eol_ros/core/geometry.py.
+"""Drawings of block, springs, rim, casters and jig, with the sizes of eol_ros/core/table.py.
 
-What geometry leaves open is chosen here, once, in mm.
+What the table leaves open is chosen here, once, in mm.
 """
 
 import math
@@ -11,26 +11,16 @@ import numpy as np
 from assets.kit.netlist import Circuit
 from assets.kit.sheet import Sheet
 from eol_ros.core.body import BodyShape, body_mesh
-from eol_ros.core.geometry import (
-    BLOCK_MASS_KG,
-    BLOCK_SIDE_M,
-    BODY_HEIGHT_M,
-    BODY_WALL_M,
-    COLS,
-    PITCH_M,
-    PLATFORM_SIDE_M,
-    RIM_SIDE_M,
-    SPRING_M,
-    rest_lattice,
-    spring_ends,
-)
 from eol_ros.core.physics.builders import NATURAL_M
+from eol_ros.core.table import Table
 from eol_ros.core.terrain import CoverShape, cover_mesh, landscape, tile, volume_mm3
 from eol_ros.settings import TwinSettings
 
-SIDE, HEIGHT, WALL = 1e3 * BLOCK_SIDE_M, 1e3 * BODY_HEIGHT_M, 1e3 * BODY_WALL_M
-PITCH, GAP, RIM = 1e3 * PITCH_M, 1e3 * SPRING_M, 1e3 * RIM_SIDE_M
-PLATFORM = 1e3 * PLATFORM_SIDE_M
+TABLE = Table()
+SIDE, HEIGHT, WALL = 1e3 * TABLE.block_side_m, 1e3 * TABLE.body_height_m, BodyShape().wall_mm
+PITCH, GAP, RIM = 1e3 * TABLE.pitch_m[0], 1e3 * TABLE.gap_m, 1e3 * TABLE.rim_m()[0]
+PLATFORM = 1e3 * TABLE.platform_m[0]
+COLUMNS, BLOCK_G = TABLE.columns, 1e3 * TwinSettings.block_kg
 COVER = CoverShape(lip_mm=6.0)
 
 BODY = BodyShape()
@@ -63,7 +53,10 @@ def spring_lengths() -> tuple[float, float]:
 def masses(circuit: Circuit) -> list[tuple[str, float]]:
     """Return what a block is made of, g; the last is the steel that makes it as heavy as it is."""
     land = landscape(1, cells=28)
-    covers = [volume_mm3(cover_mesh(tile(land, *divmod(i, COLS), 28), COVER)) for i in range(25)]
+    covers = [
+        volume_mm3(cover_mesh(tile(land, *divmod(i, COLUMNS), 28), COVER))
+        for i in range(TABLE.cells)
+    ]
     rows = [
         ('electronics', sum(p.mass_g for p in circuit.parts.values() if p.ref != 'BT1')),
         ('cell', circuit.parts['BT1'].mass_g),
@@ -71,7 +64,7 @@ def masses(circuit: Circuit) -> list[tuple[str, float]]:
         ('body, printed', PLASTIC * volume_mm3(body_mesh(BODY))),
         ('cover, printed, in the mean', PLASTIC * float(np.mean(covers))),
     ]
-    return [*rows, ('steel plate, to make it up', 1e3 * BLOCK_MASS_KG - sum(g for _, g in rows))]
+    return [*rows, ('steel plate, to make it up', BLOCK_G - sum(g for _, g in rows))]
 
 
 def mass_table(circuit: Circuit) -> list[str]:
@@ -81,7 +74,7 @@ def mass_table(circuit: Circuit) -> list[str]:
     thick = masses(circuit)[-1][1] / STEEL / BALLAST_SIDE**2
     return [
         *rows,
-        f'| **all** | **{1e3 * BLOCK_MASS_KG:.0f}** |',
+        f'| **all** | **{BLOCK_G:.0f}** |',
         '',
         f'The plate is {BALLAST_SIDE:g} x {BALLAST_SIDE:g} x {thick:.1f} mm; weigh each block with '
         'its own cover, and file or tape.',
@@ -155,8 +148,8 @@ def rim() -> Sheet:
     s.square(0, 0, 2 * inside)
     s.square(0, 0, 2 * outside)
     middle = inside + BAR[0] / 2
-    rest = np.column_stack([rest_lattice(), np.zeros(25)])
-    for a, b in 1e3 * spring_ends(rest, np.zeros(3))[40:]:
+    rest = np.column_stack([TABLE.rest, np.zeros(TABLE.cells)])
+    for a, b in 1e3 * TABLE.spring_ends(rest, np.zeros(3))[TABLE.springs[:, 1] < 0]:
         out = (b - a) / np.linalg.norm(b - a)
         s.circle(*(b + INSET * out), 4.0)
     for x in (-middle, middle):
@@ -171,7 +164,7 @@ def rim() -> Sheet:
     s.dim((-outside, -outside), (outside, -outside), -90)
     s.dim((-inside, -inside), (inside, -inside), 60)
     s.dim((-pin, 0), (pin, 0), 120, note='from pin to pin')
-    for k in range(COLS - 1):
+    for k in range(COLUMNS - 1):
         x = (k - 2) * PITCH
         s.dim((x, -pin), (x + PITCH, -pin), -60 - BAR_INSIDE)
     s.dim((-middle, middle), (middle, middle), 60, note='casters')
@@ -244,17 +237,17 @@ def jig() -> Sheet:
     """A comb that holds a row of five blocks at their places while springs are hooked in."""
     s = Sheet('Jig, for a row of blocks: two pieces of 6 mm plywood', 9.0)
     slot = SIDE + JIG_PLAY
-    left = -(COLS - 1) / 2 * PITCH - SIDE / 2 - 20
+    left = -(COLUMNS - 1) / 2 * PITCH - SIDE / 2 - 20
     points = [(left, 0.0), (left, JIG_WIDE)]
-    for k in range(COLS):
-        x = (k - (COLS - 1) / 2) * PITCH
+    for k in range(COLUMNS):
+        x = (k - (COLUMNS - 1) / 2) * PITCH
         a, b = x - slot / 2, x + slot / 2
         points += [(a, JIG_WIDE), (a, JIG_WIDE - JIG_DEEP), (b, JIG_WIDE - JIG_DEEP), (b, JIG_WIDE)]
     s.line(*points, (-left, JIG_WIDE), (-left, 0.0), closed=True)
-    edge = -(COLS - 1) / 2 * PITCH - slot / 2
+    edge = -(COLUMNS - 1) / 2 * PITCH - slot / 2
     s.dim((edge, JIG_WIDE), (edge + slot, JIG_WIDE), 18)
     s.dim((edge + slot, JIG_WIDE), (edge + PITCH, JIG_WIDE), 18)
-    for k in range(1, COLS - 1):
+    for k in range(1, COLUMNS - 1):
         a = edge + k * PITCH
         s.dim((a, JIG_WIDE), (a + PITCH, JIG_WIDE), 18)
     s.dim((left, 0), (-left, 0), -20)
@@ -270,11 +263,11 @@ def table() -> Sheet:
     inside = RIM / 2 - BAR_INSIDE
     s.square(0, 0, 2 * inside)
     s.square(0, 0, 2 * (inside + BAR[0]))
-    rest = np.column_stack([rest_lattice(), np.zeros(25)])
+    rest = np.column_stack([TABLE.rest, np.zeros(TABLE.cells)])
     for n, (x, y, _) in enumerate(rest * [1e3, 1e3, 1]):
         s.square(x, y, SIDE)
         s.say(x, y - 7, str(n), 'middle')
-    for a, b in 1e3 * spring_ends(rest, np.zeros(3)):
+    for a, b in 1e3 * TABLE.spring_ends(rest, np.zeros(3)):
         s.line(tuple(a), tuple(b), layer='hidden')
     corner = 2 * PITCH + SIDE / 2
     s.dim((-PLATFORM / 2, -PLATFORM / 2), (PLATFORM / 2, -PLATFORM / 2), -60)

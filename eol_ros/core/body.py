@@ -10,17 +10,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, BODY_HEIGHT_M, BODY_WALL_M
+from eol_ros.core.terrain import CoverShape
 from eol_ros.errors import UsageError
+from eol_ros.settings import TableSettings
 
 
 @dataclass(frozen=True)
 class BodyShape:
     """Sizes in millimetres; what the drawings in docs/build show."""
 
-    side_mm: float = BLOCK_SIDE_M * 1e3
-    height_mm: float = BODY_HEIGHT_M * 1e3
-    wall_mm: float = BODY_WALL_M * 1e3
+    side_mm: float = TableSettings.block_side_m * 1e3
+    height_mm: float = TableSettings.body_height_m * 1e3
+    wall_mm: float = CoverShape.body_mm
     floor_mm: float = 3.0
     spring_mm: float = 17.0  # height at which springs pull
     window_mm: tuple[float, float] = (8.0, 10.0)  # width and height

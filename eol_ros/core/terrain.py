@@ -11,8 +11,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, BODY_WALL_M, COLS, ROWS
 from eol_ros.errors import UsageError
+from eol_ros.settings import TableSettings
 
 CONTOURS = 14  # steps of height between the lines of `hillshade`
 
@@ -21,12 +21,12 @@ CONTOURS = 14  # steps of height between the lines of `hillshade`
 class CoverShape:
     """Sizes of a printed cover, in millimetres (the unit of STL files)."""
 
-    side_mm: float = BLOCK_SIDE_M * 1e3
+    side_mm: float = TableSettings.block_side_m * 1e3
     wall_mm: float = 1.6  # thickness of sides and roof
     skirt_mm: float = 12.0  # from the lower rim to the lowest point of the landscape
     relief_mm: float = 26.0  # from the lowest to the highest point of the landscape
     lip_mm: float = 0.0  # how far a lip reaches down into the block's body; 0: there is none
-    body_mm: float = BODY_WALL_M * 1e3  # thickness of the body's walls, on which the cover stands
+    body_mm: float = 2.0  # thickness of the body's walls, on which the cover stands
     clearance_mm: float = 0.2  # between lip and body on each side
 
     def check(self) -> 'CoverShape':
@@ -70,7 +70,12 @@ class CoverShape:
         ]
 
 
-def landscape(seed: int, rows: int = ROWS, cols: int = COLS, cells: int = 32) -> np.ndarray:
+def landscape(
+    seed: int,
+    rows: int = TableSettings.rows,
+    cols: int = TableSettings.columns,
+    cells: int = 32,
+) -> np.ndarray:
     """Return heights 0..1 on the grid of `rows` x `cols` covers of `cells` x `cells` squares each.
 
     Ridged multifractal noise (Musgrave in Ebert et al., Texturing and Modeling, 3rd ed. 2003, ch.

@@ -7,8 +7,8 @@ from typing import Any
 
 from eol_ros import folders
 from eol_ros.cli import within
-from eol_ros.core.geometry import BODY_HEIGHT_M, N_BLOCKS
 from eol_ros.core.terrain import CoverShape
+from eol_ros.settings import TableSettings
 from eol_ros.verbs.progress import track
 
 HELP = 'Cut one continuous landscape into covers for the blocks, as STL in mm; and the body below.'
@@ -27,8 +27,8 @@ def add_arguments(parser):
     parser.add_argument(
         '--seed', type=within(0, 1e18, int), default=1, help='seed of the landscape (panel: 1)'
     )
-    parser.add_argument('--rows', type=within(1, 50, int), default=5)
-    parser.add_argument('--cols', type=within(1, 50, int), default=5)
+    parser.add_argument('--rows', type=within(1, 50, int), default=TableSettings.rows)
+    parser.add_argument('--cols', type=within(1, 50, int), default=TableSettings.columns)
     parser.add_argument('--heightmap', metavar='FILE', help='grey image, white is high')
     parser.add_argument(
         '--cells', type=within(1, 512, int), default=84, help='squares along a side (84: 1 mm)'
@@ -68,9 +68,10 @@ def run(args):
         heights = terrain.landscape(args.seed, args.rows, args.cols, args.cells)
     covers: list[dict[str, Any]] = []
     places = [(row, col) for row in range(args.rows) for col in range(args.cols)]
+    digits = max(2, len(str(len(places) - 1)))  # names in order of the ids
     for row, col in track(places, 'covers'):
         mesh = terrain.cover_mesh(terrain.tile(heights, row, col, args.cells), shape)
-        path = out / f'cover-{row * args.cols + col:02d}.stl'
+        path = out / f'cover-{row * args.cols + col:0{digits}d}.stl'
         stl_file.save(path, mesh, f'Echoes of the Land, row {row}, column {col}')
         covers.append(
             {
@@ -99,7 +100,6 @@ def run(args):
         f'{len(covers)} covers of {shape.side_mm:g} mm, {plastic:.0f} cm3 of plastic',
         file=sys.stderr,
     )
-    if len(covers) == N_BLOCKS:
-        gap = f' --cover-gap {BODY_HEIGHT_M:g}' if shape.lip_mm else ''
-        print(f'the camera must know them: eol calibrate ... --covers {out}{gap}', file=sys.stderr)
+    gap = f' --cover-gap {1e-3 * below.height_mm:g}' if shape.lip_mm else ''
+    print(f'the camera must know them: eol calibrate ... --covers {out}{gap}', file=sys.stderr)
     return 0

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from eol_ros.cli import main
+from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.devices.files import stl_file
+from eol_ros.errors import ConfigError
 
 
 def test_writes_watertight_covers_that_fit(tmp_path, capsys):
@@ -48,6 +50,20 @@ def test_a_height_map_of_ones_own_and_sizes(tmp_path, capsys):
     left, right = (stl_file.load(n) for n in names[:2])
     assert left[..., 2].max() == pytest.approx(20, abs=0.01)  # half of the ramp
     assert right[..., 2].max() == pytest.approx(35)
+
+
+def test_names_of_many_covers_are_in_order_of_their_ids(tmp_path, capsys):
+    """`eol calibrate` reads them so, and takes covers of the side of its table only."""
+    sizes = ['--rows=8', '--cols=13', '--cells=1', '--side=50', '--lip=0']
+    assert main(['covers', '--output', str(tmp_path), *sizes]) == 0
+    told = capsys.readouterr()
+    names = told.out.split()[:-1]
+    assert len(names) == 104 and names == sorted(names)
+    assert f'--covers {tmp_path}' in told.err and '--cover-gap' not in told.err
+    meshes = [stl_file.load(name) for name in names]
+    assert len(CoverOutlines.of_meshes(meshes, 0.0, 0.05).land_mm) == 104
+    with pytest.raises(ConfigError, match='a mesh is 50 wide; covers are 84 mm'):
+        CoverOutlines.of_meshes(meshes, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eol_ros.core.geometry import BLOCK_SIDE_M
 from eol_ros.core.terrain import CoverShape, land_edges
 from eol_ros.errors import ConfigError
+from eol_ros.settings import TableSettings
 
 POINTS = 33  # heights along a side
 MOST_MM = 200.0
@@ -56,12 +56,14 @@ class CoverOutlines:
         return cls(gap_mm, np.round(edges, 2))  # as a file keeps them
 
     @classmethod
-    def of_meshes(cls, meshes: list[np.ndarray], gap_mm: float) -> 'CoverOutlines':
+    def of_meshes(
+        cls, meshes: list[np.ndarray], gap_mm: float, side_m: float = TableSettings.block_side_m
+    ) -> 'CoverOutlines':
         """Return those of printed covers, triangles (n, 3, 3) in mm each, by block id.
 
         The lower rim of a mesh lies at z = 0 and stands `gap_mm` over the platform.
         """
-        return cls(gap_mm, np.round([gap_mm + _edges(mesh) for mesh in meshes], 2))
+        return cls(gap_mm, np.round([gap_mm + _edges(mesh, side_m) for mesh in meshes], 2))
 
     def over(self, plane_m: float) -> np.ndarray:
         """Return heights (n + 1, 4, 1 + POINTS) in m over a plane: lower rim, then land.
@@ -74,13 +76,13 @@ class CoverOutlines:
         return 1e-3 * np.concatenate([lower, land], axis=2) - plane_m
 
 
-def _edges(mesh: np.ndarray) -> np.ndarray:
+def _edges(mesh: np.ndarray, side_m: float) -> np.ndarray:
     """Return heights (4, POINTS) of the upper edges of a cover's sides."""
     points = mesh.reshape(-1, 3).astype(float)
     half = np.abs(points[:, :2]).max()
-    if not 0.8 < 2e-3 * half / BLOCK_SIDE_M < 1.2:
+    if not 0.8 < 2e-3 * half / side_m < 1.2:
         raise ConfigError(
-            f'covers: a mesh is {2 * half:g} wide; covers are {1e3 * BLOCK_SIDE_M:g} mm, their '
+            f'covers: a mesh is {2 * half:g} wide; covers are {1e3 * side_m:g} mm, their '
             'lower rim centred on the origin'
         )
     found = []
