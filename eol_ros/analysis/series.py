@@ -9,9 +9,11 @@ import numpy as np
 
 from eol_ros.analysis import sound
 from eol_ros.analysis.bag import Bag, Table
+from eol_ros.analysis.recorded_settings import recorded_table
 from eol_ros.core.sound.loudness import k_weighted, lufs
 from eol_ros.errors import EolError
 from eol_ros.lab.science import one_over_f, surrogates
+from eol_ros.settings import TableSettings, TwinSettings
 
 if TYPE_CHECKING:
     from eol_ros.analysis.uncoupled import Uncoupled
@@ -22,9 +24,9 @@ FINER = 10  # the light is looked at so often in each 1 / RATE_HZ
 LOUDNESS_HIGH_HZ = 1.0  # the mean over 0.4 s of BS.1770 takes 2.4 dB there, and 11 dB at 2 Hz
 MOMENTARY = 8  # values of 1 / RATE_HZ: 0.4 s
 SILENCE_LUFS = -70.0  # the absolute gate of BS.1770
-BLOCK_KG = 0.25
 FASTEST_MPS = 3.0  # a block that seems faster was taken for another
-REST_J = 1.25e-5  # one block at 10 mm/s; what the camera's noise makes of 25 at rest is a tenth
+REST_J = 1.25e-5  # one block at 10 mm/s; what the camera's noise makes of PAPER at rest is a tenth
+PAPER = TableSettings.rows * TableSettings.columns
 AT_ONCE = 20_000  # values of the light in memory with those that are finer
 MOST_SOUND_S = 3600.0  # is rendered
 SPARSE_S = 2 * 86400.0  # a longer bag has a message a second at least
@@ -115,7 +117,8 @@ def light(bag: Bag) -> Series:
     table = bag.table('led_commands')
     sent_s = _since_start(bag, table['sent'])
     order = np.argsort(sent_s, kind='stable')
-    held = np.concatenate([[0.0], table['white'].mean(axis=1)[order] / 255])  # dark at first
+    mean = table['white'].sum(axis=1) / recorded_table(bag).count
+    held = np.concatenate([[0.0], mean[order] / 255])  # dark at first
     sent_s = sent_s[order]
     values = np.empty(round(bag.duration_s * RATE_HZ))
     for first in range(0, len(values), AT_ONCE):
@@ -139,12 +142,14 @@ class KineticEnergy:
         bins = round(duration_s * RATE_HZ)
         self._start_ns = start_ns
         self._total, self._count = np.zeros(bins), np.zeros(bins)
+        self._rest_j = REST_J
         self._before: tuple[np.ndarray, np.ndarray] | None = None
 
     def add(self, table: Table) -> None:
         """Take the rows that follow."""
         at_s = (table['stamp'].astype('i8') - self._start_ns) * 1e-9
         place = np.stack([table['blocks']['x'], table['blocks']['y']])
+        self._rest_j = REST_J * max(1.0, place.shape[2] / PAPER)
         if self._before is not None:
             at_s = np.r_[self._before[0], at_s]
             place = np.concatenate([self._before[1], place], axis=1)
@@ -153,7 +158,7 @@ class KineticEnergy:
         good = step_s > 0
         speed = np.hypot(*np.diff(place, axis=1)[:, good]) / step_s[good, None]
         speed[~(speed <= FASTEST_MPS)] = 0.0  # nan, too
-        energy = 0.5 * BLOCK_KG * (speed**2).sum(axis=1)
+        energy = 0.5 * TwinSettings.block_kg * (speed**2).sum(axis=1)
         where = np.floor((at_s[:-1] + step_s / 2)[good] * RATE_HZ).astype(int)
         inside = (where >= 0) & (where < len(self._total))
         np.add.at(self._total, where[inside], energy[inside])
@@ -165,7 +170,7 @@ class KineticEnergy:
         values = np.zeros(len(middle))
         if known.any():
             values = np.interp(middle, middle[known], self._total[known] / self._count[known])
-        return Series('kinetic energy', values, rest=REST_J)
+        return Series('kinetic energy', values, rest=self._rest_j)
 
 
 def kinetic_energy(bag: Bag) -> Series:

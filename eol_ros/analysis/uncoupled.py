@@ -7,14 +7,14 @@ import numpy as np
 
 from eol_ros.analysis import series
 from eol_ros.analysis.bag import Bag, Table
-from eol_ros.analysis.recorded_settings import recorded_settings
-from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS, rest_lattice
+from eol_ros.analysis.recorded_settings import recorded_settings, recorded_table
 from eol_ros.core.light.local import new_field
 from eol_ros.core.light.looks import LOOKS
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.drive import Drive
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.twin.live import Coupling, scene_of
+from eol_ros.core.table import Table as Shape
 from eol_ros.errors import EolError
 from eol_ros.lab import choose
 from eol_ros.lab.science import sounding, surrogates
@@ -63,27 +63,29 @@ class Uncoupled:
         grains: GrainsSettings,
         rim: np.ndarray,
         span_s: float,
+        shape: Shape = Shape(),
     ):
         self._twin, self._leds, self._grains = twin, leds, grains
-        self._rim, self._span_s = rim, min(span_s, MOST_S)
+        self._rim, self._span_s, self._shape = rim, min(span_s, MOST_S), shape
 
     @functools.cached_property
     def series(self) -> dict[str, np.ndarray]:
         """The series by name, (n,) each at RATE_HZ. Raises EolError where the solver gives up."""
         drive = {'kind': 'poses', 'par': self._rim}
         coupling = Coupling.of(self._twin)._replace(rotate=False)
-        table = scene_of(self._twin.seed, coupling, drive, self._span_s)
+        shape = self._shape
+        table = scene_of(self._twin.seed, coupling, drive, self._span_s, shape)
         begin = Drive.from_mapping(drive).displacement(
-            0.0, rest_lattice()
+            0.0, shape.rest[shape.ids]
         )  # the bag may begin anywhere
         table['u0'] = (np.asarray(table['u0']) + begin).tolist()
         table['geometric'] = False  # no pre-tension: what balanced it is gone
-        apart = from_mapping(builders.uncoupled(table, ROWS, COLS))
+        apart = from_mapping(builders.uncoupled(table, shape))
         run = choose.simulate(apart, sample_s=1 / (IMAGES * series.RATE_HZ), ledger=False)
         if run.status != 'ok':
             raise EolError(f'the uncoupled table stopped at {run.t_reached:g} s: {run.status}')
         begins = run.event_start != 0
-        times_s, block = run.event_t[begins], run.event_block[begins]
+        times_s, block = run.event_t[begins], shape.ids[run.event_block[begins]]
         heard_s = times_s[sounding.heard(times_s, block, self._grains)]
         power = sounding.power(heard_s, self._span_s, series.RATE_HZ, self._grains)
         steps, per_s = np.diff(run.u, axis=0), IMAGES * series.RATE_HZ
@@ -108,7 +110,7 @@ class Uncoupled:
             while following < len(times_s) and times_s[following] <= now_s:
                 field.slip(float(times_s[following]), int(block[following]))
                 following += 1
-            levels[frame] = field.levels(now_s).sum() / N_BLOCKS
+            levels[frame] = field.levels(now_s).sum() / self._shape.count
         return levels.reshape(-1, FRAMES).mean(axis=1)
 
 
@@ -130,4 +132,4 @@ def of(bag: Bag, rim: RimPath | None = None) -> Uncoupled | None:
     twin = recorded_settings(bag, 'twin') or TwinSettings()
     leds = recorded_settings(bag, 'leds') or LedsSettings()
     grains = recorded_settings(bag, 'grains') or GrainsSettings()
-    return Uncoupled(twin, leds, grains, rows, bag.duration_s)
+    return Uncoupled(twin, leds, grains, rows, bag.duration_s, recorded_table(bag))

@@ -78,7 +78,7 @@ def test_kinetic_energy_does_not_depend_on_how_the_bag_is_read(tmp_path, monkeyp
     np.testing.assert_array_equal(series.kinetic_energy(bag).values, whole)
 
 
-def twin_bag(folder, rim_of, seconds=300):
+def twin_bag(folder, rim_of, seconds=300, table=''):
     """A bag of a twin whose rim goes where `rim_of` (s -> x, y, yaw) says."""
     messages = []
     for k in range(seconds * 20 + 1):
@@ -86,7 +86,7 @@ def twin_bag(folder, rim_of, seconds=300):
         truth.header.stamp = to_msg(T0 + k * S // 20)
         truth.rim_x, truth.rim_y, truth.rim_yaw = rim_of(k / 20)
         messages.append(('truth', truth, k / 20))
-    scene = 'nodes:\n  twin: {seed: 3}\n  leds: {decay_s: 0.5}\n  grains: {}\n'
+    scene = 'nodes:\n  twin: {seed: 3}\n  leds: {decay_s: 0.5}\n  grains: {}\n' + table
     return bag_of(folder, messages, settings=scene)
 
 
@@ -150,7 +150,7 @@ def test_the_report_says_of_each_series_what_it_found_or_lacks(tmp_path):
 def test_a_bag_of_one_message_each_has_a_report(tmp_path):
     messages = [trigger(0.0), ('blocks', Blocks(blocks=[Block(id=i) for i in range(25)]), 0.0)]
     for topic, message in (('slips', Slip(kind=Slip.START)), ('cascades', Cascade(area=1)),
-                           ('led_commands', LedCommand())):  # fmt: skip
+                           ('led_commands', LedCommand(white=[0] * 25))):  # fmt: skip
         messages.append((topic, message, 0.0))
     bag = bag_of(tmp_path / 'run', messages)
     found = report.write(bag, tmp_path / 'out')
@@ -173,3 +173,21 @@ def test_the_bag_that_ships_is_too_short(tmp_path):
     assert made['energy'].values.max() > 1e-4 and made['light'].values.max() > 0.01
     for one in made.values():
         assert 'are too short' in series.ask(one).sentence
+
+
+SMALL = 'table: {rows: 3, columns: 4, absent: [5]}\n'
+
+
+def test_light_is_the_mean_of_the_blocks_that_there_are(tmp_path):
+    white = np.full(12, 255, np.uint8)
+    white[5] = 0
+    lit = [('led_commands', LedCommand(white=white, sent=to_msg(T0 + k * S)), k) for k in range(3)]
+    assert series.light(bag_of(tmp_path / 'run', lit, settings=SMALL)).values[-1] == 1.0
+
+
+@pytest.mark.slow
+def test_the_control_is_of_the_table_of_its_bag(tmp_path):
+    rim = twin_bag(tmp_path / 'run', lambda t: (0.05 * np.sin(t), 0.0, 0.0), 20, SMALL)
+    control = uncoupled.of(rim)
+    assert control._shape.count == 11
+    assert control.series['triggers'].sum() > 5 and control.series['light'].max() > 0
