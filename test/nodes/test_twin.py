@@ -23,8 +23,10 @@ from eol_ros.nodes.twin import TwinNode
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import to_ns
-from eol_ros.settings import PanelSettings, TrackerSettings, TwinSettings
+from eol_ros.scene import Scene
+from eol_ros.settings import PanelSettings, TableSettings, TrackerSettings, TwinSettings
 from eol_ros.streams.images import TYPE, Codec
+from eol_ros.streams.requests import Asked
 
 CODEC = Codec(definition(TYPE))
 
@@ -211,3 +213,29 @@ def test_visitors_let_go_at_the_first_touch_of_a_person(ros):
     assert twin.play.playing == 'visitors'
     twin.close()
     twin.destroy_node()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('absent', [(0, 12, 24), (6, 7, 8, 11, 12, 13, 16, 17, 18)])
+def test_holes_of_the_table_stay_empty_and_dark(ros, absent):
+    scene = Scene('test', {}, table=TableSettings(absent=absent))
+    twin = TwinNode(TwinSettings(noise='none'), scene=scene)
+    table = twin.table
+    try:
+        mask = (1 << table.cells) - 1 - (1 << 1)  # block 1 is dark
+        twin.on_infrared(Asked('infrared', 'twin', {'mask': f'{mask:x}'}))
+        for _ in range(120):  # less than from a block to a hole
+            twin.play.commands.take(twin.play.time_s, 'test', (0.06, 0.0, 0.0), 0.3)
+            twin.step(1 / 60)
+        moment = twin.moment()
+        twin.render(0, [moment])
+    finally:
+        twin.close()
+        twin.destroy_node()
+    truth = np.column_stack([moment.truth.x, moment.truth.y])
+    assert moment.truth.slips > 3 and len(moment.truth.moving) == table.cells
+    assert np.array_equal(truth[list(absent)], table.rest[list(absent)])
+    u, v = np.rint(twin_camera(twin.settings, table).to_pixels(truth)).astype(int).T
+    lit = table.present.copy()
+    lit[1] = False
+    assert np.array_equal(twin.image[v, u] > 100, lit)
