@@ -100,6 +100,9 @@ class Value:
         return value
 
 
+Taken = Number | Word | Bits | Value
+
+
 @dataclass(frozen=True)
 class Kind:
     """One kind of request.
@@ -114,7 +117,7 @@ class Kind:
     doc: str
     nodes: tuple[str, ...]
     also: tuple[str, ...] = field(default=(), kw_only=True)
-    takes: tuple[Number | Word | Bits | Value, ...] = ()
+    takes: tuple[Taken, ...] = ()
     answered_by: str = ''
     within_s: float = 3.0
     internal: bool = False
@@ -135,9 +138,7 @@ class Kind:
         return checked(self.name, self.takes, values)
 
 
-def checked(
-    name: str, takes: tuple[Number | Word | Bits | Value, ...], values: Mapping[str, Any]
-) -> dict[str, Any]:
+def checked(name: str, takes: tuple[Taken, ...], values: Mapping[str, Any]) -> dict[str, Any]:
     """Return `values` where they are what `takes` names; raise UsageError that says what not."""
     known = {item.name for item in takes}
     for given in values:

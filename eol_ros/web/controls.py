@@ -7,7 +7,7 @@ from typing import Any
 
 from eol_ros.errors import UsageError
 from eol_ros.streams.graph import NODES
-from eol_ros.streams.requests import KINDS, SET, Asked, Number, Value, Word, checked
+from eol_ros.streams.requests import KINDS, SET, Asked, Taken, Value, Word, checked
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Control:
     doc: str
     kind: str
     node: str = ''
-    takes: tuple[Number | Word | Value, ...] = ()
+    takes: tuple[Taken, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
     fixed: Mapping[str, Any] = field(default_factory=dict)
 

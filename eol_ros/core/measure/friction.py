@@ -48,7 +48,8 @@ def track_of(
     images: Sequence[tuple[float, np.ndarray, np.ndarray]], table: Table = Table()
 ) -> Track:
     """Return the track of images one by one: stamp s, places (cells, 3), who was seen (cells,)."""
-    return Track(*map(np.array, zip(*images, strict=True)), table)
+    stamp_s, places, seen = map(np.array, zip(*images, strict=True))
+    return Track(stamp_s, places, seen, table)
 
 
 @functools.cache

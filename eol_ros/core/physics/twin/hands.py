@@ -61,13 +61,11 @@ class Frame(NamedTuple):
         width, depth = table.rim_m()
         size = (width + depth) / sum(_PAPER.rim_m())
         blocks_kg = table.count * block_kg / (_PAPER.count * TwinSettings.block_kg)
-        outside = width + 2 * table.rim_width_m, depth + 2 * table.rim_width_m
+        outer, deep = width + 2 * table.rim_width_m, depth + 2 * table.rim_width_m
+        x, y = map(float, table.platform_m)
         return cls(
-            *outside,
-            *map(float, table.platform_m),
-            min(_most_yaw(*outside, table.platform_m[0]),
-                _most_yaw(*outside[::-1], table.platform_m[1])),
-            (width + depth) / 2 / math.sqrt(6),  # as of a plate; thin bars alone have sqrt(3)
+            outer, deep, x, y, min(_most_yaw(outer, deep, x), _most_yaw(deep, outer, y)),
+            (width + depth) / 2 / math.sqrt(6),  # a guess, as of a plate; of bars: sqrt(3)
             RIM_KG * size,
             max(1.0, blocks_kg),
         )  # fmt: skip
