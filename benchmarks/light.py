@@ -32,9 +32,10 @@ from eol_ros.analysis.recorded_settings import recorded_settings
 from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS, rest_lattice
 from eol_ros.core.light.flash import FlashField
 from eol_ros.core.light.frames import FELT_NS
-from eol_ros.core.light.local import BLOCK_FALLS, PERIOD_S, SQUARE_FALLS, SQUARES, LocalField
+from eol_ros.core.light.local import BLOCK_FALLS, PERIOD_S, SQUARE_FALLS, LocalField, squares
 from eol_ros.core.light.looks import LOOKS, REST_S, Look, spread
 from eol_ros.core.motion.slips import START, STOP
+from eol_ros.core.table import Table
 from eol_ros.errors import EolError
 
 HELP = 'Light of a recording under each limit of flashes: duration, share lit, WCAG 2.2.'
@@ -236,8 +237,9 @@ def optimum(lit: list[tuple[float, int, bool]]) -> dict[str, Any]:
     lasts_s = end_s - begin_s
     before, after = [], []  # the second of a pair begins PERIOD_S after the end of the first
     for members, most in [
-        *(([b], BLOCK_FALLS) for b in range(N_BLOCKS)), *((s, SQUARE_FALLS) for s in SQUARES),
-    ]:  # fmt: skip
+        *(([b], BLOCK_FALLS) for b in range(N_BLOCKS)),
+        *((s, SQUARE_FALLS) for s in squares(Table())),
+    ]:
         own = np.flatnonzero(np.isin(block, members))
         for k in range(most, len(own)):
             last = own[:k][np.argsort(end_s[own[:k]], kind='stable')]

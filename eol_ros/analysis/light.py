@@ -15,7 +15,8 @@ from eol_ros.analysis import series
 from eol_ros.analysis.bag import Bag, Table
 from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS
 from eol_ros.core.light.flash import FLASH_DEPTH
-from eol_ros.core.light.local import BLOCK_FALLS, SQUARE_FALLS, SQUARES
+from eol_ros.core.light.local import BLOCK_FALLS, SQUARE_FALLS, squares
+from eol_ros.core.table import Table as Layout
 from eol_ros.lab.science import patterns
 from eol_ros.streams.slips import START
 
@@ -100,7 +101,8 @@ class Measure:
         within = within[:, int(RATE_HZ) + 1 :] - within[:, : -int(RATE_HZ) - 1]
         self._falls = max(self._falls, int(within.max(initial=0)))
         self._square_falls = max(
-            self._square_falls, *(int(within[s].sum(axis=0).max(initial=0)) for s in SQUARES)
+            self._square_falls,
+            *(int(within[s].sum(axis=0).max(initial=0)) for s in squares(Layout())),
         )
         window = int(WINDOW_S * RATE_HZ)
         for begin in range(0, len(levels) - window + 1, window):

@@ -450,7 +450,7 @@ def _compare_triggers(
     # A corpus made while recording took as long as it took: from there on this proves nothing.
     other = recorded[recorded['digest'] != corpus.digest]
     until_ns = min(int(other['stamp'][0].astype('i8')) if len(other) else 2**63 - 1, whole_ns)
-    selector = Selector(live.settings)
+    selector = Selector(live.settings, table=recorded_table(bag))
     selector.load(corpus)
     made: list = []
     knocks = _felt(bag)

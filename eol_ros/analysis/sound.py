@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from eol_ros.analysis.bag import Bag, Table
-from eol_ros.analysis.recorded_settings import recorded_settings
+from eol_ros.analysis.recorded_settings import recorded_settings, recorded_table
 from eol_ros.core.sound.bank import Bank, playable
 from eol_ros.core.sound.offline import play
 from eol_ros.core.sound.senses import FirstSense
@@ -48,7 +48,12 @@ def voices(
     digests = [''.join(d) for d in corpora['digest']]
     news = [i for i, d in enumerate(digests) if not i or d != digests[i - 1]]
     begins = corpora['stamp'][news]
-    voicing, rows, banks, refused = Voicing(settings), [], [], np.zeros(len(times), int)
+    voicing, rows, banks, refused = (
+        Voicing(settings, recorded_table(bag)),
+        [],
+        [],
+        np.zeros(len(times), int),
+    )
     for k, i in enumerate(news):  # each trigger speaks of the corpus of its time
         mine = np.ones(len(times), bool)
         if k:
@@ -102,7 +107,8 @@ def bag_triggers(
 def rendered(bag: Bag, settings: SoundSettings, seconds: float) -> Iterator[np.ndarray]:
     """Yield the first `seconds` of the bag's sound in blocks (n, channels) f4."""
     rows, _, _, banks = voices(bag, settings, seconds + LATE_S)
-    yield from play(new_mixer(settings), rows, math.ceil(seconds * settings.sample_rate), BLOCK)
+    mixer = new_mixer(settings, table=recorded_table(bag))
+    yield from play(mixer, rows, math.ceil(seconds * settings.sample_rate), BLOCK)
     del banks  # the voices read them to the end
 
 

@@ -28,7 +28,7 @@ class GrainsNode(EolNode):
 
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
-        self.selector = Selector(self.settings)
+        self.selector = Selector(self.settings, table=self.table)
         self.corpus: Corpus | None = None
         self.sequence = 0
         self.triggers = self.publisher('grain_triggers')
@@ -87,7 +87,7 @@ class GrainsNode(EolNode):
             self.health.ok(clauses([self.words, *self.notes, *left_out[:3]]))
 
     def restart(self) -> None:
-        self.selector = Selector(self.settings, self.corpus)
+        self.selector = Selector(self.settings, self.corpus, self.table)
         self.sequence = self.felt = 0
 
     def time_jumped(self, jump_ns: int) -> None:
@@ -173,7 +173,7 @@ class GrainsNode(EolNode):
         self.health.values['felt'] = self.felt
 
     def message(self, corpus: Corpus) -> CorpusMessage:
-        bounds, radius = self.selector.bounds, self.settings.radius
+        bounds, radius = self.selector.bounds, self.selector.radius_m
         row = corpora.of(self.since_ns, corpus, bounds, radius, moved(corpus))
         return corpora.RECORD.fill(CorpusMessage(), row, self.frame_prefix)
 

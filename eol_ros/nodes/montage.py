@@ -33,7 +33,7 @@ class MontageNode(EolNode):
         self.folder = MediaFolder(s.pairs)
         rng = np.random.default_rng(s.seed)
         self.shuffle = Shuffle(len(self.folder.pairs), s.period_s, rng, s.lead_s)
-        self.damage = Damage(s.heal_s)
+        self.damage = Damage(s.heal_s, self.table.count)
         self.pair = self.folder.pairs[0]  # that is shown
         self.asleep = bool(self.resumed.get('asleep'))
         self.wall = Wall()

@@ -44,7 +44,8 @@ class SoundNode(EolNode):
         super().__init__(settings, **kwargs)
         s = self.settings
         self.epoch_ns = now_ns() // NS * NS
-        self.mixer, self.voicing = new_mixer(s, self.epoch_ns // NS), Voicing(s)
+        self.mixer = new_mixer(s, self.epoch_ns // NS, self.table)
+        self.voicing = Voicing(s, self.table)
         self.on_settings(s)
         self.osc = self.midi = None
         if s.osc_out or s.osc_in:  # python-osc only then
@@ -129,7 +130,7 @@ class SoundNode(EolNode):
 
     def on_settings(self, new) -> None:
         self.voicing.settings = new
-        set_room(self.mixer, new)
+        set_room(self.mixer, new, self.table)
         cubic = new.interpolation == 'cubic'
         self.mixer.set(cubic, new.gain_db, new.loudness_lufs, new.governor_db)
         # Whole frames: the grains then start as far apart as without it, as `eol render` has them.

@@ -51,14 +51,14 @@ def run(args) -> int:
     if args.binaural:
         settings, ears = _ears(settings)
     with Progress('reading triggers and sounds'):
-        rows, times_s, refused, banks = _voices(args, settings)
+        rows, times_s, refused, banks, table = _voices(args, settings)
     grains = max(map(len, banks))
     told = ~(times_s >= (args.seconds or math.inf))  # one without a time is refused
     count = int(told.sum())
     rate = settings.sample_rate
     end_s = float((rows['time_s'] + rows['length'] / rate).max()) if len(rows) else 0.0
     frames = math.ceil((args.seconds or end_s + TAIL_S + settings.room_s) * rate)
-    mixer = new_mixer(settings)
+    mixer = new_mixer(settings, table=table)
     peak, energy = 0.0, 0.0
     channels = 2 if ears else settings.channels
     with writer(args.output, settings.sample_rate, channels) as file:
@@ -133,9 +133,11 @@ def _ears(settings):
 
 
 def _voices(args, settings):
-    """Return the voices, the times of their triggers, why they were refused, and the banks."""
+    """Return the voices, the times of their triggers, why they were refused, banks and table."""
+    from eol_ros import scene
     from eol_ros.analysis import sound
     from eol_ros.core.sound.voicing import Voicing
+    from eol_ros.core.table import Table
 
     if Path(args.source).suffix.lower() == '.csv':
         from eol_ros.devices.files.trigger_file import load_triggers
@@ -143,16 +145,19 @@ def _voices(args, settings):
         if not args.corpus:
             raise UsageError(f'{args.source}: a CSV names no sound; add --corpus C.json')
         triggers = load_triggers(args.source)
+        table = Table.of(scene.load(args.scene).table) if args.scene else Table()
     else:
         from eol_ros.analysis.bag import open_bag
+        from eol_ros.analysis.recorded_settings import recorded_table
 
         bag = open_bag(args.source)
+        table = recorded_table(bag)
         if not args.corpus:
-            return sound.voices(bag, settings)
+            return *sound.voices(bag, settings), table
         triggers, _ = sound.bag_triggers(bag, settings)
     bank = _bank(args.corpus, settings.sample_rate)
-    rows, mask = Voicing(settings).rows(triggers, bank)
-    return rows, triggers['time_s'], sound.why_refused(triggers, mask, bank), [bank]
+    rows, mask = Voicing(settings, table).rows(triggers, bank)
+    return rows, triggers['time_s'], sound.why_refused(triggers, mask, bank), [bank], table
 
 
 def _bank(path: str, sample_rate: int):

@@ -15,10 +15,9 @@ import numpy as np
 RATE_HZ = 120
 CONCURRENT_S = 0.05
 PIXEL_DEG = 0.25
-SIDE_M = 0.084
 
 
-def fields(centres_m, eye_m, step_deg=1.5):
+def fields(centres_m, eye_m, step_deg=1.5, side_m=0.084):
     """Return the solid angle in sr of each block in each field, (fields, blocks).
 
     centres_m: (blocks, 2) on the table; eye_m: x, y and height over it. Rays from the eye, one for
@@ -41,7 +40,7 @@ def fields(centres_m, eye_m, step_deg=1.5):
     sr = np.cos(v) * math.radians(PIXEL_DEG) ** 2
     shows = np.full(h.shape, -1)
     for block, centre in enumerate(centres_m):
-        shows[(np.abs(spot - centre) <= SIDE_M / 2).all(axis=-1)] = block
+        shows[(np.abs(spot - centre) <= side_m / 2).all(axis=-1)] = block
     lit = shows >= 0
     pixels, block, weight = rays[lit], shows[lit], sr[lit]
     found = []

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, PITCH_M
+from eol_ros.core.table import Table
 
 FIELD_SR = 0.006  # WCAG 2.2: a quarter of a 10 degree field
 HALF_FIELD_DEG = 5.0
@@ -39,9 +39,13 @@ class View(NamedTuple):
 
 
 def covered(
-    view: View, pitch_m: float = PITCH_M, side_m: float = BLOCK_SIDE_M
+    view: View, table: Table = Table(), nearer: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the blocks in a field as lattice places, (n, 2), and the solid angle of each in sr."""
+    """Return the blocks in a field as lattice places, (n, 2), and the solid angle of each in sr.
+
+    nearer: share of its pitch by which the lattice has contracted.
+    """
+    pitch_m, side_m = (1 - nearer) * np.array(table.pitch_m), table.block_side_m
     radius_m = view.distance_m * math.tan(math.radians(HALF_FIELD_DEG))
     step_m = 2 * radius_m / PIXELS
     across = (np.arange(PIXELS) + 0.5) * step_m - radius_m
@@ -81,11 +85,13 @@ def most_flashes(blocks: np.ndarray, sr: np.ndarray, each: int, square: int) -> 
     return -float(linprog(-np.ones(len(sets)), rows, most, method='highs').fun)
 
 
-def views(nearest_m: float = NEAREST_M, furthest_m: float = 2.0, n: int = 7) -> Iterator[View]:
+def views(
+    nearest_m: float = NEAREST_M, furthest_m: float = 2.0, n: int = 7, table: Table = Table()
+) -> Iterator[View]:
     """Yield fields all over the table from all distances and elevations, n by n to a pitch."""
-    places = np.linspace(-PITCH_M / 2, PITCH_M / 2, n)
+    across, along = (np.linspace(-pitch_m / 2, pitch_m / 2, n) for pitch_m in table.pitch_m)
     for distance_m in np.arange(nearest_m, furthest_m, 0.1):
         for elevation_deg in (90.0, 60.0, 45.0, 37.0, LOWEST_DEG):
             for azimuth_deg in (0.0, 22.5, 45.0):
-                for centre_m in itertools.product(places, places):
+                for centre_m in itertools.product(across, along):
                     yield View(float(distance_m), elevation_deg, azimuth_deg, centre_m)

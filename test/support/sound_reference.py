@@ -72,11 +72,12 @@ def noise_bank():
     return Bank([noise.astype('f4')], [0], [0.0], [0.5], 48000)
 
 
-def spreading(count, step_s=0.02, begin_s=10.0):
+def spreading(count, step_s=0.02, begin_s=10.0, columns=5):
     """Return triggers of a cascade that takes block after block along the rows, to and fro."""
-    way = [row * 5 + (c if row % 2 == 0 else 4 - c) for row in range(5) for c in range(5)]
+    row, c = np.divmod(np.arange(count), columns)
+    way = row * columns + np.where(row % 2, columns - 1 - c, c)
     t = np.zeros(count, TRIGGER)
-    t['time_s'], t['block'] = begin_s + step_s * np.arange(count), way[:count]
+    t['time_s'], t['block'] = begin_s + step_s * np.arange(count), way
     t['gain'], t['rate'] = 1.0, 1.0
     return t
 

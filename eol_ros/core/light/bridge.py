@@ -11,9 +11,9 @@ import math
 
 import numpy as np
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.light.flash import MIN_PERIOD_S
 from eol_ros.core.light.local import FIELD_OF_VIEW, new_field
+from eol_ros.core.table import Table
 
 DECAY_S = 0.1  # until the host says another one
 
@@ -31,8 +31,9 @@ class Bridge:
     0.71
     """
 
-    def __init__(self) -> None:
-        self.limit, self.field = FIELD_OF_VIEW, new_field(FIELD_OF_VIEW, DECAY_S)
+    def __init__(self, table: Table = Table()) -> None:
+        self.limit, self.table = FIELD_OF_VIEW, table
+        self.field = new_field(FIELD_OF_VIEW, DECAY_S, table=table)
         self.by_itself = True
         self.linked = True
         self._silent: set[int] = set()  # blocks that might flash uncounted
@@ -43,7 +44,8 @@ class Bridge:
         """Take what the host says of flashes."""
         self.by_itself = by_itself
         if limit != self.limit:
-            before, self.field, self.limit = self.field, new_field(limit, decay_s, peak), limit
+            before, self.limit = self.field, limit
+            self.field = new_field(limit, decay_s, peak, self.table)
             self.field.take_over(before, now_s)
             if not self.linked or self._silent:
                 self._hold(now_s)
@@ -58,8 +60,9 @@ class Bridge:
     def light(self, now_s: float, mask: int) -> None:
         """Light the blocks of `mask`; without the bridge nobody tells them."""
         if self.linked:
-            for block in np.flatnonzero(mask >> np.arange(N_BLOCKS) & 1).tolist():
-                self.field.slip(now_s, block)
+            for block in self.table.ids.tolist():
+                if mask >> block & 1:
+                    self.field.slip(now_s, block)
 
     def link(self, now_s: float, linked: bool) -> None:
         """The bridge comes or goes.
@@ -79,7 +82,7 @@ class Bridge:
 
     def _hold(self, now_s: float, block: int | None = None) -> None:
         if self.limit == FIELD_OF_VIEW:
-            for one in range(N_BLOCKS) if block is None else (block,):
+            for one in self.table.ids.tolist() if block is None else (block,):
                 alone = not self.linked or one in self._silent
                 self.field.hold(now_s, math.inf if alone else now_s, one)
         else:  # the silent one might flash, so nothing falls
@@ -87,5 +90,5 @@ class Bridge:
             self.field.hold(now_s, math.inf if alone else now_s + MIN_PERIOD_S)
 
     def levels(self, now_s: float) -> np.ndarray:
-        """Return the light of each block at `now_s`, shape (25,), 0..1."""
+        """Return the light of each block at `now_s`, shape (cells,), 0..1."""
         return self.field.levels(now_s)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flashes of the 25 white LEDs: a slip lights its block at once, then the light dies away.
+"""Flashes of the white LEDs: a slip lights its block at once, then the light dies away.
 
 The whole field flashes at most three times in any second, whatever the blocks do (WCAG 2.2, success
 criterion 2.3.1, level A). A flash is there a pair of opposing changes of relative luminance of 10 %
@@ -21,7 +21,7 @@ import math
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.table import Table
 
 FLASHES_PER_S = 3
 FLASH_DEPTH = 0.1  # of the greatest luminance: what counts as a change (WCAG 2.2)
@@ -45,6 +45,8 @@ class FlashField:
         Level in 0..1 that a slip sets.
     limited : bool
         Keep to three flashes a second (WCAG 2.3.1).
+    table : Table
+        Whose blocks they are.
 
     Examples
     --------
@@ -56,7 +58,9 @@ class FlashField:
 
     SHORTEST_S = 0.182
 
-    def __init__(self, decay_s: float, peak: float = 1.0, limited: bool = True):
+    def __init__(
+        self, decay_s: float, peak: float = 1.0, limited: bool = True, table: Table = Table()
+    ):
         if not decay_s > 0:
             raise ValueError(f'decay_s is {decay_s}; it must be positive')
         if not 0 <= peak <= 1:
@@ -64,8 +68,9 @@ class FlashField:
         self.decay_s = decay_s
         self.peak = peak
         self.limited = limited
+        self.table = table
         self.lengthened = 0  # falls that had to wait, for the health report
-        self._level = np.zeros(N_BLOCKS)
+        self._level = np.zeros(table.cells)
         self._now_s = -math.inf
         self._fall_at_s = -math.inf  # when the present fall began, or the next one may
         self._fell_s = -math.inf  # when light was last seen falling
@@ -94,7 +99,7 @@ class FlashField:
         self.hold(self._now_s, self._now_s + HANDOVER_S)
 
     def levels(self, now_s: float) -> np.ndarray:
-        """Return the light of each block at `now_s`, (25,), 0..1 of full luminance."""
+        """Return the light of each block at `now_s`, (cells,), 0..1 of full luminance."""
         self._advance(now_s)
         return self._level.copy()
 

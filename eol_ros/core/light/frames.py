@@ -25,7 +25,7 @@ FELT_NS = 100_000_000  # a slip is not lit again that its block lit so long befo
 
 
 class Frames:
-    """A FlashField with its grid; all times are stamps in nanoseconds, levels 25 bytes."""
+    """A FlashField with its grid; all times are stamps in nanoseconds, levels a byte a place."""
 
     def __init__(self, field: FlashField, rate_hz: float):
         self.field = field

@@ -5,13 +5,17 @@ WCAG 2.2 (general flash threshold, 2.3.1) allows more than three flashes a secon
 occur concurrently cover at most 0.006 sr of any 10 degree field. Two rules keep every such field
 of every viewer to three (derived from the geometry of the table in `test/support/flash_bound.py`):
 
-    a block               at most BLOCK_FALLS falls of its light in any second
+    a block               at most `block_falls(table)` falls of its light in any second, 3 or 1
     a square of 2 x 2     at most SQUARE_FALLS falls of its blocks in any second
 
 A slip always lights its block at once. It reserves the next fall of that light, and the light is
 held until both rules allow the fall. Held light loses 6 % in PERIOD_S, no opposing change of 10 %.
 So each such change of a block shares some moment with a fall, and a closed second contains moments
 of at most three falls of a block: the fourth begins PERIOD_S after the end of the first.
+
+Where blocks stand closer than `block_falls` says, each makes one fall in a second. The flashes of a
+field in a second then have no block in common. Each covers more than 0.006 sr, and the field has
+0.0239 sr, so there are at most three, at any distance.
 """
 
 import math
@@ -19,10 +23,11 @@ import math
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS
 from eol_ros.core.light.flash import DARK, FlashField
+from eol_ros.core.table import Table
 
 BLOCK_FALLS, SQUARE_FALLS = 3, 11
+APART = 1.3  # gap over side from which blocks of any size may make BLOCK_FALLS
 # A closed second, 50 ms within which changes are concurrent, 20 ms of lost words of the bridge.
 PERIOD_S = 1.07
 HOLD_RATE = -elementary.log(0.94) / PERIOD_S  # 1/s
@@ -30,20 +35,32 @@ FIELD_OF_VIEW, FIELD, OFF = LIMITS = ('field_of_view', 'field', 'false')
 FIRST = 0.75  # of `peak`, the level of a slip after rest; one that meets light adds the rest
 
 
-def squares() -> np.ndarray:
-    """Return the ids of the blocks of each 2 x 2 square of the lattice, (16, 4)."""
-    corner = (np.arange(ROWS - 1)[:, None] * COLS + np.arange(COLS - 1)).reshape(-1, 1)
-    return corner + np.array([0, 1, COLS, COLS + 1])
+def squares(table: Table) -> np.ndarray:
+    """Return the ids of the places of each 2 x 2 square of the lattice, (squares, 4)."""
+    columns = table.columns
+    corner = (np.arange(table.rows - 1)[:, None] * columns + np.arange(columns - 1)).reshape(-1, 1)
+    return corner + np.array([0, 1, columns, columns + 1])
 
 
-SQUARES = squares()
-SQUARES_OF = tuple(SQUARES[np.isin(SQUARES, block).any(axis=1)] for block in range(N_BLOCKS))
+def block_falls(table: Table) -> int:
+    """Return how many falls of light a block of `table` may make in any second.
+
+    Examples
+    --------
+    >>> block_falls(Table()), block_falls(Table(block_side_m=0.03, gap_m=0.02))
+    (3, 1)
+    """
+    side_m, apart = table.block_side_m, min(table.gaps_m) / table.block_side_m
+    proven = Table()  # a smaller table with the same proportions is one seen from further away
+    if side_m <= proven.block_side_m and apart >= proven.gap_m / proven.block_side_m:
+        return BLOCK_FALLS
+    return BLOCK_FALLS if apart >= APART else 1
 
 
-def new_field(limit: str, decay_s: float, peak: float = 1.0) -> FlashField:
+def new_field(limit: str, decay_s: float, peak: float = 1.0, table: Table = Table()) -> FlashField:
     """Return dark blocks under one of LIMITS."""
     make = LocalField if limit == FIELD_OF_VIEW else FlashField
-    return make(max(decay_s, make.SHORTEST_S), peak, limit != OFF)
+    return make(max(decay_s, make.SHORTEST_S), peak, limit != OFF, table)
 
 
 class LocalField(FlashField):
@@ -60,10 +77,14 @@ class LocalField(FlashField):
 
     SHORTEST_S = 0.02  # a block obeys nobody but itself when it stops to fall
 
-    def __init__(self, decay_s: float, peak: float = 1.0, limited: bool = True):
-        super().__init__(decay_s, peak, limited)
-        self._fall_s = np.full(N_BLOCKS, -math.inf)  # when its fall began, or the next one may
-        self._ends_s = np.full((N_BLOCKS, BLOCK_FALLS), -math.inf)  # of its last falls, rising
+    def __init__(
+        self, decay_s: float, peak: float = 1.0, limited: bool = True, table: Table = Table()
+    ):
+        super().__init__(decay_s, peak, limited, table)
+        n, all_squares = table.cells, squares(table)
+        self._squares = [all_squares[(all_squares == b).any(axis=1)] for b in range(n)]
+        self._fall_s = np.full(n, -math.inf)  # when its fall began, or the next one may
+        self._ends_s = np.full((n, block_falls(table)), -math.inf)  # of its last falls, rising
 
     def slip(self, now_s: float, block: int) -> None:
         """Light `block` at `now_s`; its light falls when the limit allows."""
@@ -84,7 +105,7 @@ class LocalField(FlashField):
         """Let `block`, or none, fall before `until_s`, nor within PERIOD_S, whatever the limit
         says."""
         self._advance(now_s)
-        for one in range(N_BLOCKS) if block is None else (block,):
+        for one in range(self.table.cells) if block is None else (block,):
             if self._level[one] > 0 and self._fall_s[one] < self._now_s:
                 self._ended(one, self._now_s)
             self._fall_s[one] = self._allowed_s(one, max(until_s, self._now_s + PERIOD_S))
@@ -96,7 +117,7 @@ class LocalField(FlashField):
         self._ends_s += by_s
 
     def falls(self, now_s: float) -> np.ndarray:
-        """Return whether the light of each block may fall at `now_s`, (25,)."""
+        """Return whether the light of each block may fall at `now_s`, (cells,)."""
         return self._fall_s <= now_s
 
     def _ended(self, block: int, at_s: float) -> None:
@@ -109,7 +130,7 @@ class LocalField(FlashField):
         before_s = -math.inf
         while before_s < at_s:  # until all squares agree
             before_s = at_s
-            for square in SQUARES_OF[block]:
+            for square in self._squares[block]:
                 at_s = self._square_allows_s(square, block, at_s)
         return at_s
 

@@ -11,7 +11,7 @@ that is over runs through the blocks again, in the order of its last slips.
 
 from typing import NamedTuple
 
-from eol_ros.core.geometry import neighbours
+from eol_ros.core.table import Table
 
 REST_S = 1.0
 
@@ -35,7 +35,7 @@ LOOKS = {
 }
 
 
-def spread(block: int, look: Look) -> list[tuple[float, int]]:
+def spread(block: int, look: Look, table: Table = Table()) -> list[tuple[float, int]]:
     """Return the blocks that a slip of `block` lights besides, and after how many s.
 
     Examples
@@ -47,7 +47,7 @@ def spread(block: int, look: Look) -> list[tuple[float, int]]:
     """
     seen, front, found = {block}, [block], []
     for ring in range(1, look.blocks + 1):
-        front = sorted({other for one in front for other in neighbours(one)} - seen)
+        front = sorted({other for one in front for other in table.neighbours(one)} - seen)
         seen.update(front)
         found += [(ring * look.delay_s, other) for other in front]
     return found + [(max(look.afterglow_s, REST_S), block)] * (look.afterglow_s > 0)

@@ -2,7 +2,7 @@
 """How far the walls are broken: the further the greater a cascade, and calm heals it slowly."""
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.table import Table
 
 CASCADES = 64  # remembered, so that a slip that comes late still counts for its own
 
@@ -10,12 +10,12 @@ CASCADES = 64  # remembered, so that a slip that comes late still counts for its
 class Damage:
     """Turns slips into a level, 0 (whole) to 1.
 
-    A cascade of `area` blocks raises the level to log(area) / log(25) where it stood lower, while
-    it runs; from the newest slip on it falls, by 1 in `heal_s`.
+    A cascade of `area` blocks raises the level to log(area) / log(blocks), of the `blocks` of the
+    table, where it stood lower, while it runs; from the newest slip on it falls, by 1 in `heal_s`.
     """
 
-    def __init__(self, heal_s: float):
-        self.heal_s = heal_s
+    def __init__(self, heal_s: float, blocks: int = Table().count):
+        self.heal_s, self._log_blocks = heal_s, elementary.log(float(blocks))
         self._level, self._at_s = 0.0, 0.0
         self._blocks: dict[int, set[int]] = {}
 
@@ -25,7 +25,7 @@ class Damage:
         blocks.add(block)
         if len(self._blocks) > CASCADES:
             del self._blocks[next(iter(self._blocks))]
-        reached = elementary.log(float(len(blocks))) / elementary.log(float(N_BLOCKS))
+        reached = elementary.log(float(len(blocks))) / self._log_blocks
         self._level, self._at_s = max(self.level(now_s), reached), now_s
 
     def level(self, now_s: float) -> float:

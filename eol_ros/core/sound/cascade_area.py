@@ -9,7 +9,6 @@ needs no other topic and gives the same result offline.
 import math
 from dataclasses import dataclass
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.table import Table
 
 # Times are compared in whole milliseconds, a third of one off the round ones, so that no rounding
@@ -30,6 +29,8 @@ class CascadeAreas:
     ----------
     gap_s : float
         A block joins when one that it touches, or it itself, has sounded this short ago.
+    table : Table
+        Whose blocks they are.
 
     Examples
     --------
@@ -40,16 +41,17 @@ class CascadeAreas:
     [(1, 0, True), (2, 100, True), (1, 0, True), (3, 200, True), (1, 0, True)]
     """
 
-    def __init__(self, gap_s: float):
+    def __init__(self, gap_s: float, table: Table = Table()):
         self.gap_s = gap_s
-        self._last_s = [float('-inf')] * N_BLOCKS
-        self._of: list[_Cascade | None] = [None] * N_BLOCKS
+        self._touching = [{b, *table.neighbours(b, diagonal=True)} for b in range(table.cells)]
+        self._last_s = [float('-inf')] * table.cells
+        self._of: list[_Cascade | None] = [None] * table.cells
 
     def add(self, time_s: float, block: int) -> tuple[int, int, bool]:
         """Take one grain that sounds; return area so far, ms since the onset, and if it grew."""
         gap = int(1e3 * self.gap_s)
         joined: list[_Cascade] = []
-        for other in {block, *Table().neighbours(block, diagonal=True)}:
+        for other in self._touching[block]:
             past = _milliseconds(time_s - self._last_s[other])
             cascade = self._of[other]
             if past < -gap:  # the stamps began again

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which grain sounds when: 25 blocks wander over the space and touch what lies within reach.
+"""Which grain sounds when: blocks wander over the space and touch what lies within reach.
 
 The rule, image by image. A block *moves* from the image in which its speed reaches `start_mps`
 (and its step stands out from the noise of the measurement) until it has been slower than
@@ -21,10 +21,14 @@ same ones, other ones for each block.
 Ambience: with `ambience_rate` set, blocks at rest under stress creak: grains of nobody, quiet and
 slow, by chance and the oftener the greater the stress (`stress.py`). No rule above holds for them.
 
+`space_m` and `radius` are those of the default table: places are scaled to it by how far the blocks
+of a table reach along x and y, so that every table covers the space alike.
+
 Everything follows from the sequence of images alone: chance is a hash of seed, stamp, block and
 grain.
 """
 
+import math
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -33,13 +37,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.corpus import Corpus, table_bounds
 from eol_ros.core.sound.projection import rank_shares
 from eol_ros.core.sound.sources import weights
 from eol_ros.core.sound.stress import stress
 from eol_ros.core.sound.triggers import MAX_RATE, MIN_RATE, TRIGGER
 from eol_ros.core.stamp_watch import BACK_S
+from eol_ros.core.table import Table
 from eol_ros.settings import GrainsSettings
 
 FORGET_S = 0.25  # a block unseen for longer starts again
@@ -60,6 +64,8 @@ class Selector:
         Reach, mode (fence or bow), caps and envelopes.
     corpus : Corpus, optional
         The grains; without one nothing sounds.
+    table : Table
+        Whose blocks they are.
 
     References
     ----------
@@ -69,13 +75,12 @@ class Selector:
     --------
     A block passes the one grain, in the middle of the table.
 
-    >>> from eol_ros.core.geometry import rest_lattice
     >>> from eol_ros.core.sound.corpus import GRAIN, Source
     >>> grains = np.zeros(1, GRAIN)
     >>> grains['x'], grains['y'], grains['duration_s'] = 0.5, 0.5, 0.25
     >>> settings = GrainsSettings(ambience_rate=0.0)
     >>> selector = Selector(settings, Corpus((Source('ice.wav', 48000, 1.0, ''),), grains))
-    >>> x, y = rest_lattice().T.copy()
+    >>> x, y = Table().rest.T.copy()
     >>> found = []
     >>> for k in range(20):
     ...     x[12] = -0.1 + 0.01 * k
@@ -84,13 +89,16 @@ class Selector:
     1
     """
 
-    def __init__(self, settings: GrainsSettings, corpus: Corpus | None = None):
-        self.settings = settings
+    def __init__(
+        self, settings: GrainsSettings, corpus: Corpus | None = None, table: Table = Table()
+    ):
+        self.settings, self.table = settings, table
+        self._scale = _reach_m(table) / _reach_m(Table())
         self.capped = 0  # triggers that a cap has dropped since the start
         self._reset()
         self._swapped_s = -np.inf
         self._grains = np.zeros(0, np.int64)
-        self._armed = np.ones((N_BLOCKS, 0), bool)
+        self._armed = np.ones((table.cells, 0), bool)
         self._sounded_s = np.zeros(0)
         self._next: tuple[float, Corpus] | None = None
         self._corpus: Corpus | None = None
@@ -99,20 +107,20 @@ class Selector:
             self._take(corpus)
 
     def _reset(self) -> None:
-        self._time_s = -np.inf
-        self._at = np.full((N_BLOCKS, 2), np.nan)
-        self._seen_s = np.full(N_BLOCKS, -np.inf)
-        self._fast_s = np.full(N_BLOCKS, -np.inf)
-        self._bow_s = np.full(N_BLOCKS, -np.inf)
-        self._last = np.full(N_BLOCKS, -1)  # column of the grain that each block sounded last
-        self._last_s = np.full(N_BLOCKS, -np.inf)  # and when
-        self._since_s = np.full(N_BLOCKS, -np.inf)  # when its motion began
-        self.moving = np.zeros(N_BLOCKS, bool)
-        self.speed = np.zeros(N_BLOCKS)
+        n, self._time_s = self.table.cells, -np.inf
+        self._at = np.full((n, 2), np.nan)
+        self._seen_s = np.full(n, -np.inf)
+        self._fast_s = np.full(n, -np.inf)
+        self._bow_s = np.full(n, -np.inf)
+        self._last = np.full(n, -1)  # column of the grain that each block sounded last
+        self._last_s = np.full(n, -np.inf)  # and when
+        self._since_s = np.full(n, -np.inf)  # when its motion began
+        self.moving = np.zeros(n, bool)
+        self.speed = np.zeros(n)
         self._felt: dict[tuple[int, int], float] = {}  # block, grain column: its last knock
-        self._felt_second: list[deque[float]] = [deque() for _ in range(N_BLOCKS)]
+        self._felt_second: list[deque[float]] = [deque() for _ in range(n)]
         self._second: deque[tuple[float, int]] = deque()
-        self._in_second = [0] * N_BLOCKS
+        self._in_second = [0] * n
 
     def load(self, corpus: Corpus, lead_s: float = 0.0) -> float:
         """Take another corpus; return the stamp from which on triggers name its grains.
@@ -135,19 +143,25 @@ class Selector:
         self._made.clear()
         self._durations = corpus.grains['duration_s'][self._grains]
         self._sounded_s = np.full(len(self._grains), -np.inf)
-        self._armed = np.ones((N_BLOCKS, len(self._grains)), bool)
+        self._armed = np.ones((self.table.cells, len(self._grains)), bool)
         self._felt.clear()  # by columns of another corpus
         places = corpus.grains[self._grains]
         self._places = np.stack([places['x'], places['y']])
         if np.isfinite(self._time_s):
             self._swapped_s = self._time_s
             busy = np.nonzero(self.moving)[0]  # what they stand in was not touched by this motion
-            self._armed[busy] = self._distances(self._at[busy]) > self._leave_m
+            self._armed[busy] = self._distances(self._at[busy] / self._scale) > self._leave_m
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
         """Region of the table that the space covers: x min, y min, x max, y max in metres."""
-        return table_bounds(self.settings.space_m)
+        right, high = (self.settings.space_m / 2 * self._scale).tolist()
+        return -right, -high, right, high
+
+    @property
+    def radius_m(self) -> float:
+        """Radius of the circle on the table that has the area of a block's reach."""
+        return self.settings.radius * math.sqrt(self._scale[0] * self._scale[1])
 
     def update(
         self, time_s: float, x: np.ndarray, y: np.ndarray, seen: np.ndarray, sigma_m: np.ndarray
@@ -159,11 +173,11 @@ class Selector:
         time_s : float
             The stamp; one that is not later is left out, one far back begins again.
         x, y : ndarray
-            (25,) metres.
+            (cells,) metres.
         seen : ndarray
-            (25,) bool.
+            (cells,) bool.
         sigma_m : ndarray
-            (25,) standard deviation of x and y.
+            (cells,) standard deviation of x and y.
 
         Returns
         -------
@@ -204,13 +218,16 @@ class Selector:
         if not len(rows):
             return NOTHING
         s = self.settings
-        far, reached = self._reached(rows, self._at[rows], self.speed[rows], self._last[rows])
+        at = self._at[rows] / self._scale
+        far, reached = self._reached(rows, at, self.speed[rows], self._last[rows])
         if s.mode == 'fence':
             touched = self._fence(time_s, rows, far, reached)
         else:
             touched = self._sustain(time_s, before_s, rows, reached)
         blocks = [block for block, _ in touched]
-        found = self._triggers(time_s, touched, self.speed[blocks], self._at[blocks, 0])
+        found = self._triggers(
+            time_s, touched, self.speed[blocks], self._at[blocks, 0] / self._scale[0]
+        )
         if s.match or s.mode == 'continue':
             for block, column in touched:
                 self._last[block], self._last_s[block] = column, time_s
@@ -232,7 +249,7 @@ class Selector:
         time_s : float
             The stamp of the knock.
         block : int
-            0..24.
+            Its id.
         x, y : float
             Where it rested, in m.
         strength_mps2 : float
@@ -254,7 +271,8 @@ class Selector:
         if time_s < self._swapped_s or (self._next is not None and time_s >= self._next[0]):
             return NOTHING  # the corpus is another than that of the images
         speed = FELT_S * strength_mps2
-        far, reached = self._reached(np.array([block]), np.array([[x, y]]), np.array([speed]))
+        at = np.array([[x, y]]) / self._scale
+        far, reached = self._reached(np.array([block]), at, np.array([speed]))
         column = np.nonzero(reached[0])[0]
         second, found, waits = self._felt_second[block], [], []
         while second and not 0.0 <= time_s - second[0] < 1.0:
@@ -270,7 +288,7 @@ class Selector:
             found.append((block, j))
             waits.append(wait_s)
         n = len(found)
-        out = self._triggers(time_s, found, np.full(n, speed), np.full(n, x))
+        out = self._triggers(time_s, found, np.full(n, speed), np.full(n, at[0, 0]))
         out['time_s'] += waits
         return out
 
@@ -303,11 +321,11 @@ class Selector:
         return self.settings.radius * self.settings.rearm_ratio
 
     def _distances(self, at: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
-        """Return the distances (n, grains) of grains from places (n, 2), in m on the table.
+        """Return the distances (n, grains) of grains from places (n, 2), in m on the default table.
 
         It is infinite for grains that blocks `rows` (n,) cannot play.
         """
-        left, low, right, high = self.bounds
+        left, low, right, high = table_bounds(self.settings.space_m)
         x = left + self._places[0] * (right - left)
         y = low + self._places[1] * (high - low)
         far = np.sqrt((x - at[:, :1]) ** 2 + (y - at[:, 1:]) ** 2)
@@ -323,13 +341,13 @@ class Selector:
         return self._made[name][1]
 
     def _absent(self) -> np.ndarray:
-        """Return which grains each block cannot play, (25, grains)."""
+        """Return which grains each block cannot play, (cells, grains)."""
         s = self.settings
 
         def make(corpus: Corpus) -> np.ndarray:
             sources = corpus.sources
             share = weights(s.weights, [x.name for x in sources], [x.folder for x in sources])
-            u = chance(s.seed, 0.0, np.arange(N_BLOCKS)[:, None], self._grains, salt=8)
+            u = chance(s.seed, 0.0, np.arange(self.table.cells)[:, None], self._grains, salt=8)
             return u >= share[corpus.grains['file'][self._grains]]
 
         return self._once('absent', (s.weights, s.seed), make)
@@ -466,7 +484,10 @@ class Selector:
     def _triggers(
         self, time_s: float, found: list[tuple[int, int]], speed: np.ndarray, x: np.ndarray
     ) -> np.ndarray:
-        """Return the triggers of (block, grain column), of blocks at `x`, m, with `speed`, m/s."""
+        """Return the triggers of (block, grain column), of blocks with `speed`, m/s.
+
+        x: as `_distances` takes it.
+        """
         s = self.settings
         out = np.zeros(len(found), TRIGGER)
         if not found:
@@ -501,15 +522,16 @@ class Selector:
     def _creaks(self, time_s: float, span_s: float) -> np.ndarray:
         """Return what blocks at rest under stress sound in the `span_s` up to now."""
         s = self.settings
-        strain = np.minimum(stress(self._at, s.ambience_break_m), 1.0)
-        u = chance(s.seed, time_s, np.arange(N_BLOCKS)[:, None], 0, salt=np.arange(5, 8))
+        strain = np.minimum(stress(self._at, s.ambience_break_m, self.table), 1.0)
+        u = chance(s.seed, time_s, np.arange(self.table.cells)[:, None], 0, salt=np.arange(5, 8))
         likely = 1 - elementary.exp(-s.ambience_rate * span_s * np.nan_to_num(strain) ** 2)
         rows = np.nonzero(~self.moving & (u[:, 0] < likely))[0]
         if not len(rows):
             return NOTHING
-        far = self._distances(self._at[rows], rows)
+        at = self._at[rows] / self._scale
+        far = self._distances(at, rows)
         there = np.isfinite(far).any(axis=1)
-        far, rows = far[there], rows[there]
+        at, far, rows = at[there], far[there], rows[there]
         out = np.zeros(len(rows), TRIGGER)
         out['time_s'], out['block'] = time_s, -1
         out['grain'] = self._grains[np.argmin(far, axis=1)]
@@ -517,9 +539,14 @@ class Selector:
         out['rate'] = np.clip(
             s.ambience_playback_rate * elementary.exp2(2 * u[rows, 2] - 1), MIN_RATE, MAX_RATE
         )
-        out['pan'] = np.clip(s.pan_width * self._at[rows, 0] / (s.space_m / 2), -1, 1)
+        out['pan'] = np.clip(s.pan_width * at[:, 0] / (s.space_m / 2), -1, 1)
         out['attack_s'] = out['release_s'] = AMBIENCE_EDGE_S
         return out
+
+
+def _reach_m(table: Table) -> np.ndarray:
+    """Return how wide and deep the area is that blocks reach while their rim moves, m."""
+    return np.array(table.platform_m) - 2 * (table.rim_width_m + np.array(table.gaps_m))
 
 
 def chance(

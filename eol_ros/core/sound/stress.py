@@ -10,37 +10,36 @@ the rim, so what its springs pull at the outer blocks is left out.
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import N_BLOCKS, PITCH_M, SPRING_BLOCKS
-
-FIRST, SECOND = SPRING_BLOCKS[
-    SPRING_BLOCKS[:, 1] >= 0
-].T.copy()  # (40,) blocks at the ends of springs
+from eol_ros.core.table import Table
 
 
-def stress(at: np.ndarray, break_m: float) -> np.ndarray:
-    """Return the stress of each block, (25,); NaN where a neighbour's place is not known.
+def stress(at: np.ndarray, break_m: float, table: Table = Table()) -> np.ndarray:
+    """Return the stress of each block, (cells,); NaN where a neighbour's place is not known.
 
     Parameters
     ----------
     at : ndarray
-        (25, 2) places, m.
+        (cells, 2) places, m.
     break_m : float
         Stretch of one spring that breaks a block loose, m.
+    table : Table
+        Whose blocks they are.
 
     Examples
     --------
     Block 12 stands 1 cm nearer to 13: two springs pull it back, and the sideways two hardly.
 
-    >>> from eol_ros.core.geometry import rest_lattice
-    >>> at = rest_lattice()
+    >>> at = Table().rest.copy()
     >>> at[12, 0] += 0.01
     >>> stress(at, 0.04)[[0, 12, 13]].round(2).tolist()
     [0.0, 0.5, 0.25]
     """
-    way = at[SECOND] - at[FIRST]
+    first, second = table.springs[table.springs[:, 1] >= 0].T
+    pitch_m = np.where(second - first == 1, *table.pitch_m)  # along a row, or from row to row
+    way = at[second] - at[first]
     length = elementary.hypot(*way.T)
-    pull = way * ((length - PITCH_M) / np.maximum(length, 1e-9))[:, None]
-    total = np.zeros((N_BLOCKS, 2))
-    np.add.at(total, FIRST, pull)
-    np.subtract.at(total, SECOND, pull)
+    pull = way * ((length - pitch_m) / np.maximum(length, 1e-9))[:, None]
+    total = np.zeros((table.cells, 2))
+    np.add.at(total, first, pull)
+    np.subtract.at(total, second, pull)
     return elementary.hypot(*total.T) / break_m

@@ -13,7 +13,6 @@ import functools
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.triggers import TRIGGER
 
@@ -47,23 +46,25 @@ def frequencies_hz(area: np.ndarray, low_hz: float, high_hz: float) -> np.ndarra
     return np.maximum(low_hz, high_hz / np.sqrt(area))
 
 
-def moments(area: np.ndarray) -> np.ndarray:
-    """Return the moment of areas (n,), 1 for all blocks.
+def moments(area: np.ndarray, blocks: int) -> np.ndarray:
+    """Return the moment of areas (n,), 1 for all `blocks` of the table.
 
     Examples
     --------
-    >>> moments(np.array([4, 25])).round(3).tolist()
+    >>> moments(np.array([4, 25]), 25).round(3).tolist()
     [0.064, 1.0]
     """
-    share = np.asarray(area, float) / N_BLOCKS
+    share = np.asarray(area, float) / blocks
     return share * np.sqrt(share)
 
 
-def pulses(triggers: np.ndarray, area: np.ndarray, low_hz: float, high_hz: float) -> np.ndarray:
+def pulses(
+    triggers: np.ndarray, area: np.ndarray, low_hz: float, high_hz: float, blocks: int
+) -> np.ndarray:
     """Return the pulses (n,) TRIGGER of grains at which a cascade grows to `area` (n,)."""
     out = np.zeros(len(triggers), TRIGGER)
     out['time_s'], out['pan'], out['block'] = triggers['time_s'], triggers['pan'], triggers['block']
     out['rate'] = frequencies_hz(area, low_hz, high_hz) / PULSE_HZ
-    out['gain'] = moments(area)
+    out['gain'] = moments(area, blocks)
     out['release_s'] = EDGE_S / out['rate']
     return out

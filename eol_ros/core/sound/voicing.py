@@ -17,7 +17,6 @@ a bus is filtered once (`buses.py`), so that the loop over the grains does not k
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.bank import Bank, numbered_rows, playable, voice_rows
 from eol_ros.core.sound.cascade_area import CascadeAreas
 from eol_ros.core.sound.grain_filter import tuned
@@ -26,35 +25,45 @@ from eol_ros.core.sound.mixer_layout import VOICE
 from eol_ros.core.sound.ring import Ring, alignment, mistakes, parse
 from eol_ros.core.sound.sub import pulse_bank, pulses
 from eol_ros.core.sound.triggers import MAX_GAIN, MAX_RATE, MIN_RATE
+from eol_ros.core.table import Table
 from eol_ros.errors import ConfigError
 from eol_ros.settings import SoundSettings
 
-BUSES = 10  # of areas in steps of half an octave: 1, 1.4, 2, 2.8, 4 ... 22.6; the first is the mix
 OFF_DB = -90.0
-AREA_OF_BUS = elementary.exp2(np.arange(BUSES) / 2)
-LOG_BLOCKS = elementary.log(float(N_BLOCKS))
 
 
 def bus_of(area: np.ndarray) -> np.ndarray:
-    """Return the bus of areas (n,) 1..25; each is within a quarter of an octave of its area."""
+    """Return the bus of areas (n,) from 1 on; each is within a quarter of an octave of its area."""
     return np.rint(2 * elementary.log2(area)).astype(np.int64)
 
 
-def corners_hz(single_hz: float) -> np.ndarray:
-    """Return the corner frequency of each bus, (BUSES,), Hz; that of a single slip is `single_hz`.
+def bus_areas(table: Table) -> np.ndarray:
+    """Return the area of each bus, (buses,), in steps of half an octave; the first is the mix.
+
+    Examples
+    --------
+    >>> bus_areas(Table()).round(1).tolist()
+    [1.0, 1.4, 2.0, 2.8, 4.0, 5.7, 8.0, 11.3, 16.0, 22.6]
+    """
+    return elementary.exp2(np.arange(int(bus_of(np.array(table.count))) + 1) / 2)
+
+
+def corners_hz(single_hz: float, table: Table = Table()) -> np.ndarray:
+    """Return the corner frequency of each bus, (buses,), Hz; that of a single slip is `single_hz`.
 
     Examples
     --------
     >>> corners_hz(8000.0)[[0, 4, 8]].tolist()
     [8000.0, 4000.0, 2000.0]
     """
-    return single_hz / np.sqrt(AREA_OF_BUS)
+    return single_hz / np.sqrt(bus_areas(table))
 
 
-def set_room(mixer: Mixer, settings: SoundSettings) -> None:
+def set_room(mixer: Mixer, settings: SoundSettings, table: Table = Table()) -> None:
     """Set what share of each bus the room hears, if there is one; as often as that changes."""
     if settings.room_s:
-        less_db = settings.room_range_db * (1 - elementary.log(AREA_OF_BUS) / LOG_BLOCKS)
+        share = elementary.log(bus_areas(table)) / elementary.log(float(table.count))
+        less_db = settings.room_range_db * (1 - share)
         mixer.set_wets(per_bus(elementary.exp10((settings.room_db - less_db) / 20), settings))
 
 
@@ -69,11 +78,11 @@ def first_bus(settings: SoundSettings) -> int:
 
 
 def per_bus(values: np.ndarray, settings: SoundSettings) -> np.ndarray:
-    """Return `values` (BUSES,) for the mix and each bus beside it."""
+    """Return `values` (buses,) for the mix and each bus beside it."""
     return np.concatenate([values[: first_bus(settings)], values])
 
 
-def new_mixer(settings: SoundSettings, epoch_s: float = 0.0) -> Mixer:
+def new_mixer(settings: SoundSettings, epoch_s: float = 0.0, table: Table = Table()) -> Mixer:
     """Return the mixer of these settings, before its first frame; `epoch_s` is its time.
 
     Raises ConfigError where its outputs do not fit each other.
@@ -86,16 +95,16 @@ def new_mixer(settings: SoundSettings, epoch_s: float = 0.0) -> Mixer:
     mixer = Mixer(
         s.sample_rate, s.channels, s.polyphony, s.interpolation == 'cubic', s.gain_db, s.ceiling_db,
         s.loudness_lufs, s.governor_db, epoch_s,
-        BUSES - 1 + first_bus(s) if bussed(s) else 0,
+        len(bus_areas(table)) - 1 + first_bus(s) if bussed(s) else 0,
         s.room_s, s.room_high_s, int(delay.max()) + 1 if uneven else 0,
     )  # fmt: skip
     if s.corner_hz:
-        corners = per_bus(corners_hz(s.corner_hz), s)
+        corners = per_bus(corners_hz(s.corner_hz, table), s)
         corners[: 1 + first_bus(s)] = np.inf  # single slips pass whole
         mixer.set_corners(corners)
     if s.low_corner_hz:
-        mixer.set_low_corners(per_bus(corners_hz(s.low_corner_hz), s))
-    set_room(mixer, s)
+        mixer.set_low_corners(per_bus(corners_hz(s.low_corner_hz, table), s))
+    set_room(mixer, s, table)
     if uneven:
         mixer.align(delay, gain)
     return mixer
@@ -108,6 +117,8 @@ class Voicing:
     ----------
     settings : SoundSettings
         May be replaced between two triggers.
+    table : Table
+        Whose blocks sound.
 
     Examples
     --------
@@ -120,9 +131,10 @@ class Voicing:
     ([1.0, 0.7071], [False, False])
     """
 
-    def __init__(self, settings: SoundSettings):
-        self.settings = settings
-        self._cascades = CascadeAreas(settings.cascade_gap_s)
+    def __init__(self, settings: SoundSettings, table: Table = Table()):
+        self.settings, self._table = settings, table
+        self._log_blocks = elementary.log(float(table.count))
+        self._cascades = CascadeAreas(settings.cascade_gap_s, table)
         self._ring = Ring(parse(settings.speakers)) if settings.speakers else None
 
     @property
@@ -141,7 +153,7 @@ class Voicing:
         slower = elementary.exp(-s.rate_scaling / 2 * log_area)
         speed = np.clip(np.abs(t['rate']) * slower, MIN_RATE, MAX_RATE)
         t['rate'] = np.copysign(speed, t['rate'])
-        level_db = s.dynamics_db * (log_area / LOG_BLOCKS - 1)
+        level_db = s.dynamics_db * (log_area / self._log_blocks - 1)
         if s.onset_duck_db:
             level_db -= s.onset_duck_db * np.maximum(0, 1 - since_s / s.onset_duck_s)
         t['gain'] = np.minimum(t['gain'] * elementary.exp10(level_db / 20), MAX_GAIN)
@@ -165,7 +177,7 @@ class Voicing:
         s = self.settings
         share = np.zeros(len(rows))
         if s.filter_by == 'area':
-            share = elementary.log(area) / LOG_BLOCKS
+            share = elementary.log(area) / self._log_blocks
         elif s.filter_by != 'nothing':
             share = bank.shares(s.filter_by)[grain]
         rows['tuning'] = tuned(
@@ -176,7 +188,7 @@ class Voicing:
     def _sub(self, triggers: np.ndarray, area: np.ndarray) -> np.ndarray:
         """Return the voices of the sub voice, for grains at which a cascade grows to `area`."""
         s = self.settings
-        t = pulses(triggers, area, s.sub_low_hz, s.sub_high_hz)
+        t = pulses(triggers, area, s.sub_low_hz, s.sub_high_hz, self._table.count)
         t['gain'] *= elementary.exp10(s.sub_db / 20)
         rows = voice_rows(t, pulse_bank(s.sample_rate), self.loudspeakers, ring=self._ring)
         if s.sub_output:
@@ -188,7 +200,9 @@ class Voicing:
         """Return (n,) area so far, seconds since the onset, and whether the cascade grew."""
         self._cascades.gap_s = self.settings.cascade_gap_s
         found = [
-            self._cascades.add(time_s, block) if 0 <= block < N_BLOCKS else (1, 10**6, False)
+            self._cascades.add(time_s, block)
+            if 0 <= block < self._table.cells
+            else (1, 10**6, False)
             for time_s, block in zip(
                 triggers['time_s'].tolist(), triggers['block'].tolist(), strict=True
             )

@@ -10,7 +10,7 @@ from support import flash_bound as sight
 from support.fields_of_view import RATE_HZ, fields, most_in_a_second
 from support.flashes import render
 
-from eol_ros.core.geometry import N_BLOCKS, PITCH_M, rest_lattice
+from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.light.local import (
     BLOCK_FALLS,
     FIRST,
@@ -18,7 +18,9 @@ from eol_ros.core.light.local import (
     PERIOD_S,
     SQUARE_FALLS,
     LocalField,
+    block_falls,
 )
+from eol_ros.core.table import Table
 
 EYES = [(0.0, 0.0, 0.8), (0.0, -0.9, 0.6), (0.0, -1.0, 1.1), (1.0, -1.0, 0.9)]
 FARTHEST = [(0.0, 0.0, 2.2), (0.0, -2.0, 1.5)]  # whose fields hold 0.006 sr
@@ -27,12 +29,22 @@ SECONDS = 3.0
 
 @pytest.fixture(scope='module')
 def areas_sr():
-    return np.concatenate([fields(rest_lattice(), eye) for eye in EYES + FARTHEST])
+    return areas_of(Table())
 
 
-def random_slips(random):
+def areas_of(table):
+    """Solid angles by place, (fields, cells); of what a place without a block would have none."""
+    areas = [
+        fields(table.rest[table.ids], eye, side_m=table.block_side_m) for eye in EYES + FARTHEST
+    ]
+    found = np.zeros((sum(map(len, areas)), table.cells))
+    found[:, table.ids] = np.concatenate(areas)
+    return found
+
+
+def random_slips(random, ids=range(N_BLOCKS)):
     """Slips of some blocks, singly and in volleys, up to 60 a second."""
-    some = random.permutation(N_BLOCKS)[: random.integers(1, N_BLOCKS + 1)]
+    some = random.permutation(ids)[: random.integers(1, len(ids) + 1)]
     t = np.cumsum(random.exponential(1 / random.uniform(3, 60), 200))
     slips = [(float(s), int(b)) for s, b in zip(t, random.choice(some, 200), strict=True)]
     return slips + [(float(s), int(b)) for s in t[::20] for b in some]
@@ -45,20 +57,69 @@ def adversary(period_s, offset, shape=(0, 1, 5, 6)):
     return [(float(t), offset + b) for t, blocks in zip(times, turns, strict=False) for b in blocks]
 
 
-@pytest.mark.parametrize('pitch_m', [PITCH_M, (1 - sight.NEARER) * PITCH_M])
-def test_geometry_bounds_each_field_by_three_flashes(pitch_m):
+@pytest.mark.parametrize('nearer', [0.0, sight.NEARER])
+@pytest.mark.parametrize(
+    'table',
+    [
+        Table(),
+        Table(block_side_m=0.07, gap_m=0.075, gap_y_m=0.2),
+        Table(block_side_m=0.12, gap_m=0.156, platform_m=(3, 3)),
+        Table(block_side_m=0.3, gap_m=0.39, gap_y_m=0.8, platform_m=(9, 9)),
+    ],
+)
+def test_geometry_bounds_each_field_by_three_flashes(table, nearer):
+    assert block_falls(table) == BLOCK_FALLS
     bounds = [
-        sight.most_flashes(*sight.covered(view, pitch_m), BLOCK_FALLS, SQUARE_FALLS)
-        for view in sight.views(n=5)
+        sight.most_flashes(*sight.covered(view, table, nearer), BLOCK_FALLS, SQUARE_FALLS)
+        for view in sight.views(n=5, table=table)
     ]
 
     assert 3 <= max(bounds) < 4 - 1e-6
 
 
+@pytest.mark.parametrize(
+    ('side_m', 'gap_m'), [(0.03, 0.02), (0.084, 0.089), (0.1, 0.12), (0.2, 0.01)]
+)
+def test_blocks_that_stand_closer_fall_once_a_second(side_m, gap_m):
+    table = Table(block_side_m=side_m, gap_m=gap_m, platform_m=(9, 9))
+    assert block_falls(table) == 1
+    field = LocalField(0.1, table=table)
+    for k in range(3):
+        field.slip(0.5 * k, 7)
+    held = field.levels(1.5)[7]
+
+    assert field.levels(0.5 + PERIOD_S - 0.01)[7] > 0.9 * held > 0.6
+    assert field.lengthened == 1
+    whole_sr = 2 * math.pi * (1 - math.cos(math.radians(sight.HALF_FIELD_DEG)))
+    assert whole_sr < 4 * sight.FIELD_SR  # so four flashes without a common block do not fit
+
+
+@pytest.mark.parametrize(
+    'table',
+    [
+        Table(rows=3, columns=4),
+        Table(absent=(6, 7, 8, 11, 12, 13, 16, 17, 18)),
+        Table(rows=10, columns=12, block_side_m=0.03, gap_m=0.02),
+    ],
+)
+def test_no_slips_of_another_table_make_a_field_flash_four_times(table):
+    random, free, areas_sr = np.random.default_rng(7), 0, areas_of(table)
+    storms = [random_slips(random, table.ids) for _ in range(5)]
+    storms.append([(t, b) for t in np.arange(0, SECONDS, 0.25) for b in table.ids.tolist()])
+    columns = table.columns
+    storms.append(adversary(0.25, 0, (0, 1, columns, columns + 1)))
+    for decay_s, slips in itertools.product((0.02, 0.1), storms):
+        field = LocalField(decay_s, table=table)
+        assert most_in_a_second(render(field, slips, SECONDS, RATE_HZ), areas_sr) <= 3
+        open_ = render(LocalField(decay_s, limited=False, table=table), slips, SECONDS, RATE_HZ)
+        free = max(free, most_in_a_second(open_, areas_sr))
+    assert free > 3
+
+
 def test_geometry_knows_fields_that_hold_more():
     near = sight.View(0.6, 30.0, 0.0, (0.0, 0.072))
 
-    blocks, sr = sight.covered(near, 0.144)
+    blocks, sr = sight.covered(near, Table(gap_m=0.06))
     assert len(blocks) == 2 and sr.min() > sight.FIELD_SR
     assert sight.most_flashes(blocks, sr, 3, 11) == pytest.approx(6)
 

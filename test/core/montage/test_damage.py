@@ -22,6 +22,13 @@ def test_the_greater_the_cascade_the_further_the_picture():
     assert ruptured(25).degree(1, 10.0) == 0  # a picture that comes in no degrees
 
 
+def test_all_blocks_of_a_small_table_break_the_walls():
+    damage = Damage(100.0, blocks=12)
+    for block in range(12):
+        damage.slip(block, 7, 10.0)
+    assert damage.level(10.0) == 1.0
+
+
 def test_it_grows_while_the_cascade_runs_and_small_ones_do_not_mend_it():
     damage = Damage(100.0)
     seen = []

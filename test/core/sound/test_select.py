@@ -12,6 +12,7 @@ from support.quiet_settings import GRAINS
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.select import FORGET_S, NOISE_SIGMAS, Selector, chance
+from eol_ros.core.table import Table
 
 FPS = 60.0
 STILL = replace(
@@ -354,6 +355,28 @@ def test_jitter_stays_in_its_range_and_comes_from_the_seed():
     other = run(replace(settings, seed=2), places, path)
     assert (other['rate'] != found['rate']).any()
     np.testing.assert_array_equal(other['grain'], found['grain'])
+
+
+def test_another_table_covers_the_space_alike():
+    """Blocks at the same shares of what they reach sound the same grains at the same places."""
+    wide = Table(rows=3, columns=4, block_side_m=0.05, platform_m=(2.0, 0.8))
+    reach = [np.array(t.platform_m) - 2 * (t.rim_width_m + t.gap_m) for t in (Table(), wide)]
+    corpus, found = space(np.random.default_rng(3).random((200, 2))), []
+    path = np.cumsum(np.random.default_rng(4).normal(0, 0.03, (60, 2)), axis=0)
+    for table, scale in ((Table(), 1.0), (wide, reach[1] / reach[0])):
+        selector = Selector(replace(STILL, gain_floor=1.0), corpus, table)
+        at = np.full((table.cells, 2), 5.0)
+        for k, place in enumerate(path):
+            at[7] = place * scale
+            still = np.zeros(table.cells)
+            found.append(selector.update(k / FPS, *at.T.copy(), still == 0, still))
+    first, second = np.concatenate(found[:60]), np.concatenate(found[60:])
+    assert len(first) > 30
+    assert first['grain'].tolist() == second['grain'].tolist()
+    np.testing.assert_allclose(first['pan'], second['pan'], atol=1e-6)
+    assert selector.bounds == pytest.approx(
+        [s * 0.6 * r for s in (-1, 1) for r in reach[1] / reach[0]]
+    )
 
 
 def test_a_new_corpus_rises_from_silence():

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from support.quiet_settings import GRAINS
 
-from eol_ros.core.geometry import N_BLOCKS, PITCH_M, neighbours, rest_lattice
+from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.select import Selector
 from eol_ros.core.sound.stress import stress
+from eol_ros.core.table import Table
 
 SEEN = np.ones(N_BLOCKS, bool)
 BED = replace(GRAINS, ambience_rate=4.0, ambience_break_m=0.02)
@@ -25,19 +26,23 @@ def corpus(side=8):
     return Corpus((Source('a.wav', 48000, 99.0, ''),), grains)
 
 
+@pytest.mark.parametrize(
+    'table', [Table(), Table(rows=3, columns=4, gap_y_m=0.05), Table(absent=(6, 7, 8))]
+)
 @pytest.mark.parametrize('seed', range(4))
-def test_stress_is_the_sum_of_the_springs(seed):
-    at = rest_lattice() + np.random.default_rng(seed).normal(0, 0.01, (N_BLOCKS, 2))
+def test_stress_is_the_sum_of_the_springs(seed, table):
+    at = table.rest + np.random.default_rng(seed).normal(0, 0.01, (table.cells, 2))
+    at[~table.present] = np.nan
     wanted = []
-    for block in range(N_BLOCKS):
+    for block in range(table.cells):
         fx = fy = 0.0
-        for other in neighbours(block):
+        for other in table.neighbours(block) if table.present[block] else ():
             dx, dy = at[other] - at[block]
-            stretch = math.hypot(dx, dy) - PITCH_M
+            stretch = math.hypot(dx, dy) - table.pitch_m[abs(other - block) > 1]
             fx += stretch * dx / math.hypot(dx, dy)
             fy += stretch * dy / math.hypot(dx, dy)
         wanted.append(math.hypot(fx, fy) / 0.03)
-    assert np.abs(stress(at, 0.03) - wanted).max() < 1e-12
+    assert np.abs(stress(at, 0.03, table) - wanted).max() < 1e-12
 
 
 def sounded(at, settings, seconds=60.0):

@@ -15,14 +15,15 @@ from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.offline import play
 from eol_ros.core.sound.sub import PULSE_HZ, RISE, pulse, pulse_bank
 from eol_ros.core.sound.voicing import Voicing
+from eol_ros.core.table import Table
 
 FS = 48000
 SUB = replace(SOUND, sub_db=0.0)
 
 
-def silent(count):
+def silent(count, columns=5):
     """A cascade of grains that are not heard: their bank is gone when the sub voice sounds."""
-    t = spreading(count, begin_s=0.0)
+    t = spreading(count, begin_s=0.0, columns=columns)
     t['gain'] = 0.0
     return t
 
@@ -43,16 +44,25 @@ def test_the_pulse_is_a_moment_rate_on_a_tone():
     assert 0.9 < np.abs(pulse(FS)).max() <= 1
 
 
-@pytest.mark.parametrize(('area', 'hz'), [(1, 60.0), (4, 30.0), (9, 20.0), (25, 18.0)])
-def test_frequency_and_level_of_an_area(area, hz):
-    rows, _ = Voicing(SUB).rows(silent(area), bank())
+@pytest.mark.parametrize(
+    ('area', 'hz', 'table'),
+    [
+        (1, 60.0, Table()),
+        (4, 30.0, Table()),
+        (9, 20.0, Table()),
+        (25, 18.0, Table()),
+        (9, 20.0, Table(rows=3, columns=4)),
+    ],
+)
+def test_frequency_and_level_of_an_area(area, hz, table):
+    rows, _ = Voicing(SUB, table).rows(silent(area, table.columns), bank())
     last = rows[-1:].copy()
     last['time_s'] = 0.0
     out = heard(last)[:, 0].astype(float)
     spectrum = np.abs(np.fft.rfft(out, 16 * FS))
     assert np.argmax(spectrum) / 16 == pytest.approx(hz, rel=0.03)
     peak = np.abs(out).max()
-    assert peak == pytest.approx((area / 25) ** 1.5 * np.sqrt(0.5), rel=0.15)
+    assert peak == pytest.approx((area / table.count) ** 1.5 * np.sqrt(0.5), rel=0.15)
 
 
 def test_an_output_of_its_own():

@@ -9,31 +9,35 @@ from support.quiet_settings import SOUND
 from support.sound_reference import noise_bank as bank
 from support.sound_reference import spreading
 
-from eol_ros.core.geometry import N_BLOCKS, neighbours
+from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.cascade_area import CascadeAreas
 from eol_ros.core.sound.mixer_layout import VOICE
 from eol_ros.core.sound.voicing import (
-    BUSES,
     Voicing,
+    bus_areas,
     bus_of,
     corners_hz,
     new_mixer,
     set_room,
 )
+from eol_ros.core.table import Table
 
 FS = 48000
 OFF = SOUND
+TABLES = [Table(), Table(rows=3, columns=4), Table(absent=(6, 7, 8, 11, 12, 13, 16, 17, 18))]
+LARGE = Table(rows=15, columns=15, block_side_m=0.03, gap_m=0.02)
 
 
 class Oracle:
     """Areas by connected components of a graph of all grains so far: slow, and plain."""
 
-    def __init__(self, gap_ms):
+    def __init__(self, gap_ms, table):
         self.gap_ms, self.grains, self.group = gap_ms, [], []
+        self.neighbours = table.neighbours
 
     def add(self, ms, block):
-        near = {block, *neighbours(block, diagonal=True)}
+        near = {block, *self.neighbours(block, diagonal=True)}
         last = {}
         for k, (_, other) in enumerate(self.grains):
             last[other] = k  # what counts is when a block sounded last
@@ -48,12 +52,13 @@ class Oracle:
         return len({b for _, b in members}), ms - min(m for m, _ in members)
 
 
+@pytest.mark.parametrize('table', TABLES)
 @pytest.mark.parametrize('seed', range(6))
-def test_areas_agree_with_connected_components(seed):
+def test_areas_agree_with_connected_components(seed, table):
     rng = np.random.default_rng(seed)
     ms = np.cumsum(rng.choice([0, 3, 17, 40, 120, 400], 300, p=[0.3, 0.2, 0.2, 0.15, 0.1, 0.05]))
-    blocks = rng.integers(0, N_BLOCKS, 300)
-    cascades, oracle = CascadeAreas(0.1), Oracle(100)
+    blocks = rng.choice(table.ids, 300)
+    cascades, oracle = CascadeAreas(0.1, table), Oracle(100, table)
     for t, block in zip(ms.tolist(), blocks.tolist(), strict=True):
         area, since_ms, _ = cascades.add(1e-3 * t, block)
         assert (area, since_ms) == oracle.add(t, block)
@@ -96,14 +101,18 @@ def test_speed_falls_as_the_root_of_the_area():
     assert np.allclose(rows['rate'], np.arange(1, 26) ** -0.25, rtol=1e-6)
 
 
-def test_corners_fall_as_the_root_of_the_area():
-    area = np.arange(1, 26)
+@pytest.mark.parametrize('table', [*TABLES[:2], LARGE])
+def test_corners_fall_as_the_root_of_the_area(table):
+    area = np.arange(1, table.count + 1)
     bus = bus_of(area)
-    assert (bus.min(), bus.max()) == (0, BUSES - 1)
+    assert (bus.min(), bus.max()) == (0, len(bus_areas(table)) - 1)
     wanted = 8000 / np.sqrt(area)
-    off = np.log2(corners_hz(8000.0)[bus] / wanted)
+    off = np.log2(corners_hz(8000.0, table)[bus] / wanted)
     assert np.abs(off).max() <= 1 / 8 + 1e-9  # of an octave
-    rows, _ = Voicing(replace(OFF, corner_hz=8000.0)).rows(spreading(25), bank())
+    settings = replace(OFF, corner_hz=8000.0)
+    slips = spreading(table.count, 0.001, columns=table.columns)
+    rows, _ = Voicing(settings, table).rows(slips, bank())
+    assert len(new_mixer(settings, table=table).memory.mix) == 2 * len(bus_areas(table))
     assert (rows['channel_a'] // 2 == bus).all() and (rows['channel_b'] // 2 == bus).all()
 
 
@@ -135,9 +144,11 @@ def test_a_room_that_is_changed_live_is_that_of_a_new_mixer(low_corner_hz):
     assert mixer.memory.room.wets[1:] == pytest.approx(before[1:] / 10 ** (6 / 20))
 
 
-def test_dynamics_go_from_a_single_slip_to_all_blocks():
+@pytest.mark.parametrize('table', TABLES[:2])
+def test_dynamics_go_from_a_single_slip_to_all_blocks(table):
     settings = replace(OFF, dynamics_db=20.0)
-    rows, _ = Voicing(settings).rows(spreading(25), bank())
+    slips = spreading(table.count, columns=table.columns)
+    rows, _ = Voicing(settings, table).rows(slips, bank())
     level_db = 20 * np.log10(np.hypot(rows['gain_a'], rows['gain_b']))
     assert level_db[0] == pytest.approx(-20, abs=1e-4) and level_db[-1] == pytest.approx(0)
     assert (np.diff(level_db) > 0).all()
