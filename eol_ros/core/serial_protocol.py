@@ -16,13 +16,13 @@ import struct
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
-from eol_ros.core.geometry import N_BLOCKS
-
 VERSION = 2
 MAX_BODY = 48
 MAX_PACKET = MAX_BODY + 4  # kind, sequence, body, crc
 MAX_ENCODED = MAX_PACKET + 1  # COBS adds one byte to fewer than 255
-ALL_BLOCKS = (1 << N_BLOCKS) - 1
+FIRMWARE_BLOCKS = 25  # that a bridge of firmware/ drives, row * 5 + column
+MOST_BLOCKS = 225  # of any board
+ALL_BLOCKS = (1 << MOST_BLOCKS) - 1
 STRENGTH_UNIT = 0.01  # m/s^2 for each count of the strength in a Knock
 BRIDGE = 255  # as the block of a BlockStatus
 BY_ITSELF, LIMITED, EACH_FIELD = 1, 2, 4  # flags of Lighting
@@ -33,6 +33,8 @@ NOT_LIT = 0xFFFF  # as Knock.lit_us
 FIRMWARE = (2, 3)  # of firmware/: major and minor; from 2.1 on blocks test themselves
 EACH_FIELD_FROM = (2, 3)  # the firmware of bridge and blocks that knows EACH_FIELD
 
+MASK_BYTES = (MOST_BLOCKS - 32 + 7) // 8  # of a mask at most, beyond its first four
+
 _HEAD = struct.Struct('<BB')
 _CRC = struct.Struct('<H')
 
@@ -42,13 +44,18 @@ class ProtocolError(ValueError):
 
 
 class Message:
-    """A message: `KIND` is its byte in the packet, `BODY` the struct of its fields."""
+    """A message: `KIND` is its byte in the packet, `BODY` the struct of its fields.
+
+    With MASK its last field is a mask of blocks, whose bits from 32 on follow in as many bytes as
+    they need.
+    """
 
     KIND: ClassVar[int]
     BODY: ClassVar[struct.Struct]
+    MASK: ClassVar[bool]
 
-    def __init_subclass__(cls, kind: int, form: str):
-        cls.KIND, cls.BODY = kind, struct.Struct(form)
+    def __init_subclass__(cls, kind: int, form: str, mask: bool = False):
+        cls.KIND, cls.BODY, cls.MASK = kind, struct.Struct(form), mask
         MESSAGES[kind] = cls
 
 
@@ -63,7 +70,7 @@ class Hello(Message, kind=0x01, form='<B'):
 
 
 @dataclass(frozen=True)
-class Levels(Message, kind=0x02, form=f'<I{N_BLOCKS}s'):
+class Levels(Message, kind=0x02, form=f'<I{FIRMWARE_BLOCKS}s'):
     """Level of each white LED, from emulated blocks to the twin. No board receives it."""
 
     stamp_us: int
@@ -71,7 +78,7 @@ class Levels(Message, kind=0x02, form=f'<I{N_BLOCKS}s'):
 
 
 @dataclass(frozen=True)
-class Infrared(Message, kind=0x04, form='<I'):
+class Infrared(Message, kind=0x04, form='<I', mask=True):
     """Host to board: bit b of `mask` is the infrared LED of block b."""
 
     mask: int = ALL_BLOCKS
@@ -114,7 +121,7 @@ class Detector(Message, kind=0x07, form='<6HI'):
 
 
 @dataclass(frozen=True)
-class Light(Message, kind=0x08, form='<II'):
+class Light(Message, kind=0x08, form='<II', mask=True):
     """Host to bridge: flash the blocks of `mask` now, for the image of `stamp_us`, 0: of none."""
 
     stamp_us: int
@@ -250,7 +257,12 @@ def cobs_decode(data: bytes) -> bytes:
 def encode(message: Message, sequence: int) -> bytes:
     """Return the packet of `message` with its delimiters; `sequence` counts modulo 256."""
     try:
-        body = message.BODY.pack(*vars(message).values())
+        values, further = list(vars(message).values()), 0
+        if message.MASK:
+            values[-1], further = values[-1] & 0xFFFFFFFF, values[-1] >> 32
+        body = message.BODY.pack(*values) + further.to_bytes(
+            -(-further.bit_length() // 8), 'little'
+        )
     except struct.error as error:
         raise ProtocolError(f'{message}: {error}') from error
     packet = _HEAD.pack(message.KIND, sequence & 0xFF) + body
@@ -283,8 +295,12 @@ class Decoder:
         body = packet[2:-2]
         kind = MESSAGES.get(packet[0]) if len(packet) >= 4 else None
         whole = packet[-2:] == _CRC.pack(crc16(packet[:-2]))
-        if kind is None or not whole or len(body) != kind.BODY.size:
+        size = kind.BODY.size if kind else 0
+        if kind is None or not whole or not 0 <= len(body) - size <= MASK_BYTES * kind.MASK:
             self.bad += 1
             return None
         self.good += 1
-        return Received(packet[1], kind(*kind.BODY.unpack(body)))
+        values = list(kind.BODY.unpack_from(body))
+        if kind.MASK:
+            values[-1] |= int.from_bytes(body[size:], 'little') << 32
+        return Received(packet[1], kind(*values))

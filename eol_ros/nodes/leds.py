@@ -31,7 +31,9 @@ class LedsNode(EolNode):
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
         played = Played(self.wall_ns, self.recorded_ns, self.stretch) if self.sim_time else None
-        self.lights = Lights(self.settings, self.on_tap, self.on_state, played, self.namespace)
+        self.lights = Lights(
+            self.settings, self.on_tap, self.on_state, played, self.namespace, self.table
+        )
         self.lights.asleep = bool(self.resumed.get('asleep'))
         self.commands = self.publisher('led_commands')
         # Behind a replay the taps are those of its bag, and a knock of today does not count.

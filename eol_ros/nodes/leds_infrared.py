@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The infrared light of the blocks over time: dark for a moment, or one block that blinks."""
 
-from eol_ros.core.serial_protocol import ALL_BLOCKS
 from eol_ros.devices.board.lights import Sent
 from eol_ros.errors import EolError
 from eol_ros.ros.stamps import NS
@@ -18,6 +17,7 @@ class Infrared:
     def __init__(self, node, lights, tell):
         s = node.settings
         self.node, self.lights, self.tell = node, lights, tell
+        self.all = (1 << node.table.cells) - 1
         self.relight = node.create_timer(DARKNESS_S, self.light, autostart=False)
         self.unblink = node.create_timer(s.blink_off_s, self.light, autostart=False)
         if s.blink_block >= 0:
@@ -42,13 +42,13 @@ class Infrared:
     def blink(self, block: int) -> None:
         """Switch one block off for a moment, unless all are."""
         if self.relight.is_canceled():
-            self._switch(ALL_BLOCKS & ~(1 << block))
+            self._switch(self.all & ~(1 << block))
             self.unblink.reset()
 
     def light(self) -> None:
         self.relight.cancel()
         self.unblink.cancel()
-        self._switch(ALL_BLOCKS)
+        self._switch(self.all)
 
     def _switch(self, mask: int) -> Sent | None:
         told = self.lights.infrared(mask)

@@ -62,7 +62,7 @@ class TwinNode(EolNode):
         self.radio, self.knocks = Radio(self.namespace), 0
         self.firmware = False  # runs elsewhere, and has learnt what rest is
         self.rest_noise = np.random.default_rng(s.seed)
-        self.lamps = Lamps(self.radio)
+        self.lamps = Lamps(self.radio, self.table)
         self.play = Play(s.seed, TRACE if self.blocks else 0, Coupling.of(s), self.table)
         self.image = np.empty((s.height, s.width), np.uint8)
         self.moments: deque[Moment] = deque()  # that no image has shown yet

@@ -8,9 +8,10 @@ import dataclasses
 import json
 import sys
 import time
+from collections.abc import Sequence
 
 from eol_ros.cli import within
-from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.serial_protocol import FIRMWARE_BLOCKS, MOST_BLOCKS
 from eol_ros.core.verdict import Verdict
 from eol_ros.errors import DeviceMissing, UsageError
 
@@ -37,7 +38,7 @@ def add_arguments(parser):
     parser.add_argument('--port', default='auto', help='serial port, as leds.port of a scene')
     parser.add_argument(
         '--blink',
-        type=within(0, N_BLOCKS - 1, int),
+        type=within(0, MOST_BLOCKS - 1, int),
         metavar='BLOCK',
         help='flash this block, to see where it is',
     )
@@ -85,7 +86,7 @@ def run(args) -> int:
         raise UsageError('give one of --blink, --knocks, --self-test and --flash, not several')
     if args.flash is not None:
         return _flash(args)
-    tested = _tested(args.self_test)
+    tested = None if args.self_test in (None, 'all') else _number('--self-test', args.self_test)
     seconds = args.seconds or (60.0 if args.knocks else 5.0)
     taps: list = []
     board = Board(args.port, taps.append)
@@ -93,14 +94,18 @@ def run(args) -> int:
     board.start()
     try:
         _wait(board)
+        for option, number in (('--blink', args.blink), ('--self-test', tested)):
+            if number is not None and number >= board.count:
+                raise UsageError(f'{option} {number}: {_known(board.count)}')
         if args.blink is not None:
             _blink(board, args.blink, seconds)
             return 0
         if args.knocks:
-            return _knocks(taps, seconds, args.json)
+            return _knocks(taps, seconds, args.json, board.count)
         blocks = _blocks(board)
-        if tested:
-            return _self_test(board, blocks, tested, args.json)
+        if args.self_test:
+            numbers = range(board.count) if tested is None else [tested]
+            return _self_test(board, blocks, numbers, args.json)
     finally:
         board.close()
     return _list(blocks, args.json)
@@ -118,7 +123,7 @@ def _wait(board) -> None:
 def _blocks(board) -> dict:
     """Wait for what the bridge tells of the blocks; return it by block."""
     end = time.monotonic() + TOLD_S
-    while len(board.blocks) <= N_BLOCKS and time.monotonic() < end:
+    while len(board.blocks) <= board.count and time.monotonic() < end:
         time.sleep(0.01)
     return dict(sorted(board.blocks.items()))
 
@@ -162,7 +167,7 @@ def _flash(args) -> int:
     version = '' if args.program else f' {".".join(map(str, FIRMWARE))}'
     if args.flash == 'bridge':
         return _flash_bridge(args, version)
-    number = _number('--flash', args.flash)
+    number = _number('--flash', args.flash, FIRMWARE_BLOCKS)
     program = Path(args.program) if args.program else PROGRAM
     words = (number, program, args.programmer, args.programmer_port, args.new)
     if args.dry_run:
@@ -195,19 +200,17 @@ def _flash_bridge(args, version: str) -> int:
     return 0
 
 
-def _tested(words: str | None) -> list[int]:
-    if words == 'all':
-        return list(range(N_BLOCKS))
-    return [] if words is None else [_number('--self-test', words)]
-
-
-def _number(option: str, text: str) -> int:
-    if not text.isdecimal() or int(text) >= N_BLOCKS:
-        raise UsageError(f'{option} {text}: blocks are 0 to {N_BLOCKS - 1}')
+def _number(option: str, text: str, count: int = MOST_BLOCKS) -> int:
+    if not text.isdecimal() or int(text) >= count:
+        raise UsageError(f'{option} {text}: {_known(count)}')
     return int(text)
 
 
-def _self_test(board, blocks, tested: list[int], as_json: bool) -> int:
+def _known(count: int) -> str:
+    return f'blocks are 0 to {count - 1}'
+
+
+def _self_test(board, blocks, tested: Sequence[int], as_json: bool) -> int:
     from eol_ros.core.serial_protocol import LINKED
     from eol_ros.devices.board.self_test import faults
 
@@ -270,9 +273,9 @@ def _blink(board, block: int, seconds: float) -> None:
         time.sleep(BLINK_S)
 
 
-def _knocks(taps: list, seconds: float, as_json: bool) -> int:
+def _knocks(taps: list, seconds: float, as_json: bool, count: int) -> int:
     print('knock on each block', file=sys.stderr)
-    missing = set(range(N_BLOCKS))
+    missing = set(range(count))
     end = time.monotonic() + seconds
     while True:
         while taps:

@@ -144,6 +144,18 @@ def test_values_that_do_not_fit_are_named(message):
         p.encode(message, 0)
 
 
+@pytest.mark.parametrize('mask', [0, 2**25 - 1, 2**32 - 1, 2**32, p.ALL_BLOCKS])
+@pytest.mark.parametrize('make', [p.Infrared, lambda mask: p.Light(7, mask)])
+def test_masks_take_four_bytes_and_more_only_for_more_blocks(make, mask):
+    message = make(mask)
+    wire = p.encode(message, 3)
+    body = p.cobs_decode(wire[1:-1])[2:-2]
+
+    assert read(wire)[0] == [message]
+    assert len(body) == message.BODY.size + max(0, -(-(mask.bit_length() - 32) // 8))
+    assert len(body) <= p.MAX_BODY
+
+
 def test_every_frame_fits_the_stated_size():
     for kind in p.MESSAGES.values():
         assert kind.BODY.size <= p.MAX_BODY

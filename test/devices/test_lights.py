@@ -10,6 +10,7 @@ from support.flashes import changes
 from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as protocol
+from eol_ros.core.table import Table
 from eol_ros.devices.board.fake import FakeBoard
 from eol_ros.devices.board.lights import Lights, Played, faults
 from eol_ros.devices.board.twin import LINK_NS, Felt, Lamps, Radio, TwinBoard
@@ -29,11 +30,15 @@ def fake():
 def make_lights():
     made = []
 
-    def make(on_tap=lambda tap: None, **settings):
-        made.append(Lights(LedsSettings(**{'port': 'twin'} | settings), on_tap))
-        made[-1].start()
-        wait_until(lambda: made[-1].board.ready and len(made[-1].board.blocks) == 26)
-        return made[-1]
+    def make(on_tap=lambda tap: None, table=Table(), **settings):
+        lights = Lights(LedsSettings(**{'port': 'twin'} | settings), on_tap, table=table)
+        made.append(lights)
+        lights.start()
+        count = table.count if lights.twin else 25
+        wait_until(
+            lambda: lights.board.ready and len(lights.board.blocks) > min(count, lights.board.count)
+        )
+        return lights
 
     yield make
     for lights in made:
@@ -231,6 +236,49 @@ def test_two_blocks_of_one_number_and_a_board_of_fewer_blocks_are_a_line_each(fa
     wait_until(lambda: len(lights.faults()) == 2)
     assert lights.faults()[1].startswith('more than one block says that it is 6: give all but')
     assert lights.board.ready  # the rest goes on
+
+
+def test_the_board_of_the_twin_drives_any_table(make_lights):
+    table = Table(rows=15, columns=15, block_side_m=0.03, gap_m=0.02, absent=(1,))
+    radio = Radio()
+    lamps = Lamps(radio, table)
+    lights = make_lights(table=table, decay_s=0.5)
+    fake = lights.twin.fake
+    wait_until(lambda: lamps.advance(0.0, 0.0, [])[1] and radio.linked)
+    seen(lights, 224, time.time_ns())
+    wait_until(lambda: fake.levels()[224])
+    light, _ = lamps.advance(1.0, 1.0, [])
+    radio.close()
+
+    assert np.flatnonzero(light).tolist() == [224]
+    assert not lights.faults() and lights.values()['flash_limit'] == 'field_of_view'
+    lights.infrared(1 << 224 | 1)
+    wait_until(lambda: fake.infrared_mask == 1 << 224 | 1)
+    fake.knock(1, 5.0)
+    wait_until(lambda: lights.board.rejected == 1)  # there is no block
+
+
+def test_what_the_table_has_beyond_the_numbers_of_the_board_is_dark_and_told(fake, make_lights):
+    lights = make_lights(port=fake.port, table=Table(rows=6))
+    (line,) = lights.faults()
+
+    assert line.startswith('the board drives 25 blocks, and the table has 30')
+    assert lights.slip(27, time.time_ns(), time.time_ns()) is None
+    seen(lights, 7, time.time_ns())
+    wait_until(lambda: fake.levels()[7])
+    assert fake.bridge.limit == lights.values()['flash_limit'] == 'field'
+
+
+def test_a_table_within_the_numbers_of_the_board_has_no_other_blocks(fake, make_lights):
+    lights = make_lights(port=fake.port, table=Table(rows=3, columns=4))
+    fake.report(20, flags=0)
+    fake.report(11, flags=0)
+    wait_until(lambda: lights.faults())
+
+    assert len(lights.faults()) == 1 and 'block 11' in lights.faults()[0]
+    assert (
+        lights.values()['flash_limit'] == 'field'
+    )  # squares of its columns are not its firmware's
 
 
 def test_a_bridge_without_its_radio_is_one_line():

@@ -68,9 +68,15 @@ def test_lets_one_block_flash(fake, capsys):
     assert 1 <= len(lit) <= 3  # never more than two a second
 
 
+@pytest.mark.parametrize('option', ['--blink', '--self-test'])
+def test_a_number_that_the_board_lacks_is_one_line(fake, capsys, option):
+    assert cli.main(['board', '--port', fake.port, option, '25']) == 2
+    assert f'{option} 25: blocks are 0 to 24' in capsys.readouterr().err
+
+
 def test_names_what_was_knocked_on_and_what_was_not(capsys):
     felt = [TapReport(b, 2.5, HostTime(0.0, 0.0), 0, 0.0011 if b else None) for b in range(24)]
-    assert board._knocks(felt, 1e-3, as_json=False) == 1
+    assert board._knocks(felt, 1e-3, as_json=False, count=25) == 1
     out, err = capsys.readouterr()
     lines = out.splitlines()
     assert lines[7].split() == ['block', '7', '2.50', 'm/s^2', 'lit', 'after', '1.1', 'ms']
@@ -121,10 +127,11 @@ def test_old_firmware_is_named_and_does_not_test_itself(fake, capsys):
 @pytest.mark.parametrize(
     'words, code, said',
     [
-        (['--blink', '25'], 2, '--blink: 25 is outside 0 to 24'),
+        (['--blink', '225'], 2, '--blink: 225 is outside 0 to 224'),
         (['--blink', '3', '--knocks'], 2, 'not several'),
-        (['--self-test', '25'], 2, 'blocks are 0 to 24'),
-        (['--self-test', 'x'], 2, 'blocks are 0 to 24'),
+        (['--self-test', '225'], 2, 'blocks are 0 to 224'),
+        (['--self-test', 'x'], 2, 'blocks are 0 to 224'),
+        (['--flash', '25'], 2, 'blocks are 0 to 24'),
         (['--flash', '-1'], 2, 'blocks are 0 to 24'),
         (['--flash', '3', '--knocks'], 2, 'not several'),
         (['--flash', '3', '--program', '/nowhere.hex'], 69, '/nowhere.hex: no such file'),

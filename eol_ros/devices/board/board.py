@@ -25,7 +25,7 @@ from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import DeviceMissing
 from eol_ros.said import clauses, said
-from eol_ros.streams.checks import BLOCKS, strange
+from eol_ros.streams.checks import strange
 
 BAUD = 1_000_000
 HELLO_EVERY_S = 0.25
@@ -36,12 +36,6 @@ READ_BYTES = 4096
 WOKE_SIGMA_S = 3e-3  # of a knock that woke its block: `eol bench taps`
 KNOCK_SPAN_S = 5.0  # from the host's clock to the time of a knock, at most
 UNSYNCED_SIGMA_S = 0.02  # of a tap that comes before the clocks have met: its arrival time is taken
-
-RULES: dict[type, dict[str, Any]] = {
-    protocol.Knock: {'block': BLOCKS},
-    protocol.BlockStatus: {'block': {*BLOCKS, protocol.BRIDGE}},
-    protocol.SelfTested: {'block': BLOCKS},
-}
 
 
 @dataclass(frozen=True)
@@ -96,7 +90,7 @@ class Board:
         self.blocks: dict[int, protocol.BlockStatus] = {}  # as they were last reported
         self.tests: dict[int, protocol.SelfTested] = {}  # the last of each block
         self.reported_bad = 0  # damaged packets that the board itself counted
-        self.rejected = 0  # reports of blocks that the table lacks, or of knocks at another time
+        self.rejected = 0  # reports of blocks that it does not drive, or of knocks at another time
         self.round_trip_ms: deque[float] = deque(maxlen=64)
         self._port, self._baud, self._line = port, baud, line
         self._on_tap, self._on_state = on_tap, on_state
@@ -131,7 +125,11 @@ class Board:
 
         Returns the number of the packet, or None when it could not be sent now.
         """
-        return self._send(protocol.Light(stamp_us & 0xFFFFFFFF, mask)) if self.ready else None
+        return (
+            self._send(protocol.Light(stamp_us & 0xFFFFFFFF, self._driven(mask)))
+            if self.ready
+            else None
+        )
 
     def configure(self, lighting: protocol.Lighting, detector: protocol.Detector) -> None:
         """Say how blocks flash and what they feel; a board that comes back is told again."""
@@ -148,12 +146,15 @@ class Board:
     def infrared(self, on: bool | int) -> int | None:
         """Switch the infrared LEDs: all, none, or a bit per block. Returns like `light`."""
         self._infrared = protocol.ALL_BLOCKS * int(on) if isinstance(on, bool) else on
-        return self._send(protocol.Infrared(self._infrared)) if self.ready else None
+        return self._send(protocol.Infrared(self._driven(self._infrared))) if self.ready else None
 
     @property
     def infrared_on(self) -> bool:
         """True unless all infrared LEDs are off."""
         return self._infrared != 0
+
+    def _driven(self, mask: int) -> int:
+        return mask & (1 << self.count) - 1
 
     def _send(self, message: protocol.Message) -> int | None:
         with self._lock:
@@ -262,7 +263,13 @@ class Board:
                 )
 
     def _hear(self, message: protocol.Message, now: float) -> None:
-        if strange(message, RULES.get(type(message), {})):
+        blocks = {'block': range(self.count)}
+        rules: dict[type, dict[str, Any]] = {
+            protocol.Knock: blocks,
+            protocol.BlockStatus: {'block': {*range(self.count), protocol.BRIDGE}},
+            protocol.SelfTested: blocks,
+        }
+        if strange(message, rules.get(type(message), {})):
             self.rejected += 1
         elif isinstance(message, protocol.Pong):
             asked = self._asked.pop(message.host_us, None)

@@ -27,9 +27,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from eol_ros.core import serial_protocol as protocol
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.light.bridge import Bridge
 from eol_ros.core.light.local import FIELD, FIELD_OF_VIEW, OFF
+from eol_ros.core.table import Table
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import UsageError
@@ -89,19 +89,20 @@ class FakeBoard:
         on_message: Callable[[protocol.Message, Arrival], None] | None = None,
         socket_pair: bool = False,
         log_file: str = '',
+        table: Table = Table(),
     ):
         self._file = open(log_file, 'w', buffering=1) if log_file else None  # noqa: SIM115
         if self._file:
             print(*Arrival._fields, sep=',', file=self._file)
         self.link, self.version, self.name = link, version, name
         self.log: deque[Arrival] = deque(maxlen=8192)
-        self.count = N_BLOCKS  # of blocks, as it says
-        self.infrared_mask = protocol.ALL_BLOCKS
+        self.table, self.count = table, table.cells  # of numbers of blocks, as it says
+        self.infrared_mask = (1 << self.count) - 1
         self.detector = protocol.Detector()  # as the host has set it
         self.firmware = protocol.FIRMWARE
         self.self_tests: dict[int, tuple[int, ...] | None] = {}  # but for WHOLE; None: no answer
         self._socket_pair, self.port = socket_pair, TABLE if socket_pair else ''
-        self.bridge = Bridge()  # with the blocks
+        self.bridge = Bridge(table)  # with the blocks
         self._on_message = on_message
         self._clock_us, self._boot = CLOCK_US, time.monotonic()
         self._muted, self._spoil = False, ''
@@ -186,7 +187,7 @@ class FakeBoard:
         return (self._clock_us + int(run * 1e6)) & 0xFFFFFFFF
 
     def levels(self) -> list[int]:
-        """Return the level 0..255 of each white LED now, 25 of them."""
+        """Return the level 0..255 of each white LED now, by place."""
         with self._field:
             return list(self.bridge.field.level_bytes(time.monotonic()))
 
@@ -283,7 +284,7 @@ class FakeBoard:
                 self._send(protocol.Refused(self.version, message.version))
         elif isinstance(message, protocol.Infrared):
             self.infrared_mask = message.mask
-        elif isinstance(message, protocol.SelfTest) and message.block < N_BLOCKS:
+        elif isinstance(message, protocol.SelfTest) and message.block in self.table.ids:
             found = self.self_tests.get(message.block, WHOLE)
             if found is not None:
                 self._send(protocol.SelfTested(message.block, *found))
@@ -300,7 +301,7 @@ class FakeBoard:
                 self.detector = message
             elif isinstance(message, protocol.Lighting):
                 self.report(protocol.BRIDGE, 0)
-                for block in range(N_BLOCKS):
+                for block in self.table.ids.tolist():
                     self.report(block)
 
     def _send(self, message: protocol.Message) -> None:
@@ -336,7 +337,7 @@ def main(argv: list[str] | None = None) -> int:
         for count in itertools.count():
             time.sleep(1 / args.taps if args.taps > 0 else 1.0)
             if args.taps > 0:
-                board.knock(count * 7 % N_BLOCKS, 5.0)
+                board.knock(count * 7 % board.count, 5.0)
     return 0
 
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from eol_ros import parent_death
 from eol_ros.core import serial_protocol as protocol
-from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.serial_protocol import FIRMWARE_BLOCKS
 from eol_ros.devices.board.block import library
 from eol_ros.devices.board.bluepill import BUILT, FRAME, Bridge
 from eol_ros.devices.board.twin import REST, WOKEN, Chunk, board_address, sent, unix_socket
@@ -49,16 +49,18 @@ class NativeBlocks:
     def __init__(self) -> None:
         lib = self._lib = library()
         size = lib.eol_block_size()
-        self._memory = ctypes.create_string_buffer(size * N_BLOCKS)
-        self._at = [ctypes.addressof(self._memory) + k * size for k in range(N_BLOCKS)]
-        self._levels = (ctypes.c_uint8 * N_BLOCKS)()
-        self._frames = ctypes.create_string_buffer(FRAME * N_BLOCKS)
+        self._memory = ctypes.create_string_buffer(size * FIRMWARE_BLOCKS)
+        self._at = [ctypes.addressof(self._memory) + k * size for k in range(FIRMWARE_BLOCKS)]
+        self._levels = (ctypes.c_uint8 * FIRMWARE_BLOCKS)()
+        self._frames = ctypes.create_string_buffer(FRAME * FIRMWARE_BLOCKS)
         self._ticked_ms = 0
-        self._chunks: list[deque[tuple[Chunk, float]]] = [deque() for _ in range(N_BLOCKS)]
-        lib.eol_blocks_begin(self._memory, ctypes.c_size_t(N_BLOCKS))
+        self._chunks: list[deque[tuple[Chunk, float]]] = [deque() for _ in range(FIRMWARE_BLOCKS)]
+        lib.eol_blocks_begin(self._memory, ctypes.c_size_t(FIRMWARE_BLOCKS))
 
     def feel(self, chunk: Chunk, first_s: float) -> None:
-        """Give a block samples to come."""
+        """Give a block samples to come; what the firmware has no number for feels nothing."""
+        if chunk.block >= FIRMWARE_BLOCKS:
+            return
         if chunk.kind == REST:
             self._give(chunk.block, 0.0, chunk.period_s, chunk.xy, False)
         else:
@@ -92,7 +94,7 @@ class NativeBlocks:
                 break
         ms, self._ticked_ms = int(now_s * 1e3) - self._ticked_ms, int(now_s * 1e3)
         count = self._lib.eol_blocks_tick(
-            self._memory, ctypes.c_size_t(N_BLOCKS), ctypes.c_uint32(ms),
+            self._memory, ctypes.c_size_t(FIRMWARE_BLOCKS), ctypes.c_uint32(ms),
             ctypes.c_double(now_s * 1e6 - AIR_US), ctypes.c_uint32(heard), self._levels,
             self._frames,
         )  # fmt: skip
@@ -101,7 +103,7 @@ class NativeBlocks:
 
     def hear(self, frame: bytes, deaf: int) -> None:
         """The bridge sends, to all but those of the mask."""
-        count = ctypes.c_size_t(N_BLOCKS)
+        count = ctypes.c_size_t(FIRMWARE_BLOCKS)
         self._lib.eol_blocks_heard(self._memory, count, frame, ctypes.c_uint32(deaf))
 
 
@@ -127,7 +129,7 @@ class Table:
         """Return a mask of blocks whose frame is lost."""
         if not self._loss:
             return 0
-        return sum(1 << k for k in range(N_BLOCKS) if self._random.random() < self._loss)
+        return sum(1 << k for k in range(FIRMWARE_BLOCKS) if self._random.random() < self._loss)
 
     def turn(self, now_s: float) -> bytes:
         """Go on to `now_s`, since the start; return the levels of all 25."""

@@ -18,11 +18,18 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from eol_ros.core import serial_protocol as protocol
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.light.frames import FELT_NS, Frames
-from eol_ros.core.light.local import FIELD, FIELD_OF_VIEW, OFF, new_field
+from eol_ros.core.light.local import (
+    BLOCK_FALLS,
+    FIELD,
+    FIELD_OF_VIEW,
+    OFF,
+    block_falls,
+    new_field,
+)
 from eol_ros.core.light.looks import LOOKS, REST_S, Look, spread
 from eol_ros.core.stamp_watch import StampWatch
+from eol_ros.core.table import Table
 from eol_ros.devices.board.board import Board, State, TapReport
 from eol_ros.errors import ConfigError
 from eol_ros.said import said
@@ -90,7 +97,7 @@ def check_settings(settings: LedsSettings) -> None:
 def faults(blocks: Mapping[int, protocol.BlockStatus]) -> list[str]:
     """Return what is wrong with single blocks, by their last status; a sentence each.
 
-    Where the bridge hears nobody because of its own radio, that is said, and not 25 times more.
+    Where the bridge hears nobody because of its own radio, that is said, and not of each block.
     """
     found: list[str] = []
     bridge = blocks.get(protocol.BRIDGE)
@@ -124,28 +131,30 @@ class Lights:
         on_state: Callable[[State], None] = lambda state: None,
         played: Played | None = None,
         namespace: str = NAMESPACE,
+        table: Table = Table(),
     ):
         s = settings
         check_settings(s)
-        self._settings, self._played = settings, played
-        self._limit = s.flash_limit  # as the board can keep it
+        self._settings, self._played, self.table = settings, played, table
+        self._ids = frozenset(table.ids.tolist())
+        self._limit = self._kept_limit(old=False)  # as the board can keep it
         self.frames = self._new_frames()
         self._clock = StampWatch(SET_S, SET_S)
         self._asleep = False
         self.twin: Any = None
         self._on_tap = on_tap
-        self._white = bytes(N_BLOCKS)
+        self._white = bytes(table.cells)
         self._sequence = 0  # of the last packet with light
-        self._felt_ns = [0] * N_BLOCKS  # when each block last felt a knock
+        self._felt_ns = [0] * table.cells  # when each block last felt a knock
         self._shone: OrderedDict[tuple[int, int], int] = OrderedDict()  # knock: when it shone
-        self._shone_ns = [0] * N_BLOCKS  # when each last lit itself
-        self._lit_ns = [0] * N_BLOCKS  # when each block was last lit, as far as that is known
+        self._shone_ns = [0] * table.cells  # when each last lit itself
+        self._lit_ns = [0] * table.cells  # when each block was last lit, as far as that is known
         self._running: list[tuple[int, int]] = []  # heap: when light runs to which block
         self._twin_sigma_s = 0.0  # of the time of a knock
         if s.port == 'twin':
             from eol_ros.devices.board.twin import SIGMA_S, TwinBoard
 
-            self.twin, self._twin_sigma_s = TwinBoard(s.board_log, namespace), SIGMA_S
+            self.twin, self._twin_sigma_s = TwinBoard(s.board_log, namespace, table), SIGMA_S
         self.firmware: Any = None
         if s.port == 'firmware':
             from eol_ros.devices.board.firmware import FirmwareBoard
@@ -193,7 +202,7 @@ class Lights:
     def restart(self) -> None:
         """Time has jumped back: begin in the dark again. A real board's light goes on to fade."""
         self.asleep = False
-        self._felt_ns, self._lit_ns = [0] * N_BLOCKS, [0] * N_BLOCKS
+        self._felt_ns, self._lit_ns = [0] * self.table.cells, [0] * self.table.cells
         if self.by_stamp:
             self.frames = self._new_frames()
 
@@ -270,7 +279,7 @@ class Lights:
     def _run_on(self, block: int, at_ns: int) -> None:
         """Let light run on from `block`, which was lit at `at_ns`."""
         self._lit_ns[block] = max(at_ns, self._lit_ns[block])
-        for after_s, other in spread(block, self._look):
+        for after_s, other in spread(block, self._look, self.table):
             heapq.heappush(self._running, (at_ns + round(after_s * 1e9), other))
 
     def _run(self, now_ns: int) -> None:
@@ -285,7 +294,7 @@ class Lights:
 
     def test(self, stamp_ns: int) -> None:
         """Light all blocks once, for the people who set up and asked for it at `stamp_ns`."""
-        self._light(0, *range(N_BLOCKS), at_ns=self._at_ns(stamp_ns))
+        self._light(0, *self.table.ids.tolist(), at_ns=self._at_ns(stamp_ns))
 
     def infrared(self, mask: int) -> list[Sent]:
         """Switch the infrared LEDs: bit b is that of block b."""
@@ -296,15 +305,23 @@ class Lights:
 
     def follow_firmware(self) -> None:
         """Limit the whole field while the bridge or a block has firmware that knows no other."""
-        each = self._settings.flash_limit == FIELD_OF_VIEW
         found = [(b.major, b.minor) for b in dict(self.board.blocks).values()]
         old = any((0, 0) < version < protocol.EACH_FIELD_FROM for version in found)
-        limit = FIELD if each and old else self._settings.flash_limit
+        limit = self._kept_limit(old)
         if limit != self._limit and found:
             before, self._limit = self.frames.field, limit
-            self.frames.field = new_field(limit, self._look.decay_s, self._settings.peak)
+            self.frames.field = new_field(
+                limit, self._look.decay_s, self._settings.peak, self.table
+            )
             self.frames.field.take_over(before)
             self._configure()
+
+    def _kept_limit(self, old: bool) -> str:
+        """Return the limit that the board can keep; firmware/ counts the squares of the default."""
+        table, limit = self.table, self._settings.flash_limit
+        known = table.columns == 5 and table.rows <= 5 and block_falls(table) == BLOCK_FALLS
+        unable = old or not (known or self._settings.port == 'twin')
+        return FIELD if limit == FIELD_OF_VIEW and unable else limit
 
     def values(self) -> dict[str, Any]:
         """Return counters for the health report."""
@@ -332,11 +349,10 @@ class Lights:
 
     def faults(self) -> list[str]:
         """Return what is wrong with board and blocks, a sentence each; the others go on."""
-        count = self.board.count
-        wrong = [
-            said('board_count', count=count, all=N_BLOCKS)
-        ] if count not in (0, N_BLOCKS) else []  # fmt: skip
-        return wrong + faults(dict(self.board.blocks))
+        count, cells = self.board.count, self.table.cells
+        wrong = [said('board_count', count=count, all=cells)] if 0 < count < cells else []
+        known = self._ids | {protocol.BRIDGE}
+        return wrong + faults({n: b for n, b in dict(self.board.blocks).items() if n in known})
 
     def _configure(self) -> None:
         s = self._settings
@@ -359,11 +375,12 @@ class Lights:
     ) -> int:
         """Light `blocks` now, for the image or tap of `stamp_ns`; where there is none, for `at_ns`.
 
-        Returns when the packet was sent, ns; 0 where the line is down.
+        Returns when the packet was sent, ns; 0 where the line is down or the board lacks them.
         """
         at_ns = at_ns or self._at_ns(stamp_ns)
+        blocks = tuple(block for block in blocks if block < self.board.count)
         mask = sum(1 << block for block in blocks)
-        sequence = self.board.light(mask, self._wall_us(stamp_ns))
+        sequence = self.board.light(mask, self._wall_us(stamp_ns)) if blocks else None
         if sequence is None:
             return 0
         self._sequence, sent_ns = sequence, time.time_ns()
@@ -396,9 +413,12 @@ class Lights:
 
     def _new_frames(self) -> Frames:
         s = self._settings
-        return Frames(new_field(self._limit, self._look.decay_s, s.peak), s.frame_hz)
+        return Frames(new_field(self._limit, self._look.decay_s, s.peak, self.table), s.frame_hz)
 
     def _tap(self, tap: TapReport) -> None:
+        if tap.block not in self._ids:
+            self.board.rejected += 1
+            return
         ago_ns = time.monotonic_ns() - round(tap.time.time_s * 1e9)
         sigma_s = (tap.time.sigma_s**2 + self._twin_sigma_s**2) ** 0.5
         stamp_ns = time.time_ns() - ago_ns

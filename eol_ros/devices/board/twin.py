@@ -22,6 +22,7 @@ import numpy as np
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.light.bridge import Bridge
+from eol_ros.core.table import Table
 from eol_ros.devices.board.fake import Arrival, FakeBoard, latency_s, obey
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.devices.rounds import Rounds
@@ -139,15 +140,15 @@ class Radio:
 class Lamps:
     """The white LEDs of the twin's blocks; time is that of the table, in s."""
 
-    def __init__(self, radio: Radio):
-        self._radio, self._bridge = radio, Bridge()
+    def __init__(self, radio: Radio, table: Table = Table()):
+        self._radio, self._bridge = radio, Bridge(table)
         self._bridge.link(0.0, False)
         self._shown: np.ndarray | None = None  # by blocks that run their firmware elsewhere
 
     def advance(
         self, begin_s: float, end_s: float, felt: Iterable[tuple[float, int]]
     ) -> tuple[np.ndarray, protocol.Detector | None]:
-        """Return the light at `end_s`, (25,) in 0..1, and what the detectors are to be like.
+        """Return the light at `end_s`, (cells,) in 0..1, and what the detectors are to be like.
 
         felt: when blocks felt a knock since `begin_s`, and which.
         """
@@ -159,7 +160,9 @@ class Lamps:
             if isinstance(message, protocol.Detector):
                 detector = message
             elif isinstance(message, protocol.Levels):
-                self._shown = np.frombuffer(message.white, np.uint8) / 255
+                known = np.frombuffer(message.white, np.uint8)[: self._bridge.table.cells]
+                self._shown = np.zeros(self._bridge.table.cells)
+                self._shown[: len(known)] = known / 255
         if not self._radio.linked:
             self._shown = None
         for time_s, block in felt:
@@ -207,7 +210,7 @@ class TwinBoard:
     `log` names a CSV of all that arrives on the wire.
     """
 
-    def __init__(self, log: str = '', namespace: str = NAMESPACE):
+    def __init__(self, log: str = '', namespace: str = NAMESPACE, table: Table = Table()):
         self._late_s: deque[float] = deque(maxlen=1000)
         self._guard = threading.Lock()
         self._radio, self._blocks = (
@@ -220,6 +223,7 @@ class TwinBoard:
             on_message=self._on_message,
             socket_pair=True,
             log_file=log,
+            table=table,
         ).start()
         self._stop = threading.Event()
         self.rounds = Rounds()
