@@ -30,7 +30,8 @@ WOKE = 1  # flag of Knock
 LINKED, SENSOR_DEAD, ASLEEP, RADIO_DEAD, TWICE = 1, 2, 4, 8, 16  # flags of BlockStatus
 ANSWERS = 1  # flag of SelfTested
 NOT_LIT = 0xFFFF  # as Knock.lit_us
-FIRMWARE = (2, 3)  # of firmware/: major and minor; from 2.1 on blocks test themselves
+FIRMWARE = (2, 4)  # of firmware/: major and minor; from 2.1 on blocks test themselves
+LATTICE_FROM = (2, 4)  # the firmware of the bridge that knows Lattice
 EACH_FIELD_FROM = (2, 3)  # the firmware of bridge and blocks that knows EACH_FIELD
 
 MASK_BYTES = (MOST_BLOCKS - 32 + 7) // 8  # of a mask at most, beyond its first four
@@ -133,6 +134,17 @@ class SelfTest(Message, kind=0x09, form='<B'):
     """Host to bridge: let `block` test its LEDs and accelerometer; SelfTested answers."""
 
     block: int
+
+
+@dataclass(frozen=True)
+class Lattice(Message, kind=0x0A, form='<BB'):
+    """Host to bridge, from LATTICE_FROM on: how to limit flashes at a table other than the default.
+
+    `columns` of the table; `falls` of a block in a second (core/light/local.py). Hello ends it.
+    """
+
+    columns: int
+    falls: int
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ extern "C" {
 
 enum {
     EOL_BLOCK_MAJOR = 2,
-    EOL_BLOCK_MINOR = 3,
+    EOL_BLOCK_MINOR = 4,
     EOL_BLOCK_NUMBERS = 25,
     EOL_BLOCK_TRIES = 12,          /* of one knock, until somebody has heard it */
     EOL_BLOCK_STATUS_MS = 1000,    /* from status to status; the bridge misses a block after three */

@@ -47,6 +47,7 @@ static uint8_t each_field(const eol_bridge *b)
 static void limit(eol_bridge *b, uint64_t now_us)
 {
     eol_local_begin(&b->local, b->decay_ms * 1e-3, b->peak / 255.0);
+    eol_local_shape(&b->local, b->columns, b->most);
     for (uint8_t k = 0; k < EOL_BLOCKS; k++) eol_local_unknown(&b->local, seconds(now_us), k);
     eol_flash_begin(&b->field, b->decay_ms * 1e-3, b->peak / 255.0, (b->flags & EOL_LIMITED) != 0);
     eol_flash_hold(&b->field, seconds(now_us), seconds(now_us) + HANDOVER_S);
@@ -66,6 +67,8 @@ void eol_bridge_begin(eol_bridge *b, uint64_t now_us)
     b->flags = EOL_BY_ITSELF | EACH;
     b->peak = 255;
     b->decay_ms = 100;
+    b->columns = EOL_LOCAL_COLUMNS;
+    b->most = EOL_LOCAL_FALLS;
     b->infrared = ((uint32_t)1 << EOL_BLOCKS) - 1;
     limit(b, now_us);
     b->word_us = now_us;
@@ -128,13 +131,32 @@ static void relink(eol_bridge *b, uint64_t now_us, uint8_t number)
     eol_flash_hold(&b->field, seconds(now_us), until_s);
 }
 
+/* Begin with the limit of `flags` while blocks are heard, or are not. */
+static void relimit(eol_bridge *b, uint64_t now_us)
+{
+    limit(b, now_us);
+    for (uint8_t k = 0; k < EOL_BLOCKS; k++)
+        if (b->blocks[k].heard && !b->blocks[k].linked) relink(b, now_us, k);
+}
+
+/* Take the table: squares of so many columns, and most falls of a block. */
+static void lattice(eol_bridge *b, uint64_t now_us, uint8_t columns, uint8_t most)
+{
+    uint8_t other = columns != b->columns || most != b->most;
+    if (!other || columns < 2 || columns > EOL_BLOCKS || most < 1 || most > EOL_LOCAL_FALLS) return;
+    b->columns = columns;
+    b->most = most;
+    relimit(b, now_us);
+}
+
 static void take(eol_bridge *b, uint64_t now_us, uint8_t kind, const uint8_t *body, size_t size)
 {
     uint8_t out[20] = {0};
     if (kind == EOL_HELLO && size == 1) {
         out[0] = EOL_VERSION;
         out[1] = EOL_BLOCKS;
-        memcpy(out + 2, "eol bridge 2.3", 14);
+        memcpy(out + 2, "eol bridge 2.4", 14);
+        lattice(b, now_us, EOL_LOCAL_COLUMNS, EOL_LOCAL_FALLS); /* until this host says another */
         if (body[0] == EOL_VERSION) {
             send(b, EOL_WELCOME, out, 18);
         } else {
@@ -156,11 +178,7 @@ static void take(eol_bridge *b, uint64_t now_us, uint8_t kind, const uint8_t *bo
         b->peak = body[1];
         shortest_ms = each_field(b) ? SHORTEST_EACH_MS : SHORTEST_MS;
         b->decay_ms = decay_ms < shortest_ms ? shortest_ms : decay_ms;
-        if (other) {
-            limit(b, now_us);
-            for (uint8_t k = 0; k < EOL_BLOCKS; k++)
-                if (b->blocks[k].heard && !b->blocks[k].linked) relink(b, now_us, k);
-        }
+        if (other) relimit(b, now_us);
         eol_local_set(&b->local, seconds(now_us), b->decay_ms * 1e-3, b->peak / 255.0);
         eol_flash_hold(&b->field, seconds(now_us), b->field.fall_at_s); /* until now as it was */
         b->field.decay_s = b->decay_ms * 1e-3;
@@ -171,6 +189,8 @@ static void take(eol_bridge *b, uint64_t now_us, uint8_t kind, const uint8_t *bo
         memcpy(b->detector, body, 16);
         b->feels = 1;
         b->feels_us = now_us;
+    } else if (kind == EOL_LATTICE && size == 2) {
+        lattice(b, now_us, body[0], body[1]);
     } else if (kind == EOL_SELF_TEST && size == 1 && body[0] < EOL_BLOCKS) {
         b->test = (uint8_t)(body[0] + 1);
         b->test_us = now_us;

@@ -26,7 +26,7 @@ extern "C" {
 
 enum {
     EOL_BRIDGE_MAJOR = 2,
-    EOL_BRIDGE_MINOR = 3,
+    EOL_BRIDGE_MINOR = 4,
     EOL_BRIDGE_ROOM = 1024,           /* bytes that wait for the host; a power of two */
     EOL_BRIDGE_SILENT_US = 3000000,   /* a block that was heard and now is not */
     EOL_BRIDGE_ORDER_US = 20000,      /* an order is told again with one that follows so soon */
@@ -53,6 +53,7 @@ typedef struct {
     eol_flash_field field;        /* of both the one that `flags` says */
     eol_local_field local;
     eol_bridge_block blocks[EOL_BLOCKS];
+    uint8_t columns, most;        /* of Lattice */
     uint8_t flags, peak, decided; /* of Lighting; `decided`: light may fall, as it was said last */
     uint16_t decay_ms;
     uint32_t infrared, order;     /* masks */

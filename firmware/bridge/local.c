@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { SQUARE_FALLS = 11, SIDE = 5, SQUARE = 4 };
+enum { SQUARE_FALLS = 11, SQUARE = 4 };
 static const double PERIOD_S = 1.07;
 static const double HOLD_RATE = 0.06187540371808753 / 1.07; /* 6 % in a period */
 static const double FIRST = 0.75;                           /* of `peak`, after rest */
@@ -43,17 +43,19 @@ static void age(eol_local_field *field, int block)
 /* Carry `block` and its neighbours on to `now_s`, or all with a block that is none. */
 static void advance(eol_local_field *field, double now_s, int block)
 {
+    int side = field->columns;
     field->next_s = LONG_AGO_S;
     if (now_s > field->now_s) field->now_s = now_s; /* times that run backwards are no time at all */
     for (int b = 0; b < EOL_FLASH_BLOCKS; b++)
-        if (block >= EOL_FLASH_BLOCKS || (abs(b / SIDE - block / SIDE) < 2 && abs(b % SIDE - block % SIDE) < 2))
+        if (block >= EOL_FLASH_BLOCKS || (abs(b / side - block / side) < 2 && abs(b % side - block % side) < 2))
             age(field, b);
 }
 
 /* The first time from `at_s` on when the square with this corner allows one fall more of `block`. */
 static double square_allows(const eol_local_field *field, int corner, int block, double at_s)
 {
-    const int members[SQUARE] = {corner, corner + 1, corner + SIDE, corner + SIDE + 1};
+    const int side = field->columns;
+    const int members[SQUARE] = {corner, corner + 1, corner + side, corner + side + 1};
     double latest_s = INFINITY;
     for (;;) { /* the moments at which others begin to fall, the last one first; then at_s */
         double moment_s = at_s, first_s = INFINITY;
@@ -89,14 +91,15 @@ static double square_allows(const eol_local_field *field, int corner, int block,
 /* The first time from `from_s` on when one fall more of `block` is allowed. */
 static double allowed(const eol_local_field *field, int block, double from_s)
 {
-    double next_s = field->block[block].free_s[0], before_s;
+    double next_s = field->block[block].free_s[EOL_LOCAL_FALLS - field->most], before_s;
+    int side = field->columns, rows = EOL_FLASH_BLOCKS / side; /* squares of numbers without a block never bind */
     double at_s = next_s > from_s ? next_s : from_s;
     do {
         before_s = at_s;
-        for (int row = block / SIDE - 1; row <= block / SIDE; row++)
-            for (int column = block % SIDE - 1; column <= block % SIDE; column++)
-                if (row >= 0 && column >= 0 && row < SIDE - 1 && column < SIDE - 1)
-                    at_s = square_allows(field, row * SIDE + column, block, at_s);
+        for (int row = block / side - 1; row <= block / side; row++)
+            for (int column = block % side - 1; column <= block % side; column++)
+                if (row >= 0 && column >= 0 && row < rows - 1 && column < side - 1)
+                    at_s = square_allows(field, row * side + column, block, at_s);
     } while (before_s < at_s); /* until all squares agree */
     return at_s;
 }
@@ -107,11 +110,18 @@ void eol_local_begin(eol_local_field *field, double decay_s, double peak)
     field->decay_s = decay_s;
     field->peak = peak;
     field->now_s = LONG_AGO_S;
+    eol_local_shape(field, EOL_LOCAL_COLUMNS, EOL_LOCAL_FALLS);
     for (int b = 0; b < EOL_FLASH_BLOCKS; b++) {
         eol_local_block *one = &field->block[b];
         one->at_s = one->fall_s = LONG_AGO_S;
         for (int n = 0; n < EOL_LOCAL_FALLS; n++) one->free_s[n] = LONG_AGO_S;
     }
+}
+
+void eol_local_shape(eol_local_field *field, uint8_t columns, uint8_t most)
+{
+    field->columns = columns;
+    field->most = most;
 }
 
 void eol_local_set(eol_local_field *field, double now_s, double decay_s, double peak)

@@ -15,7 +15,10 @@
 extern "C" {
 #endif
 
-enum { EOL_LOCAL_FALLS = 3 }; /* of a block in any second */
+enum {
+    EOL_LOCAL_COLUMNS = 5, /* of the default table */
+    EOL_LOCAL_FALLS = 3    /* of a block in any second, at most */
+};
 
 typedef struct {
     double height, at_s;            /* ln of the level over that which counts as dark, at that time */
@@ -29,10 +32,14 @@ typedef struct {
     uint32_t lengthened; /* falls that had to wait */
     uint32_t falls;      /* which may fall, until next_s: a word must not take long */
     double next_s;
+    uint8_t columns, most; /* of the table; falls of a block in any second */
 } eol_local_field;
 
-/* Begin in the dark. */
+/* Begin in the dark, with the default table. */
 void eol_local_begin(eol_local_field *field, double decay_s, double peak);
+
+/* Take another table, in the dark: at least 2 columns, 1 to EOL_LOCAL_FALLS falls of a block. */
+void eol_local_shape(eol_local_field *field, uint8_t columns, uint8_t most);
 
 /* Change how blocks flash from `now_s` on. */
 void eol_local_set(eol_local_field *field, double now_s, double decay_s, double peak);

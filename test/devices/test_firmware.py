@@ -45,6 +45,7 @@ MESSAGES = [
     p.Lighting(p.BY_ITSELF | p.LIMITED, 255, 350),
     p.Detector(256, 13, 40, 7000, 67, 2016, 80640),
     p.Light(2**32 - 1, 2**25 - 1),
+    p.Lattice(4, 1),
     p.Knock(99, 24, 65535, p.NOT_LIT, p.WOKE),
     p.BlockStatus(p.BRIDGE, 3000, -5, 2, 0, p.LINKED | p.SENSOR_DEAD),
 ]

@@ -15,8 +15,10 @@ from support.native import library
 from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.light.bridge import Bridge
 from eol_ros.core.light.flash import FLASHES_PER_S, HOLD_RATE, MIN_PERIOD_S, FlashField
-from eol_ros.core.light.local import LocalField
+from eol_ros.core.light.local import LocalField, block_falls
+from eol_ros.core.table import Table
 
+OTHERS = [Table(rows=3, columns=4), Table(rows=3, columns=7, block_side_m=0.03, gap_m=0.02)]
 GLUE = """
 #include <stdlib.h>
 #include "block.h"
@@ -81,6 +83,16 @@ static void host(eol_bridge *bridge, int t, uint8_t kind, uint8_t *body, size_t 
     for (size_t k = 0; k < length; k++) eol_bridge_byte(bridge, 1000u * (uint64_t)t, wire[k]);
 }
 
+/* What the host says before each Lighting, where it is not all zeros. */
+static uint8_t lattice[2];
+void shape(uint8_t columns, uint8_t most) { lattice[0] = columns, lattice[1] = most; }
+
+static void say_lighting(eol_bridge *bridge, int t, uint8_t *lighting)
+{
+    if (lattice[0]) host(bridge, t, EOL_LATTICE, lattice, 2);
+    host(bridge, t, EOL_LIGHTING, lighting, 4);
+}
+
 /* `ms` milliseconds of the whole firmware of 25 blocks and their bridge. felt[t * B + b]: block b
  * feels a knock (1) or a weak one (2), or the host lights it (3). `flags` are those of Lighting. Of
  * 1000 frames `lost` are lost either way, and so many answers. The bridge is started again at
@@ -95,13 +107,13 @@ void table(int ms, const uint8_t *felt, int flags, int decay_ms, int lost, int g
     uint8_t lighting[4] = {(uint8_t)flags, 255, (uint8_t)decay_ms, (uint8_t)(decay_ms >> 8)};
     srand(1);
     eol_bridge_begin(&bridge, 0);
-    host(&bridge, 0, EOL_LIGHTING, lighting, 4);
+    say_lighting(&bridge, 0, lighting);
     for (int b = 0; b < B; b++) eol_block_begin(&block[b], (uint8_t)b), measured[b] = -1;
     for (int t = 0; t < ms; t++) {
         uint32_t now_us = 1000u * (uint32_t)t, mask = 0;
         int there = t < gone_ms || t >= gone_ms + 100;
         if (t == gone_ms + 100) eol_bridge_begin(&bridge, now_us);
-        if (t == gone_ms + 300) host(&bridge, t, EOL_LIGHTING, lighting, 4);
+        if (t == gone_ms + 300) say_lighting(&bridge, t, lighting);
         if (t == reset_ms) eol_block_begin(&block[12], 12);
         for (int b = 0; b < B; b++) {
             uint8_t kind = felt[t * B + b];
@@ -154,6 +166,7 @@ def bridge(tmp_path_factory):
     lib.storm.argtypes = [number, ctypes.c_int, memory, memory, ctypes.c_int, number, memory]
     lib.adversary.argtypes = [number, ctypes.c_uint32, *[ctypes.c_int] * 4, number, memory]
     lib.eol_local_begin.argtypes = [memory, number, number]
+    lib.eol_local_shape.argtypes = [memory, ctypes.c_uint8, ctypes.c_uint8]
     lib.eol_local_slip.argtypes = [memory, number, ctypes.c_uint8]
     lib.eol_local_hold.argtypes = [memory, number, number, ctypes.c_uint8]
     lib.eol_local_levels.argtypes = [memory, number, memory]
@@ -199,18 +212,23 @@ class Local(Field):
 
     KIND = 'local'
 
+    def __init__(self, lib, decay_s, peak, table):
+        super().__init__(lib, decay_s, peak)
+        lib.eol_local_shape(self.memory, table.columns, block_falls(table))
+
     def falls(self, now_s):
         mask = self.lib.eol_local_falls(self.memory, now_s)
         return (mask >> np.arange(N_BLOCKS) & 1).astype(bool)
 
 
-def furthest_local(lib, seed, sequences):
+def furthest_local(lib, seed, sequences, table=Table()):
     """As `furthest`, of the limit within each field of view, in storms that it has to hold."""
     random, most, held = np.random.default_rng(seed), 0, 0
     for _ in range(sequences):
         decay_s, peak = 10 ** random.uniform(-1.7, 0), random.uniform(0.1, 1)
-        ours, theirs = Local(lib, decay_s, peak), LocalField(decay_s, peak)
-        some = random.permutation(N_BLOCKS)[: random.integers(1, 9)]
+        ours = Local(lib, decay_s, peak, table)
+        theirs = LocalField(decay_s, peak, table=table)
+        some = random.permutation(table.ids)[: random.integers(1, 9)]
         now_s = random.uniform(0, 1e4)
         for step in random.exponential(10 ** random.uniform(-2.5, -1), 60):
             now_s += step if random.uniform() < 0.98 else -step
@@ -222,8 +240,8 @@ def furthest_local(lib, seed, sequences):
                 until_s = now_s + random.choice([0.0, 2.0])
                 ours.hold(now_s, until_s, block)
                 theirs.hold(now_s, until_s, block)
-            assert (ours.falls(now_s) == theirs.falls(now_s)).all()
-        one = np.frombuffer(ours.level_bytes(now_s), np.uint8).astype(int)
+            assert (ours.falls(now_s)[: table.cells] == theirs.falls(now_s)).all()
+        one = np.frombuffer(ours.level_bytes(now_s), np.uint8).astype(int)[: table.cells]
         other = np.frombuffer(theirs.level_bytes(now_s), np.uint8).astype(int)
         most, held = max(most, int(np.abs(one - other).max())), held + theirs.lengthened
     assert held
@@ -257,6 +275,11 @@ def furthest(lib, seed, sequences):
 def test_the_bridge_limits_as_the_host_does(bridge):
     assert furthest(bridge, 1, 1500) <= 1
     assert furthest_local(bridge, 1, 200) <= 1
+
+
+@pytest.mark.parametrize('table', [*OTHERS, Table(absent=(6, 7, 8, 11, 12, 13, 16, 17, 18))])
+def test_the_bridge_limits_as_the_host_does_at_another_table(bridge, table):
+    assert furthest_local(bridge, 1, 100, table) <= 1
 
 
 @pytest.mark.soak
@@ -414,21 +437,30 @@ def test_no_field_of_view_of_the_firmware_flashes_four_times(bridge, areas_sr, d
         assert most_in_a_second(levels[at], areas_sr) <= 3, (hz, lost, gone_ms)
 
 
-@pytest.mark.parametrize(('hz', 'seed'), [(6, 1), (6, 2), (40, 3)])
-def test_each_block_of_the_firmware_shines_as_that_of_the_model(bridge, hz, seed):
-    felt, model = of_all_kinds(seed, hz), Bridge()
-    felt[:1100] = 0  # while the bridge does not know what shines
-    theirs = np.zeros((MS, N_BLOCKS))
+@pytest.mark.parametrize(
+    ('hz', 'seed', 'table'),
+    [(6, 1, Table()), (6, 2, Table()), (40, 3, Table()), *((12, 4, table) for table in OTHERS)],
+)
+def test_each_block_of_the_firmware_shines_as_that_of_the_model(bridge, hz, seed, table):
+    felt, model = of_all_kinds(seed, hz), Bridge(table)
+    felt[:, table.cells :] = 0
+    begin = 1100 if block_falls(table) > 1 else 2700  # a fall after that time counts
+    felt[:begin] = 0  # while the bridge does not know what shines
+    theirs = np.zeros((MS, table.cells))
     for ms in range(MS):
         for block in np.flatnonzero(felt[ms]).tolist():
             model.felt(ms * 1e-3, block)
         theirs[ms] = model.levels((ms + 1) * 1e-3)
-    ours = shown(bridge, felt)
+    if table != Table():
+        bridge.shape(table.columns, block_falls(table))
+    ours = shown(bridge, felt)[:, : table.cells]
+    bridge.shape(0, 0)
     # it falls some 10 ms later, when the bridge is known to know
     late = np.abs(ours[10:] - theirs[:-10])
     if hz < 10:  # in a storm 10 ms decide which flash is the one that waits
         assert np.quantile(late[theirs[:-10] > 0.1], 0.9) < 0.06
-    assert (ours[1200:] > 0.1).mean() == pytest.approx((theirs[1200:] > 0.1).mean(), rel=0.06)
+    shines, should = (light[begin + 100 :] > 0.1 for light in (ours, theirs))
+    assert shines.mean() == pytest.approx(should.mean(), rel=0.06) and should.any()
 
 
 def test_a_block_that_the_bridge_does_not_hear_holds_and_falls_when_it_is_heard(bridge):

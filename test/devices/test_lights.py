@@ -266,7 +266,23 @@ def test_what_the_table_has_beyond_the_numbers_of_the_board_is_dark_and_told(fak
     assert lights.slip(27, time.time_ns(), time.time_ns()) is None
     seen(lights, 7, time.time_ns())
     wait_until(lambda: fake.levels()[7])
-    assert fake.bridge.limit == lights.values()['flash_limit'] == 'field'
+    assert fake.bridge.limit == lights.values()['flash_limit'] == 'field_of_view'
+    assert fake.lattice is None
+
+
+@pytest.mark.parametrize(
+    ('version', 'limit', 'told'),
+    [((2, 3), 'field', None), (protocol.LATTICE_FROM, 'field_of_view', protocol.Lattice(4, 3))],
+)
+def test_a_bridge_that_knows_other_tables_limits_fields_of_view(
+    fake, make_lights, version, limit, told
+):
+    fake.firmware = version
+    lights = make_lights(port=fake.port, table=Table(rows=3, columns=4))
+    lights.follow_firmware()
+
+    wait_until(lambda: (fake.bridge.limit, fake.lattice) == (limit, told))
+    assert lights.values()['flash_limit'] == limit
 
 
 def test_a_table_within_the_numbers_of_the_board_has_no_other_blocks(fake, make_lights):
@@ -276,9 +292,6 @@ def test_a_table_within_the_numbers_of_the_board_has_no_other_blocks(fake, make_
     wait_until(lambda: lights.faults())
 
     assert len(lights.faults()) == 1 and 'block 11' in lights.faults()[0]
-    assert (
-        lights.values()['flash_limit'] == 'field'
-    )  # squares of its columns are not its firmware's
 
 
 def test_a_bridge_without_its_radio_is_one_line():

@@ -2,6 +2,7 @@
 """The leds node over real DDS, with the twin's board on a real pty."""
 
 import contextlib
+import dataclasses
 import time
 import types
 
@@ -16,7 +17,8 @@ from eol_ros.errors import ConfigError
 from eol_ros.nodes.leds import LedsNode
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
-from eol_ros.settings import LedsSettings, MotionSettings
+from eol_ros.scene import Scene
+from eol_ros.settings import LedsSettings, MotionSettings, TableSettings
 from eol_ros.streams.requests import Asked
 
 LIT = 191  # a slip after rest: three quarters of full light
@@ -49,8 +51,9 @@ class Around(EolNode):
 
 
 class Rig(Nodes):
-    def __init__(self, **settings):
-        self.leds, self.around = LedsNode(LedsSettings(**settings)), Around(MotionSettings())
+    def __init__(self, scene=None, **settings):
+        self.leds = LedsNode(LedsSettings(**settings), scene=scene)
+        self.around = Around(MotionSettings())
         super().__init__(self.leds, self.around)
         self.meet()
 
@@ -58,7 +61,7 @@ class Rig(Nodes):
 @pytest.fixture
 def make_rig(ros):
     with contextlib.ExitStack() as rigs:
-        yield lambda **settings: rigs.enter_context(Rig(**settings))
+        yield lambda scene=None, **settings: rigs.enter_context(Rig(scene, **settings))
 
 
 def heard_by(lights):
@@ -95,6 +98,18 @@ def test_a_slip_is_light_on_the_wire_with_the_stamp_of_its_image(rig):
     assert arrived.stamp_us == stamp_ns // 1000 % 2**32
     assert arrived.sequence == command.sequence
     assert latency_s(arrived) > 0  # how long it takes is measured by `eol bench graph`
+
+
+def test_light_has_a_level_for_each_place_of_the_table_of_the_scene(make_rig):
+    table = TableSettings(rows=2, columns=18, block_side_m=0.03, gap_m=0.02)
+    scene = dataclasses.replace(Scene.alone('leds'), table=table)
+    rig = make_rig(scene, port='twin')
+    assert rig.until(lambda: rig.leds.lights.board.ready)
+    rig.leds.on_test(Asked('test', 'leds'))
+
+    assert rig.until(lambda: rig.around.commands)
+    assert list(rig.around.commands[0].white) == [LIT] * 36
+    assert rig.until(lambda: rig.leds.lights.twin.fake.levels()[35])
 
 
 def test_the_light_dies_away_and_then_the_line_is_quiet(rig):

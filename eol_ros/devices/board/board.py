@@ -131,9 +131,9 @@ class Board:
             else None
         )
 
-    def configure(self, lighting: protocol.Lighting, detector: protocol.Detector) -> None:
+    def configure(self, *messages: protocol.Message) -> None:
         """Say how blocks flash and what they feel; a board that comes back is told again."""
-        self._configuration = [lighting, detector]
+        self._configuration = list(messages)
         if self.ready:
             for message in self._configuration:
                 self._send(message)

@@ -99,6 +99,7 @@ class FakeBoard:
         self.table, self.count = table, table.cells  # of numbers of blocks, as it says
         self.infrared_mask = (1 << self.count) - 1
         self.detector = protocol.Detector()  # as the host has set it
+        self.lattice: protocol.Lattice | None = None  # the same; its bridge knows the table
         self.firmware = protocol.FIRMWARE
         self.self_tests: dict[int, tuple[int, ...] | None] = {}  # but for WHOLE; None: no answer
         self._socket_pair, self.port = socket_pair, TABLE if socket_pair else ''
@@ -299,6 +300,8 @@ class FakeBoard:
                 obey(self.bridge, time.monotonic(), message)
             if isinstance(message, protocol.Detector):
                 self.detector = message
+            elif isinstance(message, protocol.Lattice):
+                self.lattice = message
             elif isinstance(message, protocol.Lighting):
                 self.report(protocol.BRIDGE, 0)
                 for block in self.table.ids.tolist():

@@ -44,6 +44,9 @@ SET_S = 0.02  # the system clock departs from steady time by more only where som
 FOREIGN_NS = 1_000_000_000  # a stamp so old, or of the future, is of another clock
 
 
+DEFAULT_LATTICE = protocol.Lattice(5, BLOCK_FALLS)  # what a bridge begins with
+
+
 class Sent(NamedTuple):
     """Levels that went out: the number of the packet, infrared, cause and time of writing.
 
@@ -137,7 +140,8 @@ class Lights:
         check_settings(s)
         self._settings, self._played, self.table = settings, played, table
         self._ids = frozenset(table.ids.tolist())
-        self._limit = self._kept_limit(old=False)  # as the board can keep it
+        self._lattice = protocol.Lattice(table.columns, block_falls(table))
+        self._limit = self._kept_limit({})  # as the board can keep it
         self.frames = self._new_frames()
         self._clock = StampWatch(SET_S, SET_S)
         self._asleep = False
@@ -305,9 +309,8 @@ class Lights:
 
     def follow_firmware(self) -> None:
         """Limit the whole field while the bridge or a block has firmware that knows no other."""
-        found = [(b.major, b.minor) for b in dict(self.board.blocks).values()]
-        old = any((0, 0) < version < protocol.EACH_FIELD_FROM for version in found)
-        limit = self._kept_limit(old)
+        found = {n: (b.major, b.minor) for n, b in dict(self.board.blocks).items()}
+        limit = self._kept_limit(found)
         if limit != self._limit and found:
             before, self._limit = self.frames.field, limit
             self.frames.field = new_field(
@@ -316,12 +319,19 @@ class Lights:
             self.frames.field.take_over(before)
             self._configure()
 
-    def _kept_limit(self, old: bool) -> str:
-        """Return the limit that the board can keep; firmware/ counts the squares of the default."""
-        table, limit = self.table, self._settings.flash_limit
-        known = table.columns == 5 and table.rows <= 5 and block_falls(table) == BLOCK_FALLS
-        unable = old or not (known or self._settings.port == 'twin')
-        return FIELD if limit == FIELD_OF_VIEW and unable else limit
+    def _kept_limit(self, versions: Mapping[int, tuple[int, int]]) -> str:
+        """Return the limit that bridge and blocks can keep, by the versions of their firmware."""
+        limit, told = self._settings.flash_limit, self._lattice
+        known = (
+            self._settings.port == 'twin'
+            or told == DEFAULT_LATTICE
+            or (
+                versions.get(protocol.BRIDGE, (0, 0)) >= protocol.LATTICE_FROM
+                and self.table.cells <= self.board.count
+            )
+        )
+        old = any((0, 0) < version < protocol.EACH_FIELD_FROM for version in versions.values())
+        return FIELD if limit == FIELD_OF_VIEW and (old or not known) else limit
 
     def values(self) -> dict[str, Any]:
         """Return counters for the health report."""
@@ -360,7 +370,9 @@ class Lights:
         flags |= protocol.EACH_FIELD * (self._limit == FIELD_OF_VIEW)
         if s.trigger != 'slips' and not self._asleep and self._played is None:
             flags |= protocol.BY_ITSELF
+        lattice = [self._lattice] if self._limit == FIELD_OF_VIEW else []
         self.board.configure(
+            *(lattice if self._lattice != DEFAULT_LATTICE else []),
             protocol.Lighting(flags, round(255 * s.peak), round(1000 * self._look.decay_s)),
             protocol.Detector(threshold=round(16 * s.tap_threshold_mg)),
         )
