@@ -170,7 +170,7 @@ def measure(lit: list[tuple[float, int, bool]], seconds: float, limit: str) -> d
 
 def figures(levels: np.ndarray) -> dict[str, Any]:
     """Return what holds of any light, recorded or recomputed."""
-    shape = light.Measure()
+    shape = light.Measure(Table())
     shape.add(levels)
     areas_sr = np.concatenate([fields(rest_lattice(), eye) for eye in EYES])
     return shape.figures() | {'most_flashes_per_s': most_in_a_second(levels, areas_sr)}

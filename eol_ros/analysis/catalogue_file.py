@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from eol_ros.analysis.bag import Bag, Table
-from eol_ros.analysis.recorded_settings import recorded_settings
-from eol_ros.core.geometry import PITCH_M, rest_lattice
+from eol_ros.analysis.recorded_settings import recorded_settings, recorded_table
 from eol_ros.core.physics.builders import GRAVITY
 from eol_ros.devices.files.names import shown
 from eol_ros.settings import TwinSettings
@@ -20,14 +19,14 @@ from eol_ros.settings import TwinSettings
 COLUMNS = {
     'onset_ns': ('i8', 'ns', 'onset of the first slip, since 1970-01-01 UTC'),
     'duration_s': ('f8', 's', 'from the first onset to the last rest'),
-    'nucleus': ('i8', '', 'block that slipped first: row * 5 + column'),
+    'nucleus': ('i8', '', 'block that slipped first: row * columns of the table + column'),
     'x_m': ('f8', 'm', 'place of the nucleus at rest, to the right, from the middle of the table'),
     'y_m': ('f8', 'm', 'the same, away from the viewer'),
     'area': ('i8', 'blocks', 'distinct blocks that slipped'),
     'size': ('i8', '', 'slips'),
     'potency_m': ('f8', 'm', 'distances of all slips, summed'),
     'magnitude': ('f8', '', 'log10 of potency_m'),
-    'moment_nm': ('f8', 'N m', 'stiffness of a spring * pitch of the lattice * potency_m'),
+    'moment_nm': ('f8', 'N m', 'stiffness of a spring * pitch along a row * potency_m'),
     'energy_j': ('f8', 'J', 'that friction took: mu_kinetic * block_kg * g * potency_m'),
     'bag': ('U64', '', 'recording that it stands in'),
 }
@@ -51,7 +50,8 @@ def of(bag: Bag, cascades: Table | None, measured: TwinSettings | None = None) -
     rows = np.zeros(count, [(name, kind) for name, (kind, _, _) in COLUMNS.items()])
     if cascades is None:
         return rows
-    place = rest_lattice()[cascades['nucleus']]
+    table = recorded_table(bag)
+    place = table.rest[cascades['nucleus']]
     with np.errstate(divide='ignore'):
         magnitude = np.log10(cascades['distance'])
     for name, values in (
@@ -65,7 +65,7 @@ def of(bag: Bag, cascades: Table | None, measured: TwinSettings | None = None) -
     made = measured or constants(bag)
     rows['moment_nm'] = rows['energy_j'] = np.nan
     if made is not None:
-        rows['moment_nm'] = made.stiffness * PITCH_M * rows['potency_m']
+        rows['moment_nm'] = made.stiffness * table.pitch_m[0] * rows['potency_m']
         rows['energy_j'] = made.mu_kinetic * made.block_kg * GRAVITY * rows['potency_m']
     return rows
 

@@ -5,6 +5,7 @@ Of each bag only what the nodes have told is read (slips, cascades, knocks), onc
 of blocks are left alone. What is kept of it is small, so that hundreds of bags fit into memory.
 """
 
+import dataclasses
 import datetime
 import html
 import json
@@ -21,8 +22,9 @@ from scipy import stats
 
 from eol_ros.analysis import catalogue_file, figures, report
 from eol_ros.analysis.bag import Bag, open_bag
-from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.analysis.recorded_settings import recorded_table
 from eol_ros.core.science import powerlaw
+from eol_ros.core.table import Table
 from eol_ros.devices.bag.reader import bags_in as bags_of_folder
 from eol_ros.devices.bag.writer import REPLAY_OF, SAMPLE
 from eol_ros.devices.files.names import shown
@@ -37,7 +39,7 @@ TOPICS = ('slips', 'cascades', 'block_taps')
 HOUR_NS, S_NS = 3600 * 10**9, 10**9
 VISIT_GAP_S = 20.0  # of rest: what follows is another visit
 DEAD = 20.0  # slips (or knocks) that a block would have had: none by chance once in 5e8
-LEAST_SHARE = 0.5 / N_BLOCKS  # of a block that has never slipped
+LEAST_SHARE = 0.5  # of an equal share, of a block that has never slipped
 FEWEST_SINGLES = 30  # of a day or an hour, for a median
 FEWEST_SPANS = 3
 WAYS = {  # in which a block can be silent, in words
@@ -63,6 +65,7 @@ class Digest:
     slips: np.ndarray  # (k, 2) int64: ns, block
     taps: np.ndarray
     rows: np.ndarray  # of the catalogue
+    table: Table
     version: str = ''
     notes: list[str] = field(default_factory=list)
 
@@ -144,6 +147,7 @@ def _digest(bag: Bag, zone: datetime.tzinfo | None) -> Digest:
     rows = catalogue_file.of(bag, tables.get('cascades'))
     found = Digest(
         shown(bag.path), bag.start_ns, bag.end_ns, zone_ns, {}, slips, taps, rows,
+        recorded_table(bag),
         version=bag.about.get('versions', '').splitlines()[0] if bag.about.get('versions') else '',
         notes=[*bag.cut_short, *bag.damage],
     )  # fmt: skip
@@ -178,11 +182,12 @@ def numbers(digests: list[Digest], left_out: list[str]) -> dict[str, Any]:
     if not digests:
         raise ConfigError('no bag that can be reported: ' + '; '.join(left_out))
     digests = sorted(digests, key=lambda d: d.start_ns)
+    table = _one_table(digests)
     hours: dict[int, Counter] = {}
     for hour, counts in (item for one in digests for item in one.hours.items()):
         hours.setdefault(hour, Counter()).update(counts)
     rows = np.concatenate([d.rows for d in digests])
-    days = _days(digests, hours, rows)
+    days = _days(digests, hours, rows, table.count)
     found: dict[str, Any] = {
         'bags': len(digests), 'left_out': sorted(left_out),
         'begin': _iso(digests[0].start_ns, digests[0].zone_ns),
@@ -197,7 +202,7 @@ def numbers(digests: list[Digest], left_out: list[str]) -> dict[str, Any]:
         'dead_blocks': _dead(digests, 'slips') + _dead(digests, 'taps'),
         'versions': sorted({d.version for d in digests if d.version}),
         'notes': [note for d in digests for note in d.notes],
-        'cascades': report.law(rows['area']),
+        'cascades': report.law(rows['area'], table.count),
     }  # fmt: skip
     by_onset = rows[np.argsort(rows['onset_ns'], kind='stable')]
     try:
@@ -208,8 +213,25 @@ def numbers(digests: list[Digest], left_out: list[str]) -> dict[str, Any]:
     return found
 
 
+def _one_table(digests: list[Digest]) -> Table:
+    """Return the table of all bags; raises ConfigError where they were recorded at several."""
+    first = digests[0]
+    for one in digests:
+        other = [
+            f'{name} {value} and {getattr(one.table, name)}'
+            for name, value in dataclasses.asdict(first.table).items()
+            if value != getattr(one.table, name)
+        ]
+        if other:
+            raise ConfigError(
+                f'{first.path} and {one.path} are of different tables ({", ".join(other)}): '
+                'report the bags of each table apart'
+            )
+    return first.table
+
+
 def _days(
-    digests: list[Digest], hours: dict[int, Counter], rows: np.ndarray
+    digests: list[Digest], hours: dict[int, Counter], rows: np.ndarray, blocks: int
 ) -> list[dict[str, Any]]:
     zone_ns = np.concatenate([np.full(len(d.rows), d.zone_ns) for d in digests])
     day_of = (rows['onset_ns'] + zone_ns) // (24 * HOUR_NS)
@@ -224,7 +246,7 @@ def _days(
         ]  # fmt: skip
         edges = [(begin, end) for begin, end in edges if begin < end]
         opened_ns = max(e for _, e in edges) - min(b for b, _ in edges)
-        law = report.law(rows['area'][day_of == day])
+        law = report.law(rows['area'][day_of == day], blocks)
         up_s = sum(c['up_s'] for _, c in there)
         found.append({
             'day': _iso(day * 24 * HOUR_NS, 0)[:10], 'starts': len(starts), 'up_s': up_s,
@@ -258,7 +280,7 @@ def _friction(digests: list[Digest]) -> dict[str, Any]:
     good = rows['potency_m'] > 0
     rows, local = rows[good], local[good]
     relative = np.empty(len(rows))
-    for block in range(N_BLOCKS):
+    for block in digests[0].table.ids.tolist():
         own = rows['nucleus'] == block
         if own.any():
             relative[own] = rows['potency_m'][own] / np.median(rows['potency_m'][own])
@@ -294,12 +316,12 @@ def _dead(digests: list[Digest], what: str) -> list[dict[str, Any]]:
     """Return the blocks that have stopped to slip (or to report knocks) while others go on."""
     pairs = np.concatenate([getattr(d, what) for d in digests])
     pairs = pairs[np.argsort(pairs[:, 0], kind='stable')]
-    found = []
-    for block in range(N_BLOCKS):
+    table, found = digests[0].table, []
+    for block in table.ids.tolist():
         own = np.flatnonzero(pairs[:, 1] == block)
         last = own[-1] + 1 if len(own) else 0
         after = len(pairs) - last
-        share = max(len(own) / last if last else 0.0, LEAST_SHARE)
+        share = max(len(own) / last if last else 0.0, LEAST_SHARE / table.count)
         if after * share < DEAD:
             continue
         found.append({
@@ -402,7 +424,7 @@ def write(
         'bags': sorted(d.path for d in digests), 'recorded_with': found['versions'],
     })  # fmt: skip
     drawn = []
-    jobs = figures.of_exhibition(rows['area'], found)
+    jobs = figures.of_exhibition(rows['area'], found, digests[0].table.count)
     for job in track(jobs, 'drawing') if track else jobs:
         drawn.append((job.title, job.draw(out)))
     (out / 'report.html').write_text(_page(found, drawn), 'utf-8', 'replace')

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from eol_ros.analysis.bag import Table, seconds
-from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS
+from eol_ros.analysis.bag import Table as Messages
+from eol_ros.analysis.bag import seconds
 from eol_ros.core.science import powerlaw
+from eol_ros.core.table import Table
 from eol_ros.lab.science.one_over_f import Answer
 from eol_ros.streams.slips import START, STOP
 
@@ -56,9 +57,10 @@ class Figure:
 
 
 def of(
-    slips: Table | None,
-    cascades: Table | None,
+    slips: Messages | None,
+    cascades: Messages | None,
     found: dict[str, Any],
+    table: Table,
     answers: Sequence[Answer] = (),
     light: dict[str, np.ndarray] | None = None,
 ) -> list[Figure]:
@@ -69,7 +71,7 @@ def of(
     note = f'{Path(found["bag"]).name}, {found["duration_s"]:.0f} s'
     figures = []
     if cascades is not None:
-        figures.append(_areas(cascades['area'], found['cascades'], note))
+        figures.append(_areas(cascades['area'], found['cascades'], table.count, note))
         onsets = np.sort(seconds(cascades['onset']))
         if len(onsets) > 1:
             figures.append(
@@ -81,17 +83,20 @@ def of(
             figures.append(
                 _survival('distances', 'Distance of a slip', 'mm', stops['distance'] * 1e3, note)
             )
-        figures.append(_map(starts['block'], note))
+        figures.append(_map(starts['block'], table, note))
         figures.append(_activity(seconds(starts['stamp']), note))
     if light is not None:
-        figures.append(_frames(light, note))
+        figures.append(_frames(light, table, note))
     return figures + [_spectrum(a, note) for a in answers if a.spectrum is not None]
 
 
-def of_exhibition(areas: np.ndarray, found: dict[str, Any]) -> list[Figure]:
-    """Return the figures of many bags; `found` is what `exhibition.numbers` returns."""
+def of_exhibition(areas: np.ndarray, found: dict[str, Any], blocks: int) -> list[Figure]:
+    """Return the figures of many bags; `found` is what `exhibition.numbers` returns.
+
+    blocks: how many the table has.
+    """
     note = f'{found["bags"]} bags, {found["up_s"] / 3600:.1f} h'
-    figures = [_areas(areas, found['cascades'], note), _by_hour(found['hours'], note)]
+    figures = [_areas(areas, found['cascades'], blocks, note), _by_hour(found['hours'], note)]
     if 'medians' in found['friction']:
         figures.append(_drift(found['friction'], note))
     return figures
@@ -128,10 +133,10 @@ def _drift(friction: dict[str, Any], note: str) -> Figure:
     return Figure('friction', 'Drift of friction', columns, paint, note)
 
 
-def _areas(areas: np.ndarray, law: dict[str, Any], note: str) -> Figure:
-    support = np.arange(1, N_BLOCKS + 1)
+def _areas(areas: np.ndarray, law: dict[str, Any], blocks: int, note: str) -> Figure:
+    support = np.arange(1, blocks + 1)
     reached = np.array([(areas >= a).sum() for a in support])
-    fitted = np.full(N_BLOCKS, np.nan)
+    fitted = np.full(blocks, np.nan)
     fits = 'tau' in law and not law['rejected']
     if fits:
         inside = support >= law['area_min']
@@ -139,7 +144,7 @@ def _areas(areas: np.ndarray, law: dict[str, Any], note: str) -> Figure:
         fitted[inside] = law['fitted'] * weight[::-1].cumsum()[::-1] / weight.sum()
     columns = {'area_blocks': support, 'cascades_at_least': reached, 'fit': fitted}
     try:
-        low, high = powerlaw.band(areas, np.random.default_rng(1))
+        low, high = powerlaw.band(areas, np.random.default_rng(1), blocks)
         columns |= {'low': low, 'high': high}
     except powerlaw.FitError:
         pass  # too few: no band
@@ -176,9 +181,10 @@ def _areas(areas: np.ndarray, law: dict[str, Any], note: str) -> Figure:
                 c['area_blocks'][other], c['from_rest_to_rest'][other], 'x', color=GREEN,
                 label='from rest to rest of the table',
             )  # fmt: skip
-        axes.axvline(N_BLOCKS, color=GREY, linestyle=':', label='A ≤ 25: all blocks')
+        axes.axvline(blocks, color=GREY, linestyle=':', label=f'A ≤ {blocks}: all blocks')
         axes.set(xlabel='area A (blocks)', ylabel='cascades of area ≥ A')
-        axes.set_xticks([1, 2, 5, 10, N_BLOCKS], labels=['1', '2', '5', '10', str(N_BLOCKS)])
+        ticks = [*(tick for tick in (1, 2, 5, 10, 20, 50, 100) if 2 * tick < blocks), blocks]
+        axes.set_xticks(ticks, labels=[str(tick) for tick in ticks])
         axes.legend()
 
     return Figure('areas', 'Cascade areas', columns, paint, note)
@@ -203,19 +209,20 @@ def _survival(name: str, title: str, unit: str, values: np.ndarray, note: str) -
     return Figure(name, title, {f'{name}_{unit}': values, 'share': share}, paint, note)
 
 
-def _map(blocks: np.ndarray, note: str) -> Figure:
-    counts = np.bincount(blocks, minlength=N_BLOCKS)[:N_BLOCKS]
-    ids = np.arange(N_BLOCKS)
-    columns = {'block': ids, 'row': ids // COLS, 'column': ids % COLS, 'slips': counts}
+def _map(blocks: np.ndarray, table: Table, note: str) -> Figure:
+    counts = np.bincount(blocks, minlength=table.cells)[table.ids]
+    row, column = np.divmod(table.ids, table.columns)
+    columns = {'block': table.ids, 'row': row, 'column': column, 'slips': counts}
 
     def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
-        grid = c['slips'].reshape(ROWS, COLS)
-        image = axes.imshow(grid, origin='lower', cmap='cividis', vmin=0)
+        grid = np.full(table.cells, np.nan)
+        grid[c['block']] = c['slips']
+        image = axes.imshow(table.grid(grid), origin='lower', cmap='cividis', vmin=0)
         for block, count in zip(c['block'], c['slips'], strict=True):
             bright = count > 0.6 * max(counts.max(), 1)
             axes.text(
-                block % COLS,
-                block // COLS,
+                block % table.columns,
+                block // table.columns,
                 f'{block}\n{count}',
                 ha='center',
                 va='center',
@@ -243,20 +250,21 @@ def _activity(times_s: np.ndarray, note: str) -> Figure:
     return Figure('activity', 'Slips over time', columns, paint, note)
 
 
-def _frames(light: dict[str, np.ndarray], note: str) -> Figure:
+def _frames(light: dict[str, np.ndarray], table: Table, note: str) -> Figure:
     from matplotlib import colormaps
 
     def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
-        levels = c['level'].reshape(-1, ROWS, COLS)
+        rows, columns = table.rows, table.columns
+        levels = table.grid(np.where(table.present, c['level'].reshape(-1, table.cells), np.nan))
         times_s = c['time_s'].reshape(len(levels), -1)[:, 0]
-        wall = np.full((ROWS + 2, len(levels) * (COLS + 1) + 1), np.nan)
+        wall = np.full((rows + 2, len(levels) * (columns + 1) + 1), np.nan)
         for k, (level, time_s) in enumerate(zip(levels, times_s, strict=True)):
-            column = k * (COLS + 1) + 1
-            wall[1:-1, column : column + COLS] = level
-            axes.text(column + (COLS - 1) / 2, ROWS + 1.8, f'{1e3 * time_s:.0f} ms', ha='center')
+            column = k * (columns + 1) + 1
+            wall[1:-1, column : column + columns] = level
+            axes.text(column + (columns - 1) / 2, rows + 1.8, f'{1e3 * time_s:.0f} ms', ha='center')
         colours = colormaps['gray'].with_extremes(bad='#c8d8e8')
         axes.imshow(wall, cmap=colours, origin='lower', vmin=0, vmax=1)
-        axes.set(ylim=(-0.5, ROWS + 3))
+        axes.set(ylim=(-0.5, rows + 3))
         axes.set_axis_off()
 
     title = 'Light of the greatest cascade, time since its onset'

@@ -6,17 +6,20 @@ and time, falls in a second, and how far the order of lighting is that of the on
 """
 
 import dataclasses
+import math
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from eol_ros.analysis import series
-from eol_ros.analysis.bag import Bag, Table
-from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS
+from eol_ros.analysis.bag import Bag
+from eol_ros.analysis.bag import Table as Messages
+from eol_ros.analysis.recorded_settings import recorded_table
 from eol_ros.core.light.flash import FLASH_DEPTH
 from eol_ros.core.light.local import BLOCK_FALLS, SQUARE_FALLS, squares
-from eol_ros.core.table import Table as Layout
+from eol_ros.core.table import Table
+from eol_ros.errors import ConfigError
 from eol_ros.lab.science import patterns
 from eol_ros.streams.slips import START
 
@@ -24,50 +27,59 @@ MOMENT_S = 0.2  # most flashes of a cascade fall into one or two of them
 FLASH = 48  # levels (of 255) that a light rises by from packet to packet when it flashes up
 CHUNK_S = 600.0  # of packets in memory at a time
 RATE_HZ = 120.0  # of the grid on which light is measured
-LIT, MANY = 0.1, 20  # of full light; blocks that are lit
+LIT, MANY = 0.1, 0.8  # of full light; of all blocks, those that are lit
 SLOW_HZ = 1.0  # changes of light below it are no flashes
 WINDOW_S = 30.0  # of a spectrum
 LEAST_AREA = 5  # of a cascade whose order of lighting is measured
 FRAMES, FRAME_S = 3, 0.5  # of a cascade, and from one to the next, as in the paper's figure
 FIRST_S = 0.05  # from the onset to the first frame: its light is lit by then
 JUDGED = (
-    'No person has judged patterns of 5x5 flashing blocks: the measures were compared with '
+    'No person has judged patterns of flashing blocks: the measures were compared with '
     'judgements of other black and white patterns, at rest (docs/science.md).'
 )
 
 
 def flashes(bag: Bag) -> np.ndarray:
-    """Return which blocks flashed up in each moment of MOMENT_S of the bag, (t, 5, 5) of bool."""
-    moments = np.zeros((int(bag.duration_s / MOMENT_S) + 1, N_BLOCKS), bool)
-    last = np.zeros((1, N_BLOCKS), np.int16)
+    """Return which blocks flashed up in each moment of MOMENT_S, (t, rows, columns) of bool."""
+    table = recorded_table(bag)
+    moments = np.zeros((int(bag.duration_s / MOMENT_S) + 1, table.cells), bool)
+    last = np.zeros((1, table.cells), np.int16)
     for begin_s in np.arange(0.0, bag.duration_s + 1e-9, CHUNK_S):
-        table = bag.table('led_commands', begin_s, begin_s + CHUNK_S)
-        if not len(table):
+        sent = bag.table('led_commands', begin_s, begin_s + CHUNK_S)
+        if not len(sent):
             continue
-        at_s, white = shown(bag, table)
+        at_s, white = shown(bag, sent)
         level = np.concatenate([last, white])
         last = level[-1:]
         packet, block = np.nonzero(np.diff(level, axis=0) >= FLASH)
         moment = np.floor(at_s[packet] / MOMENT_S).astype(int)
         inside = (moment >= 0) & (moment < len(moments))
         moments[moment[inside], block[inside]] = True
-    return moments.reshape(-1, ROWS, COLS)
+    return table.grid(moments)
 
 
-def shown(bag: Bag, table: Table) -> tuple[np.ndarray, np.ndarray]:
+def shown(bag: Bag, commands: Messages) -> tuple[np.ndarray, np.ndarray]:
     """Return of when levels are, s from the start of the bag, rising; and the levels.
 
-    Levels that a slip or tap changed are those of its stamp; the packet was sent later.
+    Levels that a slip or tap changed are those of its stamp; the packet was sent later. Raises
+    ConfigError where a packet has not one for each place of the table.
     """
-    caused, sent = table['stamp'].astype('i8'), table['sent'].astype('i8')
+    white, cells = commands['white'], recorded_table(bag).cells
+    if len(white) and white.shape[1:] != (cells,):
+        found = next(len(levels) for levels in white if len(levels) != cells)
+        raise ConfigError(
+            f'{bag.path}: led_commands: a message has {found} levels of light, the table of the '
+            f'bag {cells} places'
+        )
+    caused, sent = commands['stamp'].astype('i8'), commands['sent'].astype('i8')
     at_s = (np.where(caused > 0, caused, sent) - bag.start_ns) * 1e-9
     # a slip that is known too late is shown with the frames of later moments
-    return np.maximum.accumulate(at_s), table['white'].astype(np.int16)
+    return np.maximum.accumulate(at_s), white.astype(np.int16).reshape(-1, cells)
 
 
 def levels(bag: Bag) -> Iterator[tuple[float, np.ndarray]]:
-    """Yield the light of CHUNK_S at a time: when it begins, and its levels at RATE_HZ, (n, 25)."""
-    held = np.zeros((1, N_BLOCKS), np.int16)
+    """Yield the light of CHUNK_S at a time: its begin, and levels at RATE_HZ, (n, cells)."""
+    held = np.zeros((1, recorded_table(bag).cells), np.int16)
     for begin_s in np.arange(0.0, bag.duration_s, CHUNK_S):
         end_s = min(begin_s + CHUNK_S, bag.duration_s)
         at_s, white = shown(bag, bag.table('led_commands', begin_s, end_s))
@@ -77,9 +89,10 @@ def levels(bag: Bag) -> Iterator[tuple[float, np.ndarray]]:
 
 
 class Measure:
-    """Figures of light at RATE_HZ that comes in chunks, (n, 25), 0..1."""
+    """Figures of light at RATE_HZ that comes in chunks, (n, cells), 0..1."""
 
-    def __init__(self) -> None:
+    def __init__(self, table: Table) -> None:
+        self._table = table
         self._spans_s: list[np.ndarray] = []
         self._lit = self._many = self._falls = self._square_falls = 0
         self._spread: list[np.ndarray] = []
@@ -93,8 +106,8 @@ class Measure:
             self._spans_s.append((np.flatnonzero(e < 0) - np.flatnonzero(e > 0)) / RATE_HZ)
         lit = on.any(axis=1)
         self._lit += int(lit.sum())
-        self._many += int((on.sum(axis=1) >= MANY).sum())
-        shining = levels[lit]
+        self._many += int((on.sum(axis=1) >= MANY * self._table.count).sum())
+        shining = levels[lit].take(self._table.ids, axis=1)
         self._spread.append(shining.std(axis=1) / shining.mean(axis=1))
         fell = np.stack([_falls(row) for row in levels.T])
         within = np.cumsum(np.pad(fell, ((0, 0), (int(RATE_HZ) + 1, 0))), axis=1)
@@ -102,7 +115,7 @@ class Measure:
         self._falls = max(self._falls, int(within.max(initial=0)))
         self._square_falls = max(
             self._square_falls,
-            *(int(within[s].sum(axis=0).max(initial=0)) for s in squares(Layout())),
+            *(int(within[s].sum(axis=0).max(initial=0)) for s in squares(self._table)),
         )
         window = int(WINDOW_S * RATE_HZ)
         for begin in range(0, len(levels) - window + 1, window):
@@ -165,8 +178,8 @@ def order(bag: Bag) -> tuple[float | None, float | None]:
     for one in cascades[cascades['area'] >= LEAST_AREA]:
         begin_s = (int(one['onset'].astype('i8')) - bag.start_ns) * 1e-9
         end_s = begin_s + float(one['duration'])
-        table = bag.table('led_commands', max(0.0, begin_s - 1.0), end_s + 1.0)
-        at_s, white = shown(bag, table)
+        sent = bag.table('led_commands', max(0.0, begin_s - 1.0), end_s + 1.0)
+        at_s, white = shown(bag, sent)
         rises = np.diff(white, axis=0, prepend=white[:1]) >= FLASH
         times_s = []
         blocks = np.unique(slips['block'][(onset_s >= begin_s) & (onset_s <= end_s)])
@@ -192,18 +205,20 @@ def turnover(lit: np.ndarray) -> float | None:
 
 def measured(bag: Bag) -> dict[str, Any]:
     """Return the figures of the light of a bag, and sentences on them."""
-    measure = Measure()
+    table = recorded_table(bag)
+    measure = Measure(table)
     for _, part in levels(bag):
         measure.add(part)
     tau, share = order(bag)
     found = measure.figures() | {'order_tau': tau, 'cascade_lit': share}
     if not found['flashes']:
         return found | {'sentences': ['flashes: no block was lit']}
+    many = f'{math.ceil(MANY * table.count)} or more of {table.count} blocks'
     said = [
         f'{found["flashes"]} flashes: above {LIT:.0%} for {found["flash_median_s"]:.2f} s in the '
         f'median, for {found["flash_p90_s"]:.2f} s at most in 90 %',
-        f'{MANY} or more of {N_BLOCKS} blocks lit for {found["many_lit"]:.1%} of the time with '
-        f'light; contrast between blocks (deviation over mean) {found["contrast_space"]:.1f}',
+        f'{many} lit for {found["many_lit"]:.1%} of the time with light; contrast '
+        f'between blocks (deviation over mean) {found["contrast_space"]:.1f}',
         f'falls in a second: {found["most_falls_of_a_block"]} of a block at most (limit of '
         f'flash_limit: field_of_view {BLOCK_FALLS}), {found["most_falls_of_a_square"]} of a square '
         f'of four (limit {SQUARE_FALLS})',
@@ -227,7 +242,7 @@ def ask(bag: Bag) -> dict[str, Any] | None:
     flash = measured(bag)
     said = flash.pop('sentences')
     if drawn := frames(bag, bag.table('cascades') if bag.count('cascades') else None):
-        lit = drawn['level'].reshape(FRAMES, N_BLOCKS) > LIT
+        lit = drawn['level'].reshape(FRAMES, -1) > LIT
         flash['frames_lit'] = lit.sum(axis=1).tolist()
         flash['frames_turnover'] = turnover(lit)
         said.append(
@@ -239,6 +254,10 @@ def ask(bag: Bag) -> dict[str, Any] | None:
                 else f'; {flash["frames_turnover"]:.0%} of lit blocks change from frame to frame'
             )
         )
+    table = recorded_table(bag)
+    if table.rows != table.columns or table.rows < 3 or table.absent:
+        why = 'their measures are of square tables of 3 rows or more, without absent blocks'
+        return {'sentences': [f'patterns of light: {why}', *said], 'flash': flash}
     try:
         found = patterns.ask(flashes(bag), 1 / MOMENT_S, np.random.default_rng(1))
     except patterns.TooFew as why:
@@ -254,7 +273,7 @@ def ask(bag: Bag) -> dict[str, Any] | None:
     }
 
 
-def frames(bag: Bag, cascades: Table | None) -> dict[str, np.ndarray] | None:
+def frames(bag: Bag, cascades: Messages | None) -> dict[str, np.ndarray] | None:
     """Return the light of the greatest cascade, FRAMES times: time_s, block, level (0..1).
 
     `time_s` counts from its onset. The first of several of the same area. None where the bag has no
@@ -267,12 +286,13 @@ def frames(bag: Bag, cascades: Table | None) -> dict[str, np.ndarray] | None:
     begin_s = onset_s[order[np.argmax(cascades['area'][order])]]
     times_s = FIRST_S + FRAME_S * np.arange(FRAMES)
     # by when they were received, a little later than sent; a light without a packet is held
-    table = bag.table('led_commands', max(0.0, begin_s - 2.0), begin_s + times_s[-1] + 2.0)
-    at_s, white = shown(bag, table)
-    held = np.concatenate([np.zeros((1, N_BLOCKS), np.int16), white])
+    sent = bag.table('led_commands', max(0.0, begin_s - 2.0), begin_s + times_s[-1] + 2.0)
+    at_s, white = shown(bag, sent)
+    cells = recorded_table(bag).cells
+    held = np.concatenate([np.zeros((1, cells), np.int16), white])
     level = held[np.searchsorted(at_s, begin_s + times_s, side='right')] / 255
     return {
-        'time_s': np.repeat(times_s, N_BLOCKS),
-        'block': np.tile(np.arange(N_BLOCKS), FRAMES),
+        'time_s': np.repeat(times_s, cells),
+        'block': np.tile(np.arange(cells), FRAMES),
         'level': level.ravel(),
     }

@@ -2,6 +2,7 @@
 """The settings that a bag was recorded with, by the names of today."""
 
 import dataclasses
+import functools
 from typing import Any
 
 import yaml
@@ -14,8 +15,13 @@ from eol_ros.streams.graph import NODES
 
 def recorded_table(bag: Bag) -> Table:
     """Return the table that a bag was recorded at; the default where the bag does not say."""
+    return _table_in(bag.about.get('settings', ''))
+
+
+@functools.lru_cache(8)
+def _table_in(settings: str) -> Table:
     try:
-        return Table.parsed(yaml.safe_load(bag.about['settings'])['table'])
+        return Table.parsed(yaml.safe_load(settings)['table'])
     except (AttributeError, KeyError, TypeError, yaml.YAMLError):
         return Table()
 

@@ -12,9 +12,8 @@ import numpy as np
 
 from eol_ros.analysis import catalogue_file, exposure, figures, light, series, uncoupled
 from eol_ros.analysis.bag import Bag, Table, seconds
-from eol_ros.analysis.recorded_settings import recorded_settings
+from eol_ros.analysis.recorded_settings import recorded_settings, recorded_table
 from eol_ros.analysis.retrack import Retracked
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import powerlaw
 from eol_ros.devices.files.names import shown
 from eol_ros.errors import writing
@@ -45,7 +44,7 @@ def numbers(
 
     answers: what was found of its series (`spectra`). measured: see `catalogue_file.of`.
     """
-    packets, own = _first_packets(bag)
+    table, (packets, own) = recorded_table(bag), _first_packets(bag)
     found: dict[str, Any] = {
         'bag': shown(bag.path),
         'duration_s': round(bag.duration_s, 3),
@@ -63,16 +62,17 @@ def numbers(
             'median_speed_mm_s': _median(stops['speed'] * 1e3),
             'median_duration_s': _median(stops['duration']),
             'per_block': np.bincount(
-                slips['block'][slips['kind'] == START], minlength=N_BLOCKS
+                slips['block'][slips['kind'] == START], minlength=table.cells
             ).tolist(),
         }
     felt_slips = _table(bag, 'felt_slips')
     if felt_slips is not None:
         found['felt_slips'] = _felt(felt_slips['kind'], bag.duration_s)
     if cascades is not None:
-        found['cascades'] = law(cascades['area']) | {'median_size': _median(cascades['size'])}
+        found['cascades'] = law(cascades['area'], table.count)
+        found['cascades']['median_size'] = _median(cascades['size'])
         if slips is not None:
-            found['cascades']['from_rest_to_rest'] = rest_to_rest(stops)
+            found['cascades']['from_rest_to_rest'] = rest_to_rest(stops, table.count)
         found['catalogue'] = catalogue_of(bag, cascades)
         rows = catalogue_file.of(bag, cascades, measured)
         made = measured or catalogue_file.constants(bag)
@@ -164,11 +164,11 @@ def _spectral(answer: Answer) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def law(areas: np.ndarray) -> dict[str, Any]:
-    """Return the power law of cascade areas, or `why` there is none."""
+def law(areas: np.ndarray, blocks: int) -> dict[str, Any]:
+    """Return the power law of cascade areas on a table of `blocks`, or `why` there is none."""
     found: dict[str, Any] = {'count': len(areas), 'largest': int(areas.max(initial=0))}
     try:
-        law_found = powerlaw.cascade_law(areas)
+        law_found = powerlaw.cascade_law(areas, blocks)
     except powerlaw.FitError as error:
         return found | _why_not(error)
     fit, tested = law_found.fit, law_found.tested
@@ -184,7 +184,7 @@ def law(areas: np.ndarray) -> dict[str, Any]:
         'rejected': law_found.rejected, 'p_value': tested.p_value, **slope,
         'effective': tested.effective, 'drift_p': tested.drift_p,
         'b_by_half': [tau - 1 for tau in tested.halves],
-        'area_min': fit.x_min, 'area_max': N_BLOCKS, 'fitted': fit.count, 'ks': fit.ks,
+        'area_min': fit.x_min, 'area_max': blocks, 'fitted': fit.count, 'ks': fit.ks,
         'b_by_area_min': {str(f.x_min): f.b_value for f in law_found.others},
         'alternatives': {
             a.name: {'log_ratio': a.log_ratio, 'p_value': a.p_value, 'verdict': a.verdict}
@@ -199,16 +199,16 @@ def _why_not(error: powerlaw.FitError) -> dict[str, Any]:
     return found | ({'needed': error.needed} if isinstance(error, powerlaw.TooFew) else {})
 
 
-def rest_to_rest(stops: Table) -> dict[str, Any]:
+def rest_to_rest(stops: Table, blocks: int) -> dict[str, Any]:
     """Return the law of the same slips, cut where the whole table rests: another definition.
 
-    stops: STOP rows of `slips`. `at_least`: how many cascades have areas of 1 to 25 at least.
+    stops: STOP rows of `slips`. `at_least`: how many cascades have areas of 1 to `blocks` at least.
     """
     begin_ns = stops['onset'].astype('i8')
     end_ns = begin_ns + (1e9 * stops['duration']).astype('i8')
     areas = quiescent.joined(begin_ns, end_ns, stops['block'])
-    found = law(areas)
-    at_least = [int((areas >= a).sum()) for a in range(1, N_BLOCKS + 1)]
+    found = law(areas, blocks)
+    at_least = [int((areas >= a).sum()) for a in range(1, blocks + 1)]
     said = found['sentence'] if 'why' in found else f'{len(areas)} cascades: {found["sentence"]}'
     said = f'the same slips from rest to rest of the whole table: {said}'
     return found | {'at_least': at_least, 'sentence': said}
@@ -288,7 +288,8 @@ def write(
         }  # fmt: skip
     drawn = []
     slips, cascades = _table(bag, 'slips'), _table(bag, 'cascades')
-    jobs = figures.of(slips, cascades, found, answers, light.frames(bag, cascades))
+    table, lit = recorded_table(bag), light.frames(bag, cascades)
+    jobs = figures.of(slips, cascades, found, table, answers, lit)
     for job in _tracked(jobs, 'drawing', track):
         drawn.append((job.title, job.draw(out)))
     if cascades is not None:
@@ -366,7 +367,7 @@ def _onset_latencies(bag: Bag, light: np.ndarray, own: np.ndarray) -> dict[str, 
     if due:
         blocks, stamp_s, due_s = (np.concatenate(parts) for parts in zip(*due, strict=True))
         sounded = []
-        for block in range(N_BLOCKS):
+        for block in recorded_table(bag).ids:
             its = np.flatnonzero(blocks == block)
             its = its[np.argsort(stamp_s[its], kind='stable')]
             begins_s = onset_s[starts['block'] == block]

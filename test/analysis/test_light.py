@@ -10,6 +10,8 @@ from support.bag_samples import T0, bag_of
 
 from eol_ros.analysis import figures, light, report
 from eol_ros.analysis.bag import open_bag
+from eol_ros.core.table import Table
+from eol_ros.errors import ConfigError
 from eol_ros.ros.stamps import to_msg
 from eol_ros.streams.slips import START
 
@@ -21,8 +23,8 @@ def at_ns(at_s):
     return T0 + round(at_s * S)
 
 
-def packet(at_s, **levels):
-    white = np.zeros(25, np.uint8)
+def packet(at_s, cells=25, **levels):
+    white = np.zeros(cells, np.uint8)
     for block, level in levels.items():
         white[int(block[1:])] = level
     return 'led_commands', LedCommand(white=white, sent=to_msg(at_ns(at_s))), at_s
@@ -95,7 +97,7 @@ def test_a_flash_is_measured_by_its_levels():
         since_s = time_s - begin_s
         flash = np.where(since_s >= 0, np.exp(-since_s / 0.1), 0.0)
         levels[:, blocks] = np.maximum(levels[:, blocks], flash[:, None])
-    whole, halves = light.Measure(), light.Measure()
+    whole, halves = light.Measure(Table()), light.Measure(Table())
     whole.add(levels)
     halves.add(levels[: len(levels) // 2])
     halves.add(levels[len(levels) // 2 :])
@@ -110,6 +112,42 @@ def test_a_flash_is_measured_by_its_levels():
     assert found['most_falls_of_a_block'] == 1
     assert found['most_falls_of_a_square'] == 4
     assert halves.figures()['flashes'] == 22
+
+
+def test_light_of_a_table_with_a_hole(tmp_path):
+    """Eight of eleven blocks are many no more; the contrast and the picture leave the hole out."""
+    settings = 'table: {rows: 3, columns: 4, absent: [5]}'
+    lit = {f'b{block}': 255 for block in (0, 1, 2, 3, 4, 6, 7, 8)}
+    cascade = Cascade(cascade=1, area=9, size=9, blocks=[*range(5), *range(6, 10)], duration=1.0)
+    cascade.onset = to_msg(at_ns(0.95))
+    slip = Slip(kind=Slip.START, block=11)
+    slip.header.stamp = slip.onset = cascade.onset
+    messages = [packet(1.0, 12, **lit, b9=255), packet(1.5, 12, **lit), packet(2.0, 12)]
+    more = [('cascades', cascade, 2.5), ('slips', slip, 1.0)]
+    bag = bag_of(tmp_path / 'run', [packet(0.0, 12), *messages, *more], settings=settings)
+    found = report.write(bag, tmp_path / 'out')
+
+    assert light.flashes(bag).shape[1:] == (3, 4)
+    assert found['light']['flash']['many_lit'] == pytest.approx(0.5)
+    nine, eight = (((11 - n) / n) ** 0.5 for n in (9, 8))
+    assert found['light']['flash']['contrast_space'] == pytest.approx((nine + eight) / 2)
+    assert found['light']['flash']['most_falls_of_a_square'] == 4
+    assert found['light']['flash']['frames_lit'] == [9, 8, 0]
+    said = found['light']['sentences']
+    assert said[0].startswith('patterns of light: their measures are of square tables')
+    assert any(line.startswith('9 or more of 11 blocks lit for 50.0%') for line in said)
+    counts = (tmp_path / 'out' / 'blocks.csv').read_text().split()
+    assert len(counts) == 1 + 11 and counts[-1] == '11,2,3,1'
+    areas = (tmp_path / 'out' / 'areas.csv').read_text().split()
+    assert len(areas) == 1 + 11 and areas[-1].startswith('11,0,')
+
+
+def test_light_of_another_table_than_the_bag_says_is_named(tmp_path):
+    settings = 'table: {rows: 3, columns: 4}'
+    bag = bag_of(tmp_path / 'run', [packet(0.0), packet(1.0)], settings=settings)
+
+    with pytest.raises(ConfigError, match='a message has 25 levels of light.* 12 places'):
+        light.measured(bag)
 
 
 def test_light_that_never_shone_has_no_figures(tmp_path):
@@ -139,7 +177,8 @@ def test_a_bag_without_light_has_none(tmp_path):
     bag = bag_of(tmp_path / 'run', [('cascades', Cascade(area=1), 0.0)])
 
     assert light.ask(bag) is None and light.frames(bag, bag.table('cascades')) is None
-    assert 'light' not in [f.name for f in figures.of(None, None, {'bag': 'x', 'duration_s': 1.0})]
+    drawn = figures.of(None, None, {'bag': 'x', 'duration_s': 1.0}, Table())
+    assert 'light' not in [f.name for f in drawn]
 
 
 @pytest.mark.slow

@@ -177,12 +177,12 @@ def test_latency_of_light_and_sound(tmp_path):
         write('slips', slip, image + 4 * ms)
         for k in range(31):
             sent = image + 6 * ms + k * 10 * ms
-            light = LedCommand(sequence=31 * i + k, sent=to_msg(sent))
+            light = LedCommand(white=bytes(25), sequence=31 * i + k, sent=to_msg(sent))
             if k == 0:
                 light.header.stamp = to_msg(image)
             write('led_commands', light, sent + 3 * ms)
         tap, sent = BlockTap(block=i % 25), onset + 502 * ms
-        own = LedCommand(sequence=31 * i + 30, sent=to_msg(sent))
+        own = LedCommand(white=bytes(25), sequence=31 * i + 30, sent=to_msg(sent))
         tap.header.stamp = own.header.stamp = to_msg(onset + 500 * ms)
         write('block_taps', tap, sent + 3 * ms)
         write('led_commands', own, sent + 80 * ms)
@@ -242,9 +242,9 @@ def test_a_law_that_is_rejected_has_no_line(rejected):
     areas = powerlaw.sample(1.7, 1, 25, 1000, rng)
     if rejected:
         areas[::4] = 25
-    found = report.law(areas)
+    found = report.law(areas, 25)
     assert found['rejected'] is rejected
-    figure = figures._areas(areas, found, 'note')
+    figure = figures._areas(areas, found, 25, 'note')
     c = figure.columns
     assert np.isnan(c['fit']).all() == rejected
     reached = c['cascades_at_least']

@@ -134,11 +134,11 @@ def test_the_law_of_the_day_is_that_of_the_report():
         day.add(cascade(NOON, int(area)), NOON)
     assert day.fit() and not day.fit()
     assert day.notice()['law'] == {'fitted': few, 'fewest': few + 1}
-    assert 'why' in report.law(areas[:few])
+    assert 'why' in report.law(areas[:few], 25)
     for area in areas[few:]:
         day.add(cascade(NOON, int(area)), NOON)
     assert day.fit()
-    law, found = day.notice()['law'], report.law(areas)
+    law, found = day.notice()['law'], report.law(areas, 25)
     assert (law['b'], law['error'], law['from'], law['count']) == (
         found['b_value'],
         found['b_error'],
@@ -166,7 +166,7 @@ def test_a_law_that_its_test_rejects_is_called_so_in_panel_and_report():
     for area in areas:
         day.add(cascade(NOON, int(area)), NOON)
     day.fit()
-    law, found = day.notice()['law'], report.law(areas)
+    law, found = day.notice()['law'], report.law(areas, 25)
     assert law['rejected'] and found['rejected'] and 'b' not in law
     assert (law['ks'], law['p'], law['count']) == (found['ks'], found['p_value'], found['fitted'])
     assert found['sentence'].startswith('not a power law: KS 0.')

@@ -14,13 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.table import Table
 from eol_ros.errors import EolError
 
 FEWEST_CASCADES = 200  # fewer reject other laws too seldom (`eol bench laws`)
 REJECTED = 0.05  # the p-value below which a law is called none
 FEWEST = 30  # independent events in the range of a fit: with fewer, a slope would be invented
 AUTOMATON_B = 0.77  # of the 5x5 automaton, alpha 0.20 (docs/science.md)
+DECADE = 10  # from the lower end of a fit to its upper end, at least
 GREATEST_END = 100  # greatest lower end that is tried
 REPEATS = 400  # number of samples drawn
 WINDOW = 5.0  # autocorrelation times over which autocorrelations are summed (Sokal)
@@ -28,6 +29,7 @@ STEEPEST, FLATTEST = 12.0, -4.0
 TAU_TOLERANCE = 1e-12
 DRAWN_TOLERANCE = 1e-6  # of tau, for drawn samples
 UNLIMITED = 1 << 20  # untruncated: sums go this far, the zeta function does the rest
+BLOCKS = Table().count  # of the default table
 
 
 class FitError(EolError):
@@ -151,9 +153,11 @@ def candidates(counts: np.ndarray, x_max: int | None = None) -> list[Fit]:
 
     `nearest` chooses among them. Raises FitError where there is none.
     """
+    if x_max is not None and x_max < DECADE:
+        raise FitError(f'sizes up to {x_max} are no decade: no power law can be seen in that')
     fits = []
     for x_min in range(1, min(GREATEST_END, len(counts) - 2) + 1):
-        if x_max is not None and x_max < 10 * x_min:
+        if x_max is not None and x_max < DECADE * x_min:
             break  # less than that says nothing about a slope
         try:
             fits.append(fit(counts, x_min, x_max))
@@ -171,7 +175,7 @@ def nearest(fits: list[Fit]) -> Fit:
 
 @dataclass(frozen=True)
 class CascadeLaw:
-    """The law of cascade areas on a table of 25 blocks.
+    """The law of cascade areas on a table, up to all of its blocks.
 
     `tested` heeds that cascades depend on each other. `others`: the fits with the other lower ends,
     by which one sees how much the range decides.
@@ -191,7 +195,8 @@ class CascadeLaw:
         """The verdict for people."""
         f, t = self.fit, self.tested
         test = f'KS {f.ks:.2f}, n {f.count} as {t.effective:.0f} independent, p {t.p_value:.2g}'
-        end = N_BLOCKS if f.x_max is None else f.x_max
+        end = f.x_max
+        assert end is not None  # `cascade_law` sets it
         drift = ''
         if t.drift_p < REJECTED:
             first, second = (tau - 1 for tau in t.halves)
@@ -209,13 +214,15 @@ class CascadeLaw:
         )
 
 
-def cascade_law(areas: np.ndarray) -> CascadeLaw:
+def cascade_law(areas: np.ndarray, blocks: int = BLOCKS) -> CascadeLaw:
     """Fit cascade areas as the panel and `eol report` do.
 
     Parameters
     ----------
     areas : ndarray
         (n,) int, distinct blocks of each cascade, in order of time.
+    blocks : int
+        How many the table has: the upper end.
 
     Returns
     -------
@@ -225,8 +232,8 @@ def cascade_law(areas: np.ndarray) -> CascadeLaw:
     Raises
     ------
     FitError
-        Fewer than 200 cascades, fewer than 30 independent ones, or no slope; the text is for
-        people.
+        Fewer than 200 cascades, fewer than 30 independent ones, fewer than 10 blocks, or no slope;
+        the text is for people.
 
     Examples
     --------
@@ -237,7 +244,7 @@ def cascade_law(areas: np.ndarray) -> CascadeLaw:
     areas = np.asarray(areas, np.int64)  # logarithms of uint8 would be of half precision
     if len(areas) < FEWEST_CASCADES:
         raise TooFew(len(areas), 'cascade', 'a power law of areas', FEWEST_CASCADES)
-    fits = candidates(histogram(areas), N_BLOCKS)
+    fits = candidates(histogram(areas), blocks)
     return CascadeLaw(nearest(fits), goodness(areas, fits, np.random.default_rng(1)), fits)
 
 
@@ -377,8 +384,8 @@ def _drift(numbers: np.ndarray, law: '_Law') -> tuple[float, tuple[float, float]
     return p, (float(first), float(second))
 
 
-def band(areas: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return where N(>= A) of as long a catalogue would lie in 95 of 100 cases, for A = 1 to 25.
+def band(areas: np.ndarray, rng: np.random.Generator, blocks: int = BLOCKS) -> np.ndarray:
+    """Return where N(>= A) of as long a catalogue would lie in 95 of 100 cases, for each A.
 
     Areas are drawn again, as many as there are independent ones.
 
@@ -388,11 +395,13 @@ def band(areas: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         (n,) int, distinct blocks of each cascade, in order of time.
     rng : Generator
         Draws them.
+    blocks : int
+        How many the table has.
 
     Returns
     -------
     ndarray
-        (2, 25) float, lower and upper end.
+        (2, blocks) float, lower and upper end for A = 1 to all blocks.
 
     Raises
     ------
@@ -406,7 +415,7 @@ def band(areas: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     >>> low[0] == high[0] == 2000.0, bool(low[4] < high[4])
     (True, True)
     """
-    share = np.bincount(np.asarray(areas) - 1, minlength=N_BLOCKS) / max(len(areas), 1)
+    share = np.bincount(np.asarray(areas) - 1, minlength=blocks) / max(len(areas), 1)
     drawn = rng.multinomial(round(_independent(areas)), share, REPEATS)
     at_least = drawn[:, ::-1].cumsum(axis=1)[:, ::-1] * len(areas) / drawn[0].sum()
     found: np.ndarray = np.percentile(at_least, [2.5, 97.5], axis=0)

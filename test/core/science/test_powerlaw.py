@@ -153,6 +153,22 @@ def test_a_law_that_drifts_is_told_with_both_halves():
     assert sum(t.drift_p < 0.05 for t in same) <= 2
 
 
+@pytest.mark.parametrize('blocks', [12, 64])
+def test_a_law_ends_at_all_blocks_of_the_table(blocks):
+    areas = sample(1.6, 1, blocks, 2000, rng(1))
+    found = powerlaw.cascade_law(areas, blocks)
+
+    assert found.fit.x_max == blocks and not found.rejected
+    assert found.fit.tau == pytest.approx(1.6, abs=0.1)
+    assert f' to {blocks}, ' in found.sentence
+    assert powerlaw.band(areas, rng(2), blocks).shape == (2, blocks)
+
+
+def test_a_table_of_less_than_ten_blocks_has_no_law():
+    with pytest.raises(FitError, match='sizes up to 9 are no decade'):
+        powerlaw.cascade_law(sample(1.6, 1, 9, 1000, rng(1)), 9)
+
+
 def test_other_laws_are_rejected():
     geometric = np.minimum(rng(1).geometric(0.2, 1000), 25)
     bump = sample(1.6, 1, 25, 1000, rng(2))
