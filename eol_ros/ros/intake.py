@@ -18,7 +18,6 @@ from eol_ros.streams.graph import topic_of
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
 
-CODECS: dict[str, Any] = {blocks.TYPE: blocks.Codec, images.TYPE: images.Codec}
 COSTS = 20  # images whose conversion is timed
 FAULTS = EolError, ValueError, TypeError, LookupError, RuntimeError, MemoryError  # RMWError, too
 
@@ -58,10 +57,14 @@ class Intake:
         self._node, self._topic, self._read = node, topic, read
         row = topic_of(topic)
         self._stamped = bool(row and row.stamped)
-        self._codec = CODECS[type_name](definition(type_name)) if type_name in CODECS else None
-        if self._codec is None:
+        self._codec: Any = None
+        if type_name == blocks.TYPE:
+            self._codec = blocks.Codec(definition(type_name), cells=node.table.cells)
+        elif type_name == images.TYPE:
+            self._codec = images.Codec(definition(type_name))
+        else:
             self._kind = message_class(type_name)
-            self._check = Check(type_name, definition(type_name))
+            self._check = Check(type_name, definition(type_name), node.table)
         self._cost = ConversionCost(node) if isinstance(self._codec, images.Codec) else None
 
     def __call__(self, raw: bytes) -> Any:

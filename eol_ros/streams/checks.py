@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a message must be before a node uses it: one table of limits, for topics and for the board.
 
-Of every type: numbers are finite and not beyond LARGEST, times are times. RULES adds to that.
+Of every type: numbers are finite and not beyond LARGEST, times are times. `rules` adds to that.
 `blocks.Codec` and `images.Codec` check what they read themselves.
 """
 
@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eol_ros.core.geometry import N_BLOCKS
+from eol_ros.core.table import Table
 from eol_ros.streams import triggers
 from eol_ros.streams.cdr import NS, TIMES
 from eol_ros.streams.definition import parse, short
@@ -19,18 +19,20 @@ LARGEST = 1e6  # of any quantity here, in SI units, pixels or decibels
 SPAN_NS = 60 * NS  # from now to the stamp of an image or a tap, at most
 PLAYED_SPAN_NS = 3600 * NS  # the same from what a replay has played: /clock comes late
 ANY_TIME = 0, 2**63 - 1
-BLOCKS = range(N_BLOCKS)
+BLOCKS = range(Table().cells)  # of the default table
 
 
 class Rule(NamedTuple):
     """Limits of one type.
 
     values: those that a whole number, or each item of an array, may have. nan: numbers that may be
-    missing. holds: whether arrays that belong together have sizes that do.
+    missing. by_place: arrays with an item for each place of the table. holds: whether arrays that
+    belong together have sizes that do.
     """
 
     values: Mapping[str, Container[int]] = {}
     nan: tuple[str, ...] = ()
+    by_place: tuple[str, ...] = ()
     holds: Callable[[Any], bool] = lambda message: True
 
 
@@ -47,22 +49,27 @@ def _corpus(m: Any) -> bool:
     )
 
 
-RULES = {
-    'eol_msgs/msg/BlockTap': Rule({'block': BLOCKS}),
-    'eol_msgs/msg/Slip': Rule({'kind': (1, 2), 'block': BLOCKS}),
-    'eol_msgs/msg/FeltSlip': Rule({'kind': (1, 2, 3), 'block': BLOCKS}),
-    'eol_msgs/msg/Cascade': Rule(
-        {'nucleus': BLOCKS, 'area': range(1, N_BLOCKS + 1), 'blocks': BLOCKS},
-        holds=lambda m: len(m.blocks) == m.area,
-    ),
-    'eol_msgs/msg/GrainTrigger': Rule({'block': {*BLOCKS, triggers.NO_BLOCK}}),
-    'eol_msgs/msg/Corpus': Rule(nan=('x', 'y', 'values'), holds=_corpus),
-    'eol_msgs/msg/NodeState': Rule({'level': range(4)}),
-    'eol_msgs/msg/SoundMeter': Rule(holds=lambda m: len(m.wave_min) == len(m.wave_max)),
-    'eol_msgs/msg/SoundSamples': Rule(
-        holds=lambda m: m.channels and not len(m.data) % (4 * m.channels)
-    ),
-}
+def rules(table: Table) -> dict[str, Rule]:
+    """Return the limits of each type at a table; no message tells of a place without a block."""
+    blocks = frozenset(table.ids.tolist())
+    return {
+        'eol_msgs/msg/BlockTap': Rule({'block': blocks}),
+        'eol_msgs/msg/Slip': Rule({'kind': (1, 2), 'block': blocks}),
+        'eol_msgs/msg/FeltSlip': Rule({'kind': (1, 2, 3), 'block': blocks}),
+        'eol_msgs/msg/Cascade': Rule(
+            {'nucleus': blocks, 'area': range(1, table.count + 1), 'blocks': blocks},
+            holds=lambda m: len(m.blocks) == m.area,
+        ),
+        'eol_msgs/msg/GrainTrigger': Rule({'block': {*blocks, triggers.NO_BLOCK}}),
+        'eol_msgs/msg/LedCommand': Rule(by_place=('white',)),
+        'eol_msgs/msg/Truth': Rule(by_place=('x', 'y', 'yaw', 'moving')),
+        'eol_msgs/msg/Corpus': Rule(nan=('x', 'y', 'values'), holds=_corpus),
+        'eol_msgs/msg/NodeState': Rule({'level': range(4)}),
+        'eol_msgs/msg/SoundMeter': Rule(holds=lambda m: len(m.wave_min) == len(m.wave_max)),
+        'eol_msgs/msg/SoundSamples': Rule(
+            holds=lambda m: m.channels and not len(m.data) % (4 * m.channels)
+        ),
+    }
 
 
 def strange(message: Any, values: Mapping[str, Container[int]]) -> str:
@@ -85,10 +92,11 @@ def beyond(name: str, numbers: Any, nan: bool = False) -> str:
 
 
 class Check:
-    """Checks messages of one type, by its definition and RULES."""
+    """Checks messages of one type, by its definition and `rules`."""
 
-    def __init__(self, type_name: str, definition: str):
-        self._rule = rule = RULES.get(type_name, Rule())
+    def __init__(self, type_name: str, definition: str, table: Table):
+        self._cells = table.cells
+        self._rule = rule = rules(table).get(type_name, Rule())
         fields = parse(definition, type_name)[short(type_name)].fields
         floats = [f for f in fields if f.type in ('float32', 'float64')]
         self._numbers = [f.name for f in floats if f.length is None]
@@ -113,6 +121,9 @@ class Check:
             late_ns = span[1] if name == 'onset' else ANY_TIME[1]
             if wrong := off(name, ns(getattr(message, name)), (0, late_ns)):
                 return wrong
+        for name in self._rule.by_place:
+            if (found := len(getattr(message, name))) != self._cells:
+                return f'{name} has {found} items, the table {self._cells} places'
         for name, nan in self._arrays:
             if wrong := beyond(name, getattr(message, name), nan):
                 return wrong

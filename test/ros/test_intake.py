@@ -338,6 +338,10 @@ def good(topic, raw, now):
             same = n == len(m.start) == len(m.duration) and len(m.x) == len(m.y) in (0, n)
             full = len(m.values) in (0, n * len(m.descriptors)) and len(m.bounds) in (0, 4)
             return same and full and all(f < len(m.files) for f in m.file)
+        case 'LedCommand':
+            return len(m.white) == 25
+        case 'Truth':
+            return len(m.x) == len(m.y) == len(m.yaw) == len(m.moving) == 25
         case 'SoundMeter':
             return len(m.wave_min) == len(m.wave_max)
         case 'SoundSamples':
