@@ -72,7 +72,7 @@ class MotionNode(EolNode):
             **{name: self.felt[kind] for kind, name in TOLD.items()},
         )
         still = said('still')
-        self.health.ok(said('moving', moving=moving) if moving else still)
+        self.health.ok(said('moving', moving=moving, all=self.table.count) if moving else still)
 
 
 main = runner(MotionNode)

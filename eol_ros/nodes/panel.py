@@ -31,9 +31,9 @@ TEST_S = 20.0  # for which walls show the test card
 
 
 @functools.cache
-def landscape(seed: int) -> bytes:
+def landscape(seed: int, rows: int, columns: int) -> bytes:
     """Return the heights of the virtual table's covers, made when a page first asks for them."""
-    return (terrain.landscape(seed) * 65535).astype('<u2').tobytes()
+    return (terrain.landscape(seed, rows, columns) * 65535).astype('<u2').tobytes()
 
 
 class PanelNode(EolNode):
@@ -45,11 +45,13 @@ class PanelNode(EolNode):
         super().__init__(settings, **kwargs)
         montage = self.scene.settings('montage')
         say, pictures = self.get_logger().warning, Pictures(montage.pairs)
-        self.server = WebServer(self.settings, PanelBridge(self), say, picture=pictures.file)
+        self.server = WebServer(
+            self.settings, PanelBridge(self), say, picture=pictures.file, table=self.table
+        )
         self.documents = self.server.routes.documents
         name = f'{self.frame_prefix}{self.scene.name}'
         day, known, staff = (DayFile(name, what) for what in ('cascades', 'screens', 'staff'))
-        routes, self.day = self.server.routes, notices.Day(day.load())
+        routes, self.day = self.server.routes, notices.Day(day.load(), self.table)
         routes.screens = screens.kept(known.load())
         routes.pin.remember(staff.load())
         self.files = {
@@ -74,7 +76,8 @@ class PanelNode(EolNode):
             read=lambda message: calibration_file.loads(message.data, 'calibration'),
         )
         self.subscribe('node_states', self.states.take, raw=True)
-        self.documents['terrain'] = lambda: landscape(self.settings.terrain_seed)
+        size = self.table.rows, self.table.columns
+        self.documents['terrain'] = lambda: landscape(self.settings.terrain_seed, *size)
         self.documents['status'] = lambda: wire.text(self.states.nodes()).encode()
         self.server.routes.metrics = lambda: metrics.text(self.states.nodes(), self.namespace)
         self.server.start()

@@ -17,14 +17,6 @@ from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion, Vector3
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from eol_ros.core.geometry import (
-    BLOCK_SIDE_M,
-    N_BLOCKS,
-    PLATFORM_SIDE_M,
-    RIM_BAR_M,
-    RIM_SIDE_M,
-    spring_ends,
-)
 from eol_ros.ros.stamps import to_msg
 from eol_ros.streams import blocks
 
@@ -54,7 +46,7 @@ class Markers:
         self._last_ns = 0
         self._rim: np.ndarray | None = None
         self._slipping: dict[int, tuple[float, float]] = {}  # block -> where it began
-        self._arrows: deque[Marker] = deque(maxlen=N_BLOCKS)  # not published yet
+        self._arrows: deque[Marker] = deque(maxlen=self._node.table.cells)  # not published yet
 
     def follow(self) -> None:
         """Subscribe to what markers and poses are made of while somebody subscribes to either."""
@@ -97,7 +89,8 @@ class Markers:
         for marker in found:
             marker.header.stamp = to_msg(message.stamp_ns)
         self._publisher.publish(MarkerArray(markers=found))
-        poses = PoseArray(poses=[_pose_of(row) for row in message.rows])
+        there = message.rows[self._node.table.ids]
+        poses = PoseArray(poses=[_pose_of(row) for row in there])
         poses.header.stamp = to_msg(message.stamp_ns)
         poses.header.frame_id = self._node.frame_prefix + blocks.FRAME_ID
         self._poses.publish(poses)
@@ -111,29 +104,32 @@ class Markers:
         return marker
 
     def _table(self) -> Marker:
-        size = PLATFORM_SIDE_M, PLATFORM_SIDE_M, 0.01
-        marker = self._marker('table', Marker.CUBE, 0, SAND, size)
+        width, depth = self._node.table.platform_m
+        marker = self._marker('table', Marker.CUBE, 0, SAND, (width, depth, 0.01))
         marker.pose = _pose(0.0, 0.0, 0.0, -0.005)
         return marker
 
     def _frame(self, rim: np.ndarray) -> Marker:
-        marker = self._marker('rim', Marker.LINE_STRIP, 0, STEEL, (RIM_BAR_M, 0.0, 0.0))
-        half = (RIM_SIDE_M + RIM_BAR_M) / 2
-        corners = [(-half, -half), (half, -half), (half, half), (-half, half), (-half, -half)]
+        bar = self._node.table.rim_width_m
+        marker = self._marker('rim', Marker.LINE_STRIP, 0, STEEL, (bar, 0.0, 0.0))
+        a, b = ((inner + bar) / 2 for inner in self._node.table.rim_m())
+        corners = [(-a, -b), (a, -b), (a, b), (-a, b), (-a, -b)]
         x, y, yaw = rim.tolist()
         marker.pose, marker.points = _pose(x, y, yaw, HEIGHT_M / 2), _points(corners, 0.0)
         return marker
 
     def _springs(self, rows: np.ndarray) -> Marker:
         marker = self._marker('springs', Marker.LINE_LIST, 0, SPRING, (0.004, 0.0, 0.0))
-        ends = spring_ends(np.stack([rows[name] for name in ('x', 'y', 'yaw')], 1), self._rim)
+        places = np.stack([rows[name] for name in ('x', 'y', 'yaw')], 1)
+        ends = self._node.table.spring_ends(places, self._rim)
         known = ends[np.isfinite(ends).all(axis=(1, 2))]
         marker.points = _points(known.reshape(-1, 2).tolist(), HEIGHT_M / 2)
         return marker
 
     def _blocks(self, rows: np.ndarray) -> Iterable[Marker]:
-        size = BLOCK_SIDE_M, BLOCK_SIDE_M, HEIGHT_M
-        for block in range(N_BLOCKS):
+        side = self._node.table.block_side_m
+        size = side, side, HEIGHT_M
+        for block in self._node.table.ids.tolist():
             row = rows[block]
             color = SLIPS if block in self._slipping else BLOCK if row['seen'] else HIDDEN
             marker = self._marker('blocks', Marker.CUBE, block, color, size)

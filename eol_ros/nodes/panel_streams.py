@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The streams that pages can ask for: which topic, and how its messages become packets."""
 
-import functools
 import time
 from typing import Any
 
 import numpy as np
 
-from eol_ros.ros.definitions import definition
 from eol_ros.streams import blocks, slips, triggers
 from eol_ros.streams.record import seconds
 from eol_ros.web import notices, wire
@@ -16,32 +14,26 @@ from eol_ros.web.hub import Hub
 LINGER_S = 5.0  # a stream ends so late: a page that is loaded again finds it still there
 
 
-@functools.cache
-def _reader() -> blocks.Codec:
-    return blocks.Codec(definition(blocks.TYPE))
-
-
-def _blocks(given: blocks.Blocks | bytes) -> bytes:
-    message = _reader().read(given) if isinstance(given, bytes) else given
+def _blocks(message: blocks.Blocks) -> bytes:
     return wire.blocks(message.stamp_s, message.state, message.symmetry_ambiguous, message.rows)
 
 
-# channel: topic, whether the packet can be made of CDR bytes, packet for the pages
+# channel: topic, packet for the pages
 STREAMS = {
-    'blocks': ('blocks', True, _blocks),
-    'truth': ('truth', False, lambda m: wire.truth(
+    'blocks': ('blocks', _blocks),
+    'truth': ('truth', lambda m: wire.truth(
         seconds(m.header.stamp), (m.rim_x, m.rim_y, m.rim_yaw), np.array([m.x, m.y, m.yaw]),
         m.moving)),
-    'image': ('camera/image_raw/compressed', False, lambda m: wire.image(
+    'image': ('camera/image_raw/compressed', lambda m: wire.image(
         seconds(m.header.stamp), m.data)),
-    'meter': ('sound_meter', False, lambda m: wire.meter(
+    'meter': ('sound_meter', lambda m: wire.meter(
         seconds(m.header.stamp), m.wave_min, m.wave_max, m.spectrum_db, notices.meter(m))),
-    'sound': ('sound_samples', False, lambda m: wire.sound(
+    'sound': ('sound_samples', lambda m: wire.sound(
         seconds(m.header.stamp), m.sample_rate, m.channels, m.first, m.data)),
-    'leds': ('led_commands', False, lambda m: wire.leds(
+    'leds': ('led_commands', lambda m: wire.leds(
         seconds(m.header.stamp), m.white, m.infrared)),
-    'slips': ('slips', False, slips.to_json),
-    'triggers': ('grain_triggers', False, triggers.to_json),
+    'slips': ('slips', slips.to_json),
+    'triggers': ('grain_triggers', triggers.to_json),
 }  # fmt: skip
 
 
@@ -63,7 +55,7 @@ class Streams:
         """Open the streams that somebody looks at, close the others; the executor's thread."""
         demand, now_s = self._hub.demand, time.monotonic()
         for channel in demand - set(self._open):
-            topic, _, packet = STREAMS[channel]
+            topic, packet = STREAMS[channel]
             self._open[channel] = self._node.subscribe(
                 topic, lambda packed, c=channel: self._hub.put(c, packed), read=packet
             )

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.science import powerlaw
+from eol_ros.core.table import Table
 from eol_ros.said import Said, from_message
 from eol_ros.settings import GrainsSettings
 from eol_ros.streams import cascades
@@ -35,6 +35,15 @@ def wall(
         'flip': seconds(message.flip), 'left': message.left, 'right': message.right,
         'caption': message.caption, 'credit': message.credit, 'ahead': list(message.ahead),
         'fade': fade_s, **look(message.left, shown),
+    }  # fmt: skip
+
+
+def lattice(table: Table) -> dict[str, Any]:
+    """Return the table for pages, all in metres; pairs are along x and along y."""
+    return {
+        'rows': table.rows, 'columns': table.columns, 'absent': list(table.absent),
+        'side': table.block_side_m, 'gaps': list(table.gaps_m), 'bar': table.rim_width_m,
+        'platform': list(table.platform_m),
     }  # fmt: skip
 
 
@@ -106,14 +115,18 @@ class Day:
     Today is the day on which they arrive, by the local clock: a replay of an old bag counts too.
     """
 
-    def __init__(self, kept: Any = None):
+    def __init__(self, kept: Any = None, table: Table = Table()):
+        self._places = {name: lattice(table)[name] for name in ('rows', 'columns', 'absent')}
+        self._blocks, known = table.count, Table()
+        alike = (table.rows, table.columns, table.absent) == (known.rows, known.columns, ())
+        self._beside = {'automaton': powerlaw.AUTOMATON_B} if alike else {}
         self._date = ''
         self._areas: list[int] = []  # of each cascade, in order of time
         self._recent: deque[list[Any]] = deque(maxlen=RECENT)
         self._greatest: list[Any] = []
         self._law: dict[str, Any] = {}
         self._law_of = -1  # so many cascades were fitted
-        if _is_day(kept):
+        if _is_day(kept, table) and kept.get('table', self._places) == self._places:
             self._date, self._areas = kept['date'], list(kept['order'])
             self._recent.extend(kept['recent'])
             self._greatest = kept.get('greatest', [])
@@ -134,7 +147,7 @@ class Day:
     def add(self, message: Any, now_s: float) -> None:
         """Count one Cascade message."""
         self.turn(now_s)
-        self._areas.append(min(message.area, N_BLOCKS))
+        self._areas.append(min(message.area, self._blocks))
         row = cascades.to_json(message)
         self._recent.append(row)
         if row[2:4] > self._greatest[2:4]:  # area and size
@@ -144,7 +157,7 @@ class Day:
         """Return the day so far, as plain data."""
         return {
             'date': self._date, 'order': list(self._areas), 'recent': list(self._recent),
-            'greatest': self._greatest,
+            'greatest': self._greatest, 'table': self._places,
         }  # fmt: skip
 
     def fit(self) -> bool:
@@ -153,7 +166,7 @@ class Day:
             return False
         self._law_of = len(self._areas)
         try:
-            law = powerlaw.cascade_law(np.array(self._areas, np.int64))
+            law = powerlaw.cascade_law(np.array(self._areas, np.int64), self._blocks)
         except powerlaw.FitError:
             self._law = {'fitted': self._law_of, 'fewest': powerlaw.FEWEST_CASCADES}
             return True
@@ -161,16 +174,16 @@ class Day:
             self._law = {
                 'fitted': self._law_of, 'fewest': powerlaw.FEWEST_CASCADES, 'rejected': True,
                 'ks': law.fit.ks, 'p': law.tested.p_value, 'count': law.fit.count,
-                'automaton': powerlaw.AUTOMATON_B,
+                **self._beside,
             }  # fmt: skip
             return True
-        logs = np.log(np.arange(law.fit.x_min, N_BLOCKS + 1))
+        logs = np.log(np.arange(law.fit.x_min, self._blocks + 1))
         shares = np.exp(-law.fit.tau * logs)
         self._law = {
             'fitted': self._law_of, 'b': law.fit.b_value, 'error': law.tested.error,
             'from': law.fit.x_min, 'count': law.fit.count,
             'exceedance': (shares[::-1].cumsum()[::-1] / shares.sum()).tolist(),
-            'automaton': powerlaw.AUTOMATON_B,
+            **self._beside,
         }  # fmt: skip
         return True
 
@@ -180,9 +193,9 @@ class Day:
         `law` has `b`, `error` and `exceedance`, the fitted share of N(>= from) for each area from
         `from` on; `rejected`, `ks`, `p` and `count` where they follow no power law; or, where there
         is no fit, only how many cascades there are and how many it takes. `automaton` is the b of
-        the automaton of the table's size, to compare with.
+        the automaton of 5x5 blocks, which only a table of these is compared with.
         """
-        counts = np.bincount(np.array(self._areas, np.int64), minlength=N_BLOCKS + 1).tolist()
+        counts = np.bincount(np.array(self._areas, np.int64), minlength=self._blocks + 1).tolist()
         return {
             't': 'cascades',
             'date': self._date,
@@ -193,13 +206,13 @@ class Day:
         }
 
 
-def _is_day(kept: Any) -> bool:
+def _is_day(kept: Any, table: Table) -> bool:
     """Return whether a file holds a day as `Day.kept` gives it."""
     return (
         isinstance(kept, dict)
         and isinstance(kept.get('date'), str)
         and isinstance(kept.get('order'), list)
-        and all(isinstance(area, int) and 0 <= area <= N_BLOCKS for area in kept['order'])
+        and all(isinstance(area, int) and 0 <= area <= table.count for area in kept['order'])
         and isinstance(kept.get('recent'), list)
         and all(
             isinstance(row, list) and len(row) == 6

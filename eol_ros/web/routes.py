@@ -13,10 +13,11 @@ from typing import Any
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
+from eol_ros.core.table import Table
 from eol_ros.errors import EolError, UsageError
 from eol_ros.said import LANGUAGES, parts_of, said
 from eol_ros.streams.requests import KINDS, SET, Asked
-from eol_ros.web import guard, metrics, screens, wire
+from eol_ros.web import guard, metrics, notices, screens, wire
 from eol_ros.web.connections import VIEWING, Connection, heaviest
 from eol_ros.web.controls import CONTROLS
 from eol_ros.web.hub import Hub, Viewer
@@ -39,8 +40,8 @@ mimetypes.add_type('application/json', '.json')
 
 
 class Routes:
-    """The handlers. `documents` are what pages fetch: `/terrain`, `/corpus`, `/status`,
-    or what makes them when they are asked for."""
+    """The handlers. `documents` are what pages fetch: `/lattice`, `/terrain`, `/corpus`,
+    `/status`, or what makes them when they are asked for."""
 
     def __init__(
         self,
@@ -49,12 +50,16 @@ class Routes:
         bridge: Any,
         say: Callable[[str], None],
         picture: Callable[[str], Path | None] = lambda name: None,
+        table: Table = Table(),
     ):
         self.settings, self.hub, self.bridge, self.say = settings, hub, bridge, say
         self.picture = picture
         self.pin = guard.PinGate(settings.pin)
         self.open = not guard.is_loopback(settings.host)
-        self.documents: dict[str, bytes | Callable[[], bytes]] = {}
+        self.lattice = notices.lattice(table)
+        self.documents: dict[str, bytes | Callable[[], bytes]] = {
+            'lattice': wire.text(self.lattice).encode()
+        }
         self.metrics: Callable[[], bytes] = lambda: metrics.text({}, '')
         self.screens: dict[str, Any] = {}  # by name: corners and edges, kept by the panel
         self.skew_ms = 0.0
@@ -74,7 +79,7 @@ class Routes:
             app.router.add_get(address, self._page(page))
         app.router.add_get('/static/{name:.+}', self._static)
         app.router.add_get('/media/{name:.+}', self._media)
-        for name in ('terrain', 'corpus', 'status'):
+        for name in ('lattice', 'terrain', 'corpus', 'status'):
             app.router.add_get(f'/{name}', self._document(name))
         app.router.add_get('/metrics', self._metrics)
         app.router.add_get('/live', self._live)

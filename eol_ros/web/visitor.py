@@ -36,6 +36,7 @@ class Visitor:
                 'pin': self._routes.pin.needed,
                 'push': self.may_push,
                 'private': sorted(self.private),
+                'lattice': self._routes.lattice,
             }
         )
 

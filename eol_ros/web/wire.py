@@ -23,7 +23,7 @@ def head(kind: int, stamp_s: float, own: bytes = b'') -> bytes:
 
 
 def blocks(stamp_s: float, state: int, ambiguous: bool, rows: np.ndarray) -> bytes:
-    """Pack the 25 blocks; `rows` has the fields x y yaw u v sigma visibility seen, shape (25,)."""
+    """Pack the blocks; `rows`, (cells,), has the fields x y yaw u v sigma visibility seen."""
     body = np.empty((len(rows), 8), '<f4')
     for i, name in enumerate(('x', 'y', 'yaw', 'u', 'v', 'sigma', 'visibility', 'seen')):
         body[:, i] = rows[name]
@@ -31,7 +31,7 @@ def blocks(stamp_s: float, state: int, ambiguous: bool, rows: np.ndarray) -> byt
 
 
 def truth(stamp_s: float, rim: tuple[float, float, float], pose: np.ndarray, moving: Any) -> bytes:
-    """Pack the twin's rim pose (x, y, yaw), block poses (3, 25) and who moves (25,)."""
+    """Pack the twin's rim pose (x, y, yaw), block poses (3, cells) and who moves (cells,)."""
     body = np.concatenate([np.asarray(rim), np.asarray(pose).ravel()]).astype('<f4')
     return head(TRUTH, stamp_s) + body.tobytes() + bytes(bytearray(moving))
 
@@ -62,7 +62,7 @@ def sound(stamp_s: float, rate_hz: int, channels: int, first: int, samples: byte
 
 
 def leds(stamp_s: float, white: Any, infrared: bool) -> bytes:
-    """Pack the light of the 25 blocks, 0..255 each."""
+    """Pack the light of each place, 0..255."""
     return head(LEDS, stamp_s, bytes([infrared])) + bytes(bytearray(white))
 
 

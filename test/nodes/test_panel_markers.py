@@ -19,6 +19,10 @@ from eol_ros.streams import blocks
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('any_stamp')]
 T0 = 1_700_000_000_000_000_000
+ZEROS = np.zeros(25)
+TRUTH = Truth(
+    rim_x=0.02, rim_y=-0.01, rim_yaw=0.05, x=ZEROS, y=ZEROS, yaw=ZEROS, moving=[False] * 25
+)
 
 
 class Panel(EolNode):
@@ -81,7 +85,7 @@ def test_what_rviz_draws_is_the_table(both):
     assert first['blocks', 3].color.a < first['blocks', 4].color.a == 1.0
     assert len(first['springs', 0].points) == 2 * 40
 
-    table.gives['truth'].publish(Truth(rim_x=0.02, rim_y=-0.01, rim_yaw=0.05))
+    table.gives['truth'].publish(TRUTH)
     table.gives['slips'].publish(Slip(kind=Slip.START, block=7, x=0.1, y=0.2))
     until(lambda: panel.markers._rim is not None and panel.markers._slipping)
     rows['x'][9], rows['seen'][9] = np.nan, False

@@ -7,6 +7,7 @@ import json
 import pytest
 from support.chromium import browser, graph, status  # noqa: F401  fixtures
 
+from eol_ros.core.table import Table
 from eol_ros.ros.requests import Answers, expected_of
 from eol_ros.settings import PanelSettings
 from eol_ros.web.server import WebServer
@@ -54,10 +55,10 @@ def serve():
     """Return a function that starts a server; all are stopped at the end."""
     servers = []
 
-    def start(picture=lambda name: None, **settings):
+    def start(picture=lambda name: None, table=Table(), **settings):
         chosen = dataclasses.replace(PanelSettings(), port=0, **settings)
         lines = []
-        server = WebServer(chosen, Notebook(), lines.append, picture=picture)
+        server = WebServer(chosen, Notebook(), lines.append, picture=picture, table=table)
         server.lines = lines
         server.bridge = server.routes.bridge
         server.start()

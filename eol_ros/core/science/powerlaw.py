@@ -29,7 +29,6 @@ STEEPEST, FLATTEST = 12.0, -4.0
 TAU_TOLERANCE = 1e-12
 DRAWN_TOLERANCE = 1e-6  # of tau, for drawn samples
 UNLIMITED = 1 << 20  # untruncated: sums go this far, the zeta function does the rest
-BLOCKS = Table().count  # of the default table
 
 
 class FitError(EolError):
@@ -214,7 +213,7 @@ class CascadeLaw:
         )
 
 
-def cascade_law(areas: np.ndarray, blocks: int = BLOCKS) -> CascadeLaw:
+def cascade_law(areas: np.ndarray, blocks: int = Table().count) -> CascadeLaw:
     """Fit cascade areas as the panel and `eol report` do.
 
     Parameters
@@ -384,7 +383,7 @@ def _drift(numbers: np.ndarray, law: '_Law') -> tuple[float, tuple[float, float]
     return p, (float(first), float(second))
 
 
-def band(areas: np.ndarray, rng: np.random.Generator, blocks: int = BLOCKS) -> np.ndarray:
+def band(areas: np.ndarray, rng: np.random.Generator, blocks: int = Table().count) -> np.ndarray:
     """Return where N(>= A) of as long a catalogue would lie in 95 of 100 cases, for each A.
 
     Areas are drawn again, as many as there are independent ones.

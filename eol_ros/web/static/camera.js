@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The live infrared picture with the outlines, ids and states of the blocks over it.
 
+import { BLOCK_M, COLUMNS, COUNT, IDS, place, PLATFORM_M, stands } from './lattice.js';
 import { fit, fontPx, INK, MOVE, QUIET, write } from './paint.js';
 import { say } from './i18n.js';
 import { part } from './modes.js';
 
-const BLOCK_M = 0.084;
-const TABLE_M = 1.44; // of the image, across: the platform and a little of the floor
+const TABLE_M = Math.max(...PLATFORM_M) + 0.04; // of the image, across: the platform and a little of the floor
 const STRAYS = 0.01; // of the image: by less the part that is shown does not follow
 
 const REMEMBERED = 60; // places of the blocks, one an image: a second of them
@@ -110,9 +110,10 @@ export class CameraView {
   key(event) {
     const step = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
     if (!step) return;
-    const within = (n) => Math.min(Math.max(n, 0), 4);
-    const [row, column] = [Math.floor(this.pointed / 5), this.pointed % 5];
-    this.point(this.pointed < 0 ? 0 : within(row + step[1]) * 5 + within(column + step[0]));
+    const [column, row] = place(this.pointed);
+    const next = [column + step[0], row + step[1]];
+    if (this.pointed < 0) this.point(IDS[0]);
+    else if (stands(...next)) this.point(next[1] * COLUMNS + next[0]);
     event.preventDefault();
   }
 
@@ -163,7 +164,7 @@ export class CameraView {
     const { k, left, top } = this.lies;
     const { rows } = newest.blocks;
     const half = (BLOCK_M * pixelsPerMetre(rows) * k) / 2;
-    return [...Array(25).keys()].find((id) => Math.max(
+    return IDS.find((id) => Math.max(
       Math.abs(left + k * rows[id * 8 + 3] - x), Math.abs(top + k * rows[id * 8 + 4] - y),
     ) < half) ?? -1;
   }
@@ -173,7 +174,7 @@ export class CameraView {
     const { k, left, top } = this.lies;
     const side = BLOCK_M * pixelsPerMetre(rows) * k;
     const size = Math.max(fontPx(0.72), 9);
-    for (let id = 0; id < 25; id++) {
+    for (const id of IDS) {
       const at = id * 8;
       const [u, v, seen] = [left + k * rows[at + 3], top + k * rows[at + 4], rows[at + 7]];
       if (!Number.isFinite(u + v)) continue;
@@ -207,7 +208,7 @@ export class CameraView {
     brush.strokeText(id, size, size);
     brush.fillStyle = colour;
     brush.fillText(id, size, size);
-    if (this.labels.size > 200) this.labels.clear(); // another size of window
+    if (this.labels.size > 8 * COUNT) this.labels.clear(); // another size of window
     this.labels.set(key, picture);
     return picture;
   }
@@ -216,8 +217,8 @@ export class CameraView {
 // From the blocks themselves: pixels against metres over the widest pair.
 function pixelsPerMetre(rows) {
   let [metres, pixels] = [0, 0];
-  for (let i = 0; i < 24; i++) {
-    const [a, b] = [i * 8, 24 * 8];
+  for (const id of IDS) {
+    const [a, b] = [id * 8, IDS[COUNT - 1] * 8];
     const far = Math.hypot(rows[a] - rows[b], rows[a + 1] - rows[b + 1]);
     if (far > metres) {
       metres = far;
@@ -230,8 +231,8 @@ function pixelsPerMetre(rows) {
 // Where the table's middle lies in the image and how long its side is there, pixels; null if unknown.
 // u and v are taken for linear in x and y: least squares over the blocks.
 function tableInImage(rows) {
-  const seen = [...Array(25).keys()].map((id) => rows.subarray(id * 8, id * 8 + 8)).filter((row) => row.subarray(0, 5).every(Number.isFinite));
-  if (seen.length < 5) return null;
+  const seen = IDS.map((id) => rows.subarray(id * 8, id * 8 + 8)).filter((row) => row.subarray(0, 5).every(Number.isFinite));
+  if (seen.length < Math.min(5, COUNT)) return null;
   const mean = (i) => seen.reduce((sum, row) => sum + row[i], 0) / seen.length;
   const [x, y, u, v] = [0, 1, 3, 4].map(mean);
   const product = (i, a, j, b) => seen.reduce((sum, row) => sum + (row[i] - a) * (row[j] - b), 0);

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Cascades of today: how many reached at least an area A, both axes logarithmic.
 
+import { COUNT } from './lattice.js';
 import { EDGE, fit, fontPx, INK, QUIET, THREAD, WATER, write } from './paint.js';
 import { say } from './i18n.js';
+
+const TICKS = [...[1, 2, 5, 10, 20, 50, 100].filter((area) => 2 * area < COUNT), COUNT];
 
 export class CascadeView {
   constructor(card) {
@@ -42,8 +45,8 @@ export class CascadeView {
     const { b, error, from, count, fitted, fewest, rejected, ks, p, automaton } = this.law;
     if (b === undefined && !rejected) return say(fitted < fewest ? 'law_few' : 'law_none', { count: fitted, fewest });
     const words = rejected ? say('law_rejected', { ks: ks.toFixed(2), p: p.toPrecision(1), count })
-      : say('law_words', { b: b.toFixed(2), error: error.toFixed(2), from, count });
-    return `${words}; ${say('law_automaton', { b: automaton.toFixed(2) })}`;
+      : say('law_words', { b: b.toFixed(2), error: error.toFixed(2), from, count, blocks: COUNT });
+    return automaton ? `${words}; ${say('law_automaton', { b: automaton.toFixed(2) })}` : words;
   }
 
   drawLaw(areas, total) {
@@ -53,7 +56,7 @@ export class CascadeView {
     brush.font = `300 ${size}px system-ui`;
     const left = brush.measureText(String(10 ** decades)).width + size;
     const [right, top, low] = [size, size * 2.3, h - size * 2.6];
-    const x = (area) => left + ((w - left - right) * Math.log10(area)) / Math.log10(30);
+    const x = (area) => left + ((w - left - right) * Math.log10(area)) / Math.log10(1.2 * COUNT);
     const y = (count) => low - ((low - top) * Math.log10(count)) / decades;
     brush.fillStyle = QUIET;
     brush.strokeStyle = EDGE;
@@ -66,7 +69,7 @@ export class CascadeView {
     }
     brush.textAlign = 'center';
     brush.textBaseline = 'top';
-    for (const area of [1, 2, 5, 10, 25]) {
+    for (const area of TICKS) {
       line(brush, x(area), top, x(area), low);
       brush.fillText(area, x(area), low + 4);
     }
@@ -77,7 +80,7 @@ export class CascadeView {
     let above = total;
     const points = [];
     const { law } = this;
-    for (let area = 1; area <= 25 && above > 0; area++) {
+    for (let area = 1; area <= COUNT && above > 0; area++) {
       points.push([x(area), y(above)]);
       above -= areas[area];
     }
@@ -87,7 +90,7 @@ export class CascadeView {
       brush.lineWidth = fontPx(0.13);
       brush.setLineDash([fontPx(0.4), fontPx(0.3)]);
       brush.beginPath();
-      for (let area = law.from; area <= 25; area++) {
+      for (let area = law.from; area <= COUNT; area++) {
         const height = begin * law.exceedance[area - law.from];
         if (height < 1) break;
         brush.lineTo(x(area), y(height));

@@ -6,12 +6,10 @@
 // |v|^2 + (rho w)^2 with rho the rim's radius of gyration. Two fingers fix both place and angle.
 // The rim has mass, springs and limits, and other people's hands on it: so it may stay behind.
 
+import { BAR_M, BLOCK_M, IDS, PLATFORM_M, RIM_M } from './lattice.js';
+
 const GAIN = 14; // 1/s, how fast the held point follows
-const RHO = 0.39; // m, of a thin square of 0.96 m: side / sqrt(6)
-// As eol_ros/core/geometry.py has them: side of the rim, width of its bars outside of that, platform.
-export const RIM_M = 0.96;
-export const BAR_M = 0.014;
-export const PLATFORM_M = 1.4;
+const RHO = Math.hypot(...RIM_M) / Math.sqrt(12); // m, of a thin plate
 const NEAR_M = 0.003; // to a limit
 const BEHIND_M = 0.02; // from here on a hand is told why the rim does not come
 const STANDS_MPS = 0.01;
@@ -63,11 +61,13 @@ export class Hands {
     if (!this.holding || (!this.keys.size && this.lag < BEHIND_M)) return '';
     const [vx, vy] = this.velocity();
     const [rx, ry, yaw] = this.pose;
-    const reach = (PLATFORM_M - (RIM_M + 2 * BAR_M) * (Math.abs(Math.cos(yaw)) + Math.abs(Math.sin(yaw)))) / 2;
-    if ((vx * rx > 0 && Math.abs(rx) > reach - NEAR_M) || (vy * ry > 0 && Math.abs(ry) > reach - NEAR_M)) return 'limit_edge';
-    const gaps = [...x].map((_, id) => {
+    const [c, s] = [Math.abs(Math.cos(yaw)), Math.abs(Math.sin(yaw))];
+    const [wide, deep] = RIM_M.map((inner) => inner + 2 * BAR_M);
+    const reach = [PLATFORM_M[0] - wide * c - deep * s, PLATFORM_M[1] - wide * s - deep * c].map((room) => room / 2 - NEAR_M);
+    if ((vx * rx > 0 && Math.abs(rx) > reach[0]) || (vy * ry > 0 && Math.abs(ry) > reach[1])) return 'limit_edge';
+    const gaps = IDS.map((id) => {
       const [u, v] = this.inRim(x[id], y[id]);
-      return RIM_M / 2 - Math.max(Math.abs(u), Math.abs(v)) - 0.042;
+      return Math.min(RIM_M[0] / 2 - Math.abs(u), RIM_M[1] / 2 - Math.abs(v)) - BLOCK_M / 2;
     });
     if (Math.min(...gaps) < 2 * NEAR_M) return 'limit_block';
     return this.fingers.size && this.lag > 2 * BEHIND_M && speed < STANDS_MPS ? 'limit_force' : '';

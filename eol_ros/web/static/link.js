@@ -3,6 +3,7 @@
 // how old what it has is. Packets are laid out in eol_ros/web/wire.py.
 
 import { say, sentence } from './i18n.js';
+import { CELLS, LATTICE } from './lattice.js';
 
 const KINDS = ['', 'blocks', 'truth', 'image', 'meter', 'sound', 'leds'];
 const RETRY_S = [1, 2, 4, 8, 10];
@@ -115,6 +116,8 @@ export class Link extends EventTarget {
       if (notice.t === 'hello') {
         Object.assign(this, { viewer: notice.viewer, mayPush: notice.push, pinNeeded: notice.pin, private: notice.private });
         this.trusted = !notice.pin;
+        // The panel was started again with another table.
+        if (notice.lattice && JSON.stringify(notice.lattice) !== JSON.stringify(LATTICE)) location.reload();
         if (!this.offsets.length) this.offset = notice.now - (performance.timeOrigin + here) / 1000;
       }
       // Somebody set the server's clock: the pings before say nothing of it any more.
@@ -170,18 +173,19 @@ export class Link extends EventTarget {
 }
 
 export function readBlocks({ view, data, stamp }) {
-  return { stamp, state: view.getUint8(1), ambiguous: view.getUint8(2), rows: new Float32Array(data, 16, 200) };
+  return { stamp, state: view.getUint8(1), ambiguous: view.getUint8(2), rows: new Float32Array(data, 16, 8 * CELLS) };
 }
 
 export function readTruth({ data, stamp }) {
-  const body = new Float32Array(data, 16, 78);
+  const body = new Float32Array(data, 16, 3 + 3 * CELLS);
+  const column = (i) => body.subarray(3 + i * CELLS, 3 + (i + 1) * CELLS);
   return {
     stamp,
     rim: body.subarray(0, 3),
-    x: body.subarray(3, 28),
-    y: body.subarray(28, 53),
-    yaw: body.subarray(53, 78),
-    moving: new Uint8Array(data, 16 + 312, 25),
+    x: column(0),
+    y: column(1),
+    yaw: column(2),
+    moving: new Uint8Array(data, 16 + body.byteLength, CELLS),
   };
 }
 
@@ -200,5 +204,5 @@ export function readMeter({ view, data, stamp }) {
 }
 
 export function readLeds({ view, data, stamp }) {
-  return { stamp, infrared: view.getUint8(1), white: new Uint8Array(data, 16, 25) };
+  return { stamp, infrared: view.getUint8(1), white: new Uint8Array(data, 16, CELLS) };
 }

@@ -1,23 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
 // Coordinates, light field and nodes: what is told in rows and squares.
 
+import { CELLS, COLUMNS, COUNT, IDS, place, ROWS } from './lattice.js';
 import { fit, fontPx, write } from './paint.js';
 import { readLeds } from './link.js';
 import { say, sentence } from './i18n.js';
 
 const MARKS = { ok: '\u2713', warn: '\u25b2', error: '\u2716', silent: '\u25cb' };
 const SILENT_S = 3;
+const FIT = 25; // rows of the list that fit (style.css)
 const LATENCIES = ['image_to_blocks', 'onset_to_light', 'onset_to_sound'];
 
 export class CoordinateList {
   constructor(card) {
     this.sum = card.querySelector('#moving-count');
-    this.rows = Array.from({ length: 25 }, (_, id) => {
+    this.rows = IDS.map((id) => {
       const row = card.querySelector('tbody').insertRow();
       row.insertCell().textContent = id;
       for (let i = 0; i < 4; i++) row.insertCell();
       return row;
     });
+    const list = card.querySelector('.rows');
+    list.classList.toggle('long', COUNT > FIT);
+    if (COUNT > FIT) list.tabIndex = 0; // the keys scroll it
     this.before = null;
   }
 
@@ -26,20 +31,20 @@ export class CoordinateList {
     if (this.before && blocks.stamp - this.before.stamp < 0.1) return;
     const span = this.before ? blocks.stamp - this.before.stamp : Infinity;
     let count = 0;
-    for (let id = 0; id < 25; id++) {
+    IDS.forEach((id, k) => {
       const at = id * 8;
       const [x, y, yaw] = blocks.rows.subarray(at, at + 3);
       const old = this.before ? this.before.rows : blocks.rows;
       const speed = Math.hypot(x - old[at], y - old[at + 1]) / span;
-      const cells = this.rows[id].cells;
+      const { cells } = this.rows[k];
       write(cells[1], millimetres(x));
       write(cells[2], millimetres(y));
       write(cells[3], digits((yaw * 180) / Math.PI));
       write(cells[4], moving[id] ? (speed * 1000).toFixed(1) : '0.0');
       const state = moving[id] ? 'moving' : blocks.rows[at + 7] ? '' : 'unseen';
-      if (this.rows[id].className !== state) this.rows[id].className = state;
+      if (this.rows[k].className !== state) this.rows[k].className = state;
       count += moving[id] ? 1 : 0;
-    }
+    });
     write(this.sum, say('moving_words', { count }));
     this.before = { stamp: blocks.stamp, rows: blocks.rows.slice() };
   }
@@ -57,7 +62,7 @@ export class LightField {
   constructor(card) {
     this.canvas = card.querySelector('canvas');
     this.words = card.querySelector('#light-sum');
-    this.levels = new Uint8Array(25);
+    this.levels = new Uint8Array(CELLS);
     this.dirty = true;
   }
 
@@ -72,15 +77,15 @@ export class LightField {
     if (!this.dirty) return;
     this.dirty = false;
     const { brush, w, h } = fit(this.canvas);
-    const pitch = Math.min(w, h) / 5;
-    const [left, top] = [(w - 5 * pitch) / 2, (h - 5 * pitch) / 2];
+    const pitch = Math.min(w / COLUMNS, h / ROWS);
+    const [left, top] = [(w - COLUMNS * pitch) / 2, (h - ROWS * pitch) / 2];
     let lit = 0;
     brush.textAlign = 'center';
     brush.textBaseline = 'middle';
     brush.font = `400 ${Math.min(fontPx(0.72), 0.5 * pitch)}px ui-monospace, monospace`;
-    for (let id = 0; id < 25; id++) {
-      const [row, column] = [Math.floor(id / 5), id % 5];
-      const [x, y] = [left + column * pitch, top + (4 - row) * pitch];
+    for (const id of IDS) {
+      const [column, row] = place(id);
+      const [x, y] = [left + column * pitch, top + (ROWS - 1 - row) * pitch];
       const level = this.levels[id] / 255;
       if (level > 0.02) lit++;
       const shade = (c) => Math.round(c[0] + (c[1] - c[0]) * level ** 0.6);

@@ -6,6 +6,7 @@ import { CameraView } from './camera.js';
 import { CascadeView } from './cascades.js';
 import { addLanguages, language, say, sentence, speak } from './i18n.js';
 import { InstrumentView } from './instrument.js';
+import { CELLS, COUNT, IDS } from './lattice.js';
 import { Link, readBlocks } from './link.js';
 import { CoordinateList, LightField, NodeList } from './lists.js';
 import { write } from './paint.js';
@@ -23,7 +24,7 @@ const $ = (id) => document.getElementById(id);
 await speak(language());
 const link = new Link([], PACE_S);
 window.eol = { link, staleAfter: STALE_S + LOOK_MS / 1000 }; // for tests and the curious
-const moving = new Uint8Array(25);
+const moving = new Uint8Array(CELLS);
 const drawn = { slips: [], starts: 0, latencies: [] }; // stamps not drawn yet; s from stamp to screen
 window.eol.drawn = drawn;
 
@@ -54,12 +55,12 @@ link.on('blocks', (packet) => {
   if (stirred(blocks.rows)) camera.dirty = space.dirty = true;
   coordinates.take(blocks, moving);
   const seen = blocks.rows.filter((value, i) => i % 8 === 7 && value).length;
-  write($('camera-state'), say('camera_words', { seen, state: say(`tracker_${blocks.state}`) }));
+  write($('camera-state'), say('camera_words', { seen, all: COUNT, state: say(`tracker_${blocks.state}`) }));
 });
 // Whether a block has gone far enough to be redrawn, or has been lost or found.
-let shown = new Float32Array(200);
+let shown = new Float32Array(8 * CELLS);
 function stirred(rows) {
-  for (let at = 0; at < 200; at += 8) {
+  for (const at of IDS.map((id) => 8 * id)) {
     const far = Math.max(Math.abs(rows[at] - shown[at]), Math.abs(rows[at + 1] - shown[at + 1]), Math.abs(rows[at + 2] - shown[at + 2]) * 0.06);
     if (!(far < STIR_M) || rows[at + 7] !== shown[at + 7]) {
       shown = rows.slice();

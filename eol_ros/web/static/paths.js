@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Where cascades began and which way they went: for each a tree over the lattice, in order of onset.
 
+import { COLUMNS, place, stands } from './lattice.js';
+
 export const KEEP_MS = 3000; // of a slip, in which it fades; of a cascade, from its last slip on
 const REPLAY_MS = 700; // from slip to slip
 const HUES = 4;
@@ -9,16 +11,18 @@ const HUES = 4;
 // slipped before, of several to the latest. Returns [{path: blocks from spring to spring, at}].
 export function tree(slips) {
   return slips.flatMap(({ block, at }, i) => {
-    const steps = (other) => [Math.abs((other % 5) - (block % 5)), Math.abs(Math.floor(other / 5) - Math.floor(block / 5))];
+    const [column, row] = place(block);
+    const steps = (other) => [Math.abs(place(other)[0] - column), Math.abs(place(other)[1] - row)];
     const far = slips.slice(0, i).map((other) => [steps(other.block), other.block]).filter(([[x, y]]) => Math.max(x, y) === 1);
     const least = Math.min(...far.map(([[x, y]]) => x + y));
     const cause = far.findLast(([[x, y]]) => x + y === least)?.[1];
     if (cause === undefined) return [];
     if (least === 1) return [{ path: [cause, block], at }];
     // No spring runs across: by one of two corners, that which stays at rest if only one does.
-    const corners = [cause - (cause % 5) + (block % 5), block - (block % 5) + (cause % 5)];
+    const [from, to] = place(cause);
+    const corners = [[column, to], [from, row]].filter((one) => stands(...one)).map(([c, r]) => r * COLUMNS + c);
     const rests = corners.find((corner) => !slips.some((other) => other.block === corner));
-    return [{ path: [cause, rests ?? corners[0], block], at }];
+    return [{ path: [cause, ...[rests ?? corners[0]].filter((corner) => corner !== undefined), block], at }];
   });
 }
 

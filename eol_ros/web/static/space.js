@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The descriptor space: every grain, the blocks as squares, their reach as circles.
 
+import { IDS } from './lattice.js';
 import { calm, fit, fontPx, INK, MOVE, QUIET, scale, THREAD, write } from './paint.js';
 import { descriptor, say } from './i18n.js';
 
@@ -189,7 +190,7 @@ export class SpaceView {
     const { bounds: [x0, y0, x1, y1], x, y } = this.corpus;
     const { rows } = this.seen;
     const [gx, gy] = [x0 + (x1 - x0) * x[grain], y0 + (y1 - y0) * y[grain]];
-    return [...Array(25).keys()].filter((id) => Math.hypot(rows[id * 8] - gx, rows[id * 8 + 1] - gy) < this.reach);
+    return IDS.filter((id) => Math.hypot(rows[id * 8] - gx, rows[id * 8 + 1] - gy) < this.reach);
   }
 
   hover(event) {
@@ -429,7 +430,7 @@ export class SpaceView {
     const { rows } = this.seen;
     const perM = (this.box.w * (1 - 2 * PAD)) / (x1 - x0);
     const tallM = (this.box.h * (1 - 2 * PAD)) / (y1 - y0);
-    for (let id = 0; id < 25; id++) {
+    for (const id of IDS) {
       const [bx, by] = [(rows[id * 8] - x0) / (x1 - x0), (rows[id * 8 + 1] - y0) / (y1 - y0)];
       if (!Number.isFinite(bx + by)) continue;
       const [x, y] = this.at(bx, by);

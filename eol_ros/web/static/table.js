@@ -4,6 +4,7 @@
 import { Listener } from './audio.js';
 import { Hands } from './hands.js';
 import { addLanguages, language, say, speak } from './i18n.js';
+import { BLOCK_M, CELLS, IDS } from './lattice.js';
 import { Link, readBlocks, readLeds, readTruth } from './link.js';
 import { caption, Modes, part } from './modes.js';
 import { TableDrawing } from './tabledraw.js';
@@ -26,11 +27,11 @@ const counts = { drawings: 0, slips: 0, flashes: 0, flips: 0, packets: 0, cascad
 window.eol = { link, listener, hands, drawing, counts, walls, modes, state: () => state };
 let state = null;
 let playing = ''; // who has the table: people, visitors that are simulated, or nobody
-let leds = new Uint8Array(25);
+let leds = new Uint8Array(CELLS);
 let ledsAt = 0;
 
 place();
-land(Math.min(Math.max(Math.round(0.09 * drawing.perM), 64), 320)).then((picture) => drawing.setLand(picture));
+land(Math.min(Math.max(drawing.tile, 64), 320)).then((picture) => drawing.setLand(picture));
 
 link.want(['truth', 'blocks', 'slips', 'leds']);
 
@@ -50,8 +51,8 @@ link.on('truth', (packet) => {
 link.on('blocks', (packet) => {
   if (link.age('truth') < STALE_S) return; // what the twin tells is newer than what the camera saw
   const { rows } = readBlocks(packet);
-  const column = (i) => Float32Array.from({ length: 25 }, (_, id) => rows[id * 8 + i]);
-  state = { x: column(0), y: column(1), yaw: column(2), moving: state ? state.moving : new Uint8Array(25) };
+  const column = (i) => Float32Array.from({ length: CELLS }, (_, id) => rows[id * 8 + i]);
+  state = { x: column(0), y: column(1), yaw: column(2), moving: state ? state.moving : new Uint8Array(CELLS) };
 });
 link.on('slip', (slip) => {
   if (state && !state.rim) state.moving[slip.block] = slip.start ? 1 : 0;
@@ -143,7 +144,7 @@ const fingers = matchMedia('(hover: none) and (pointer: coarse)'); // and neithe
 $('table').addEventListener('pointermove', ({ clientX, clientY }) => {
   if (!state || hands.holding) return;
   const [x, y] = drawing.toTable(clientX, clientY);
-  const id = state.x.findIndex((bx, i) => Math.max(Math.abs(bx - x), Math.abs(state.y[i] - y)) < 0.045);
+  const id = IDS.find((i) => Math.max(Math.abs(state.x[i] - x), Math.abs(state.y[i] - y)) < 0.54 * BLOCK_M) ?? -1;
   const moves = id >= 0 && state.moving[id];
   write($('under'), id < 0 ? '' : say('under_words', { block: id, where: say(`where_${part(id)}`), state: say(moves ? 'slipping' : 'at_rest') }));
 });
@@ -187,7 +188,7 @@ function tell() {
 setInterval(tell, 250);
 tell();
 
-const DARK = new Uint8Array(25);
+const DARK = new Uint8Array(CELLS);
 let drawn = [null, null];
 function draw(now) {
   requestAnimationFrame(draw);
@@ -206,8 +207,8 @@ function stirred(before, lightBefore, now, light) {
   if (before === now && lightBefore === light) return false;
   if (!before || !now || light.some((level, id) => level !== lightBefore[id])) return true;
   const far = 0.1 / drawing.perM;
-  const apart = (a, b, scale = 1) => !a || a.some((value, i) => !(Math.abs(value - b[i]) * scale < far));
-  return apart(now.x, before.x) || apart(now.y, before.y) || apart(now.yaw, before.yaw, 0.06)
+  const apart = (a, b, scale = 1, which = IDS) => which.some((i) => !(Math.abs(a[i] - b[i]) * scale < far));
+  return apart(now.x, before.x) || apart(now.y, before.y) || apart(now.yaw, before.yaw, 0.7 * BLOCK_M)
     || now.moving.some((moves, id) => moves !== before.moving[id])
-    || Boolean(now.rim && apart(now.rim, before.rim ?? [NaN]));
+    || Boolean(now.rim && apart(now.rim, before.rim ?? [NaN], 1, [0, 1, 2]));
 }

@@ -1,30 +1,29 @@
 // SPDX-License-Identifier: Apache-2.0
-// The table seen from above, in metres: sandpaper, rim, springs, 25 pieces of one land, light, cascades.
+// The table seen from above, in metres: sandpaper, rim, springs, pieces of one land, light, cascades.
 
-import { BAR_M, PLATFORM_M, RIM_M } from './hands.js';
+import { BAR_M, BLOCK_M, CELLS, COLUMNS, GAPS_M, IDS, place, PLATFORM_M, rest, RIM_M, ROWS, stands } from './lattice.js';
 import { calm, MOVE, THREAD, WATER } from './paint.js';
 import { KEEP_MS, Paths } from './paths.js';
 
-const BLOCK_M = 0.084;
-const SPRING_M = 0.09;
-const PITCH_M = BLOCK_M + SPRING_M;
-const VIEW_M = PLATFORM_M + 0.06;
+const VIEW_M = Math.max(...PLATFORM_M) + 0.06;
+const SIZE = BLOCK_M / 0.084; // of coils and marks, which were drawn for blocks of 84 mm
 const WAVE_MS = 1100;
 const MARK_FADE_MS = 1000; // at the end: the mark is whole for 2 s after the last slip
 const HUES = [THREAD, WATER, '#d9a0ff', '#6f9bff']; // of cascades at the same time
-const COIL_M = 0.0085; // half the height of a spring's picture
+const COIL_M = 0.0085 * SIZE; // half the height of a spring's picture
 const PULL_M = 0.018; // radius of a hand
 const TAUT_M = 0.1; // of the line between a hand and what it holds
 const TINTS = 8; // shades of strain, each way
+const TAUT = 0.012 / 0.09; // strain of the last shade
 const HINT_S = 3.2; // one gesture of the hand that shows what can be done, and as long a rest
 const HINT_MS = 60; // between its drawings, each of which is one of the whole table
 const HINT_M = 0.16;
 
 // A table that nobody has touched.
 export const REST = {
-  x: Float32Array.from({ length: 25 }, (_, id) => ((id % 5) - 2) * PITCH_M),
-  y: Float32Array.from({ length: 25 }, (_, id) => (Math.floor(id / 5) - 2) * PITCH_M),
-  yaw: new Float32Array(25), moving: new Uint8Array(25), rim: [0, 0, 0],
+  x: Float32Array.from({ length: CELLS }, (_, id) => rest(id)[0]),
+  y: Float32Array.from({ length: CELLS }, (_, id) => rest(id)[1]),
+  yaw: new Float32Array(CELLS), moving: new Uint8Array(CELLS), rim: [0, 0, 0],
 };
 
 export class TableDrawing {
@@ -56,9 +55,14 @@ export class TableDrawing {
     this.canvas.style.width = this.canvas.style.height = `${side}px`;
     this.canvas.width = this.canvas.height = this.w = this.h = Math.round(side * ratio);
     this.perM = this.w / VIEW_M;
-    this.ground = platform(this.w, Math.round(PLATFORM_M * this.perM));
+    this.ground = platform(this.w, PLATFORM_M.map((size) => Math.round(size * this.perM)));
     this.coils = Array.from({ length: 2 * TINTS + 1 }, (_, i) => coil((i - TINTS) / TINTS, this.perM));
     this.dirty = true;
+  }
+
+  // Pixels along a cover in a picture of the land that is sharp here.
+  get tile() {
+    return Math.round(0.09 * SIZE * this.perM);
   }
 
   toTable(clientX, clientY) {
@@ -79,7 +83,7 @@ export class TableDrawing {
     if (state.rim) this.drawSprings(state);
     if (state.rim) this.drawRim(state.rim);
     // Where flashes are unwelcome a slip is told by its block's outline alone.
-    for (let id = 0; id < 25; id++) this.drawBlock(id, state, calm.matches ? 0 : leds[id] / 255);
+    for (const id of IDS) this.drawBlock(id, state, calm.matches ? 0 : leds[id] / 255);
     if (!calm.matches) this.drawLight(state, leds);
     this.drawCascades(now, state);
     for (const pull of this.pulls) this.drawPull(pull);
@@ -106,18 +110,19 @@ export class TableDrawing {
 
   drawRim([x, y, yaw]) {
     const { brush } = this;
-    const outer = RIM_M / 2 + BAR_M;
+    const inner = RIM_M.map((size) => size / 2);
+    const outer = inner.map((size) => size + BAR_M);
     brush.save();
     brush.translate(x, y);
     brush.rotate(yaw);
     brush.fillStyle = '#0008';
-    frame(brush, 0.006, -0.01, outer, RIM_M / 2);
-    const steel = brush.createLinearGradient(-outer, outer, outer, -outer);
+    frame(brush, 0.006, -0.01, outer, inner);
+    const steel = brush.createLinearGradient(-outer[0], outer[1], outer[0], -outer[1]);
     steel.addColorStop(0, '#c9ccc9');
     steel.addColorStop(0.5, '#7d8487');
     steel.addColorStop(1, '#4a5054');
     brush.fillStyle = steel;
-    frame(brush, 0, 0, outer, RIM_M / 2);
+    frame(brush, 0, 0, outer, inner);
     brush.restore();
   }
 
@@ -129,8 +134,8 @@ export class TableDrawing {
     const t = calm.matches ? 0.8 : ((now / 1000) % HINT_S) / HINT_S;
     const along = Math.min(Math.max((t - 0.2) / 0.5, 0), 1);
     const way = along * along * (3 - 2 * along);
-    const bar = (RIM_M + BAR_M) / 2;
-    const fingers = turns ? [[-bar, 0], [bar, 0]] : [[0, -bar]];
+    const [side, near] = RIM_M.map((size) => (size + BAR_M) / 2);
+    const fingers = turns ? [[-side, 0], [side, 0]] : [[0, -near]];
     brush.save();
     brush.translate(x, y);
     brush.rotate(yaw);
@@ -189,25 +194,26 @@ export class TableDrawing {
     };
     const [rx, ry, yaw] = state.rim;
     const onRim = (u, v) => [rx + Math.cos(yaw) * u - Math.sin(yaw) * v, ry + Math.sin(yaw) * u + Math.cos(yaw) * v];
-    for (let id = 0; id < 25; id++) {
-      const [row, column] = [Math.floor(id / 5), id % 5];
-      const [u, v] = [(column - 2) * PITCH_M, (row - 2) * PITCH_M];
-      if (column < 4) this.spring(point(id, 1, 0), point(id + 1, -1, 0));
-      if (row < 4) this.spring(point(id, 0, 1), point(id + 5, 0, -1));
-      if (column === 0) this.spring(onRim(-RIM_M / 2, v), point(id, -1, 0));
-      if (column === 4) this.spring(point(id, 1, 0), onRim(RIM_M / 2, v));
-      if (row === 0) this.spring(onRim(u, -RIM_M / 2), point(id, 0, -1));
-      if (row === 4) this.spring(point(id, 0, 1), onRim(u, RIM_M / 2));
+    const [gapX, gapY] = GAPS_M;
+    for (const id of IDS) {
+      const [column, row] = place(id);
+      const [u, v] = rest(id);
+      if (stands(column + 1, row)) this.spring(point(id, 1, 0), point(id + 1, -1, 0), gapX);
+      if (stands(column, row + 1)) this.spring(point(id, 0, 1), point(id + COLUMNS, 0, -1), gapY);
+      if (column === 0) this.spring(onRim(-RIM_M[0] / 2, v), point(id, -1, 0), gapX);
+      if (column === COLUMNS - 1) this.spring(point(id, 1, 0), onRim(RIM_M[0] / 2, v), gapX);
+      if (row === 0) this.spring(onRim(u, -RIM_M[1] / 2), point(id, 0, -1), gapY);
+      if (row === ROWS - 1) this.spring(point(id, 0, 1), onRim(u, RIM_M[1] / 2), gapY);
     }
     brush.setTransform(this.perM, 0, 0, -this.perM, this.w / 2, this.h / 2);
   }
 
   // A coil seen from the side; its colour tells the strain: blue short, ember long. Drawn once for
   // each shade of strain and then stretched: sixty zigzags at each drawing are dear without a GPU.
-  spring([x0, y0], [x1, y1]) {
+  spring([x0, y0], [x1, y1], gap) {
     const { brush } = this;
     const long = Math.hypot(x1 - x0, y1 - y0);
-    const strain = Math.max(-1, Math.min(1, (long - SPRING_M) / 0.012));
+    const strain = Math.max(-1, Math.min(1, (long - gap) / (TAUT * gap)));
     const [ux, uy] = [(x1 - x0) / long, (y1 - y0) / long];
     const { perM, w, h } = this;
     brush.setTransform(perM * ux, -perM * uy, perM * uy, perM * ux, w / 2 + perM * x0, h / 2 - perM * y0);
@@ -223,9 +229,10 @@ export class TableDrawing {
     brush.fillRect(-half + 0.004, -half - 0.007, BLOCK_M, BLOCK_M);
     brush.rotate(state.yaw[id]);
     if (land) {
-      const tile = land.width / 5;
+      const tile = land.width / COLUMNS;
+      const [column, row] = place(id);
       brush.scale(1, -1);
-      brush.drawImage(land, (id % 5) * tile, (4 - Math.floor(id / 5)) * tile, tile, tile, -half, -half, BLOCK_M, BLOCK_M);
+      brush.drawImage(land, column * tile, (ROWS - 1 - row) * tile, tile, tile, -half, -half, BLOCK_M, BLOCK_M);
       brush.scale(1, -1);
     } else {
       brush.fillStyle = '#8b8a7c';
@@ -246,7 +253,7 @@ export class TableDrawing {
   drawLight(state, leds) {
     const { brush } = this;
     brush.globalCompositeOperation = 'lighter';
-    for (let id = 0; id < 25; id++) {
+    for (const id of IDS) {
       const level = leds[id] / 255;
       if (level <= 0.02) continue;
       brush.globalAlpha = level * 0.5;
@@ -282,7 +289,7 @@ export class TableDrawing {
       this.drawOrigin(state.x[block], state.y[block], begun.length > 1);
       if (calm.matches) continue;
       const t = (now - slips[0].at) / WAVE_MS;
-      if (t < 1) this.drawRing(state.x[block], state.y[block], BLOCK_M * (0.9 + 1.5 * t), 0.003, (1 - t) ** 2);
+      if (t < 1) this.drawRing(state.x[block], state.y[block], BLOCK_M * (0.9 + 1.5 * t), 0.003 * SIZE, (1 - t) ** 2);
     }
     brush.globalAlpha = 1;
   }
@@ -290,8 +297,8 @@ export class TableDrawing {
   drawOrigin(x, y, grown) {
     const { brush } = this;
     const alpha = brush.globalAlpha;
-    this.drawRing(x, y, 0.024, 0.013, alpha);
-    if (grown) this.drawRing(x, y, 0.056, 0.01, alpha);
+    this.drawRing(x, y, 0.024 * SIZE, 0.013 * SIZE, alpha);
+    if (grown) this.drawRing(x, y, 0.056 * SIZE, 0.01 * SIZE, alpha);
   }
 
   drawRing(x, y, radius, wide, alpha) {
@@ -307,19 +314,19 @@ export class TableDrawing {
     const [[x0, y0], [x1, y1]] = points.slice(-2);
     const long = Math.hypot(x1 - x0, y1 - y0) || 1;
     const [ux, uy] = [(x1 - x0) / long, (y1 - y0) / long];
-    const [tipX, tipY] = [x1 - 0.03 * ux, y1 - 0.03 * uy];
-    const [footX, footY] = [tipX - 0.045 * ux, tipY - 0.045 * uy];
+    const [tipX, tipY] = [x1 - 0.03 * SIZE * ux, y1 - 0.03 * SIZE * uy];
+    const [footX, footY] = [tipX - 0.045 * SIZE * ux, tipY - 0.045 * SIZE * uy];
     brush.lineJoin = 'round';
     brush.lineCap = 'butt';
     brush.beginPath();
     for (const [x, y] of points.slice(0, -1)) brush.lineTo(x, y);
     brush.lineTo(footX, footY);
-    this.strokeOnDark(0.012);
+    this.strokeOnDark(0.012 * SIZE);
     brush.beginPath();
     brush.moveTo(tipX, tipY);
-    for (const side of [1, -1]) brush.lineTo(footX - 0.028 * side * uy, footY + 0.028 * side * ux);
+    for (const side of [1, -1]) brush.lineTo(footX - 0.028 * SIZE * side * uy, footY + 0.028 * SIZE * side * ux);
     brush.closePath();
-    this.strokeOnDark(0.002);
+    this.strokeOnDark(0.002 * SIZE);
     brush.fill();
   }
 
@@ -327,7 +334,7 @@ export class TableDrawing {
   strokeOnDark(wide) {
     const { brush } = this;
     const hue = brush.strokeStyle;
-    brush.lineWidth = wide + 0.007;
+    brush.lineWidth = wide + 0.007 * SIZE;
     brush.strokeStyle = '#0b0d10';
     brush.stroke();
     brush.lineWidth = wide;
@@ -336,10 +343,10 @@ export class TableDrawing {
   }
 }
 
-function frame(brush, x, y, outer, inner) {
+function frame(brush, x, y, [ox, oy], [ix, iy]) {
   brush.beginPath();
-  brush.rect(x - outer, y - outer, 2 * outer, 2 * outer);
-  brush.rect(x + inner, y - inner, -2 * inner, 2 * inner);
+  brush.rect(x - ox, y - oy, 2 * ox, 2 * oy);
+  brush.rect(x + ix, y - iy, -2 * ix, 2 * iy);
   brush.fill('evenodd');
 }
 
@@ -356,16 +363,16 @@ function glowSprite() {
 }
 
 function coil(strain, perM) {
-  const [w, h] = [Math.max(Math.round(SPRING_M * perM), 8), Math.max(Math.round(2 * COIL_M * perM), 4)];
+  const [w, h] = [Math.max(Math.round(Math.max(...GAPS_M) * perM), 8), Math.max(Math.round(2 * COIL_M * perM), 4)];
   const picture = new OffscreenCanvas(w, h);
   const brush = picture.getContext('2d');
   const mix = (a, b) => Math.round(a + (b - a) * Math.abs(strain));
   brush.strokeStyle = strain > 0
     ? `rgb(${mix(150, 255)},${mix(154, 138)},${mix(150, 92)})`
     : `rgb(${mix(150, 110)},${mix(154, 190)},${mix(150, 220)})`;
-  brush.lineWidth = 0.0022 * perM;
+  brush.lineWidth = 0.0022 * SIZE * perM;
   const turns = 9;
-  const wide = 0.006 * perM;
+  const wide = 0.006 * SIZE * perM;
   brush.beginPath();
   brush.moveTo(0, h / 2);
   for (let i = 0; i <= 2 * turns; i++) {
@@ -378,18 +385,19 @@ function coil(strain, perM) {
 }
 
 // What stands still under everything: the platform on the dark floor.
-function platform(side, size) {
+function platform(side, [wide, deep]) {
   const canvas = new OffscreenCanvas(side, side);
   const brush = canvas.getContext('2d', { alpha: false });
   brush.fillStyle = '#060809';
   brush.fillRect(0, 0, side, side);
-  brush.drawImage(sandpaper(size), Math.round((side - size) / 2), Math.round((side - size) / 2));
+  brush.drawImage(sandpaper(wide, deep), Math.round((side - wide) / 2), Math.round((side - deep) / 2));
   return canvas;
 }
 
 // 120 grit: a dark ground with fine even grain, the same at each start.
-function sandpaper(size) {
-  const canvas = new OffscreenCanvas(Math.max(size, 1), Math.max(size, 1));
+function sandpaper(w, h) {
+  const size = Math.max(w, h);
+  const canvas = new OffscreenCanvas(Math.max(w, 1), Math.max(h, 1));
   const brush = canvas.getContext('2d');
   const tile = new OffscreenCanvas(128, 128);
   const pen = tile.getContext('2d');
@@ -402,14 +410,14 @@ function sandpaper(size) {
   }
   pen.putImageData(picture, 0, 0);
   brush.fillStyle = brush.createPattern(tile, 'repeat');
-  brush.fillRect(0, 0, size, size);
-  const dim = brush.createRadialGradient(size / 2, size / 2, size * 0.2, size / 2, size / 2, size * 0.75);
+  brush.fillRect(0, 0, w, h);
+  const dim = brush.createRadialGradient(w / 2, h / 2, size * 0.2, w / 2, h / 2, size * 0.75);
   dim.addColorStop(0, 'rgba(0,0,0,0)');
   dim.addColorStop(1, 'rgba(0,0,0,.62)');
   brush.fillStyle = dim;
-  brush.fillRect(0, 0, size, size);
+  brush.fillRect(0, 0, w, h);
   brush.strokeStyle = '#3a3d3c';
   brush.lineWidth = 1.5;
-  brush.strokeRect(1, 1, size - 2, size - 2);
+  brush.strokeRect(1, 1, w - 2, h - 2);
   return canvas;
 }

@@ -140,10 +140,10 @@ async function replay() {
   const [{ REST, TableDrawing }, { land }] = await Promise.all([import('./tabledraw.js'), import('./terrain.js')]);
   const drawing = (window.eol.replay = new TableDrawing(box.firstChild));
   drawing.resize();
-  land(Math.round(0.09 * drawing.perM)).then((picture) => drawing.setLand(picture), () => {});
+  land(drawing.tile).then((picture) => drawing.setLand(picture), () => {});
   drawing.paths.replay(blocks, performance.now());
   const draw = (now) => {
-    drawing.draw(now, REST, new Uint8Array(25));
+    drawing.draw(now, REST, REST.moving);
     box.hidden = !drawing.paths.cascades.length;
     if (!box.hidden) requestAnimationFrame(draw);
   };
