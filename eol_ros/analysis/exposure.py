@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eol_ros.analysis.bag import Bag
+from eol_ros.analysis.recorded_settings import recorded_table
 
 STEP_S = 0.5
 SEEN = {'truth': 'the rim', 'blocks': 'the mean of the blocks'}  # the first that is there
@@ -61,4 +62,6 @@ def _path(bag: Bag, topic: str) -> tuple[np.ndarray, np.ndarray]:
     at_s = (table['stamp'].astype('i8') - bag.start_ns) * 1e-9
     if topic == 'truth':
         return at_s, np.stack([table['rim_x'], table['rim_y']], axis=1)
-    return at_s, np.stack([table['blocks'][axis].mean(axis=1) for axis in ('x', 'y')], axis=1)
+    ids = recorded_table(bag).ids
+    middle = [table['blocks'][axis].take(ids, axis=1).mean(axis=1) for axis in ('x', 'y')]
+    return at_s, np.stack(middle, axis=1)

@@ -13,7 +13,7 @@ import numpy as np
 
 from eol_ros.errors import ConfigError
 
-HELP = 'Follow the 25 blocks through a .npy stack, a video, a folder of images or a bag.'
+HELP = 'Follow the blocks through a .npy stack, a video, a folder of images or a bag.'
 EXAMPLES = [
     'eol track images.npy --fps 60 --output answer.npz --json',
     'eol track film.mp4 --calibration table.yaml --output answer.npz',
@@ -26,9 +26,14 @@ SLIP = [
     ('speed_mps', 'f8'), ('x', 'f8'), ('y', 'f8'), ('cascade', 'u4'), ('tapped', '?'),
 ]  # fmt: skip
 CASCADE = [
-    ('cascade', 'u4'), ('onset_s', 'f8'), ('duration_s', 'f8'), ('nucleus', 'u1'), ('area', 'u1'),
-    ('size', 'u2'), ('distance_m', 'f8'), ('blocks', '?', 25),
-]  # fmt: skip
+    ('cascade', 'u4'),
+    ('onset_s', 'f8'),
+    ('duration_s', 'f8'),
+    ('nucleus', 'u1'),
+    ('area', 'u1'),
+    ('size', 'u2'),
+    ('distance_m', 'f8'),
+]  # and `blocks`: of each place of the table whether its block slipped
 
 
 def add_arguments(parser):
@@ -55,6 +60,7 @@ def add_arguments(parser):
 
 def run(args) -> int:
     """Track, write, tell."""
+    from eol_ros.analysis.recorded_settings import recorded_table
     from eol_ros.core.motion.felt import Knock
     from eol_ros.core.motion.motion import Motion
     from eol_ros.core.vision.states import TRACKING
@@ -67,6 +73,7 @@ def run(args) -> int:
     if args.output and not Path(args.output).absolute().parent.is_dir():
         raise ConfigError(f'{args.output}: there is no such folder')
     calibration = _calibration(args.calibration, args.mirror)
+    table = recorded_table(source)  # the default where the images are of no bag
     tracker = Tracker(TrackerSettings(mirror=args.mirror), calibration)
     tracker.warm_up()
     motion = Motion(MotionSettings())
@@ -89,7 +96,7 @@ def run(args) -> int:
         seen = tracked.seen & (tracked.state == TRACKING)
         events.add(*motion.update(stamp_s, x, y, seen, tracked.sigma_m))
         if args.overlay:
-            overlay = overlay or _overlay(args.overlay, source.fps, image)
+            overlay = overlay or _overlay(args.overlay, source.fps, image, table)
             overlay.add(
                 image, tracked, motion.detector.moving, tracker.side_px(),
                 tracker.image_angles(tracked),
@@ -121,10 +128,10 @@ def _check_size(tracker, image, path) -> None:
         raise ConfigError(f'{path}: {error}') from None
 
 
-def _overlay(path, fps, image):
+def _overlay(path, fps, image, table):
     from eol_ros.devices.camera.overlay import Overlay
 
-    return Overlay(path, fps, image.shape)
+    return Overlay(path, fps, image.shape, table)
 
 
 def _summary(rows: list, spent: list, answer: dict) -> dict:
@@ -246,9 +253,10 @@ def _answer(rows: list, slips: list, cascades: list, height_m: float) -> dict:
     px = np.array([r.px for r in rows])
     world = np.array([r.world for r in rows])
     table = np.array(sorted(slips, key=lambda row: (row[2], row[1])), SLIP)
-    falls = np.zeros(len(cascades), CASCADE)
+    cells = seen.shape[1]
+    falls = np.zeros(len(cascades), [*CASCADE, ('blocks', '?', cells)])
     for k, c in enumerate(cascades):
-        blocks = np.isin(np.arange(25), c.blocks)
+        blocks = np.isin(np.arange(cells), c.blocks)
         falls[k] = (
             c.cascade, c.onset_s, c.duration_s, c.nucleus, c.area, c.size, c.distance_m, blocks,
         )  # fmt: skip

@@ -3,17 +3,18 @@
 
 import csv
 import json
+import math
 import re
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from eol_msgs.msg import BlockTap, Cascade, GrainTrigger, LedCommand, Slip
+from eol_msgs.msg import Block, Blocks, BlockTap, Cascade, GrainTrigger, LedCommand, Slip
 from rclpy.serialization import serialize_message
 from support.bag_samples import T0, bag_of
 
 from eol_ros import cli
-from eol_ros.analysis import catalogue_file, figures, report, series
+from eol_ros.analysis import catalogue_file, exposure, figures, report, series
 from eol_ros.analysis.bag import open_bag
 from eol_ros.core.science import powerlaw
 from eol_ros.devices.bag.mcap_file import BagTopic
@@ -284,3 +285,17 @@ def test_csv_and_mistakes(big, tmp_path, capsys):
         got = cli.main(['report', *words])
         said = capsys.readouterr()
         assert (got, said.out, said.err.count('\n')) == (code, '', 1), (words, said)
+
+
+def test_exposure_is_of_the_blocks_that_there_are(tmp_path):
+    """They move by 10 mm in each half second; nothing is known of a place without a block."""
+    messages = []
+    for k in range(11):
+        places = [0.01 * k + (math.nan if block == 1 else 0.1) for block in range(6)]
+        told = Blocks(blocks=[Block(id=i, x=x, y=x - x) for i, x in enumerate(places)])
+        told.header.stamp = to_msg(T0 + k * 500_000_000)
+        messages.append(('blocks', told, 0.5 * k))
+    settings = 'table: {rows: 2, columns: 3, absent: [1]}'
+    moved = exposure.of(bag_of(tmp_path / 'run', messages, settings=settings))
+
+    assert moved.path_m == pytest.approx(0.1) and moved.moving_s == pytest.approx(5.0)

@@ -9,9 +9,12 @@ from support.definitions import HEADER, IMAGE
 from eol_ros import cli
 from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.motion.motion import Motion
+from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
-from eol_ros.core.vision.tracker import Tracker
+from eol_ros.core.vision.states import TRACKING
+from eol_ros.core.vision.tracker import Tracked, Tracker
+from eol_ros.devices.camera import overlay
 from eol_ros.devices.files import calibration_file
 from eol_ros.settings import MotionSettings, TrackerSettings
 
@@ -378,3 +381,16 @@ def test_a_bag_is_tracked_by_its_own_stamps(stack, tmp_path, capsys, encoding):
     for k, (stamp, image) in enumerate(zip(stamps, images, strict=True)):
         tracked = tracker.update(stamp * 1e-9, image)
         assert tracked.px.tobytes() == found['px'][k].tobytes()
+
+
+def test_the_overlay_draws_the_blocks_that_there_are():
+    ring = Table(absent=(6, 7, 8, 11, 12, 13, 16, 17, 18))
+    camera, every = Calibration.ideal(), np.ones(25)
+    tracked = Tracked(
+        0.0, camera.to_pixels(ring.rest), 0 * every, ring.rest, every > 0, every, every, TRACKING,
+        False,
+    )  # fmt: skip
+    picture = overlay.draw(np.zeros((800, 1280)), tracked, every < 0, 40.0, 0 * every, ring)
+    for block, (u, v) in enumerate(np.round(tracked.px).astype(int)):
+        drawn = picture[v - 30 : v + 30, u - 30 : u + 30].any()
+        assert drawn == ring.present[block]

@@ -28,7 +28,7 @@ class ImageSource:
 
     count: how many to expect, 0 where unknown. notes: what went wrong on the way, one line each,
     known when all are read. taps: (stamp_s, block, sigma_s) of the blocks' accelerometers, from a
-    bag.
+    bag. about: what a bag says of itself, such as its scene.
     """
 
     name: str
@@ -37,6 +37,7 @@ class ImageSource:
     _images: Any
     notes: list[str] = field(default_factory=list)
     taps: list[tuple[float, int, float]] = field(default_factory=list)
+    about: dict[str, str] = field(default_factory=dict)
 
     def read(self) -> Iterator[tuple[float, np.ndarray]]:
         """Yield the images; call once."""
@@ -277,7 +278,7 @@ def _bag(path: Path) -> ImageSource:
             source.notes.append(f'{odd} images whose stamps fall back or jump ahead are left out')
         source.notes += bag.cut_short
 
-    source = ImageSource(str(path), 0.0, bag.counts[topic], images)
+    source = ImageSource(str(path), 0.0, bag.counts[topic], images, about=bag.about)
     try:
         taps = bag.own(TAPS_TOPIC)
     except ConfigError:

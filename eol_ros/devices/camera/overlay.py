@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS
+from eol_ros.core.table import Table
 from eol_ros.core.vision.states import STATES, TRACKING
 from eol_ros.core.vision.tracker import Tracked
 from eol_ros.devices.files import picture_file
@@ -20,8 +20,8 @@ FINE = 4  # bits of sub-pixel that OpenCV draws with
 class Overlay:
     """Draws and writes; the ending of `path` says video (.mp4, .avi) or image (.png, .jpg)."""
 
-    def __init__(self, path: str, fps: float, shape: tuple[int, ...]):
-        self.path = path
+    def __init__(self, path: str, fps: float, shape: tuple[int, ...], table: Table):
+        self.path, self._table = path, table
         ending = Path(path).suffix.lower()
         self.film = None
         self.last: np.ndarray | None = None
@@ -43,11 +43,11 @@ class Overlay:
         side_px: float,
         theta: np.ndarray,
     ) -> None:
-        """Take one image (h, w) uint8 and what was made of it; moving (25,) bool.
+        """Take one image (h, w) uint8 and what was made of it; moving (cells,) bool.
 
-        theta: (25,) angle of each block in the image, counter-clockwise.
+        theta: (cells,) angle of each block in the image, counter-clockwise.
         """
-        self.last = draw(image, tracked, moving, side_px, theta)
+        self.last = draw(image, tracked, moving, side_px, theta, self._table)
         if self.film is not None:
             self.film.write(self.last)
 
@@ -60,13 +60,18 @@ class Overlay:
 
 
 def draw(
-    image: np.ndarray, tracked: Tracked, moving: np.ndarray, side_px: float, theta: np.ndarray
+    image: np.ndarray,
+    tracked: Tracked,
+    moving: np.ndarray,
+    side_px: float,
+    theta: np.ndarray,
+    table: Table,
 ) -> np.ndarray:
     """Return `image` in colour with squares, ids and state on it."""
     # Darker than the original, so that what is drawn stands out from the lit covers.
     picture = cv2.cvtColor((image * np.float32(0.6)).astype(np.uint8), cv2.COLOR_GRAY2BGR)
-    half = side_px / 2 if side_px > 0 else 545.0 * BLOCK_SIDE_M / 2
-    for block in range(N_BLOCKS):
+    half = side_px / 2 if side_px > 0 else 545.0 * table.block_side_m / 2
+    for block in table.ids.tolist():
         u, v = tracked.px[block]
         if not np.isfinite(u):
             continue
@@ -82,7 +87,7 @@ def draw(
     if tracked.symmetry_ambiguous and tracked.state == TRACKING:
         words += ', turn open'
     count = int(tracked.seen.sum())
-    words = f'{tracked.stamp_s:9.3f} s  {words}  {count}/25'
+    words = f'{tracked.stamp_s:9.3f} s  {words}  {count}/{table.count}'
     picture_file.write_text(picture, words, (12, 26), TEXT)
     if tracked.why:
         picture_file.write_text(picture, tracked.why, (12, 52), TEXT)

@@ -46,7 +46,7 @@ class TrackerFiles:
     """
 
     def __init__(self, settings: TrackerSettings, table: Table, keep: bool = True):
-        self.settings, self._writes, self._count = settings, keep, table.count
+        self.settings, self._writes, self._blocks = settings, keep, table.count
         self.calibration, self.lamps = calibration_of(settings, table), b''
         if settings.background and Path(settings.background).exists():
             from eol_ros.devices.files import background_file
@@ -93,7 +93,7 @@ class TrackerFiles:
         good = tracked.state == TRACKING
         text: str = _troubled(tracked)
         if good:
-            text = said('seen', seen=int(tracked.seen.sum()), all=self._count)
+            text = said('seen', seen=int(tracked.seen.sum()), all=self._blocks)
             if tracked.symmetry_ambiguous:
                 good = False
                 text = said('ambiguous')
