@@ -3,7 +3,7 @@
 
 import dataclasses
 import functools
-from typing import Any
+from typing import Any, Protocol
 
 import yaml
 
@@ -13,7 +13,14 @@ from eol_ros.settings import by_today
 from eol_ros.streams.graph import NODES
 
 
-def recorded_table(bag: Bag) -> Table:
+class Described(Protocol):
+    """A bag, or images of one: `about` is what it says of its run."""
+
+    @property
+    def about(self) -> dict[str, str]: ...
+
+
+def recorded_table(bag: Described) -> Table:
     """Return the table that a bag was recorded at; the default where the bag does not say."""
     return _table_in(bag.about.get('settings', ''))
 

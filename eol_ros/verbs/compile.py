@@ -161,16 +161,16 @@ def _twin():
 def _tracker():
     import numpy as np
 
-    from eol_ros.core.geometry import N_BLOCKS, rest_lattice
+    from eol_ros.core.table import Table
     from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
     from eol_ros.core.vision.tracker import Tracker
     from eol_ros.settings import TrackerSettings
 
     tracker = Tracker(TrackerSettings(), None)
     tracker.warm_up()
-    renderer, (x, y) = Renderer(RenderOptions(), None, 0), rest_lattice().T
+    renderer, (x, y) = Renderer(RenderOptions(), None, 0), Table().rest.T
     for k in range(30):  # it calibrates itself
-        tracker.update(k / 60, renderer.render(x, y, np.zeros(N_BLOCKS), k))
+        tracker.update(k / 60, renderer.render(x, y, np.zeros(len(x)), k))
 
 
 def _sound():

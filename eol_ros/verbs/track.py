@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from eol_ros import scene as scenes
 from eol_ros.errors import ConfigError
 
 HELP = 'Follow the blocks through a .npy stack, a video, a folder of images or a bag.'
@@ -53,6 +54,9 @@ def add_arguments(parser):
         '--mirror', action='store_true',
         help='the camera sees the table in a mirror; a calibration file says it by itself',
     )  # fmt: skip
+    parser.add_argument(
+        '--scene', metavar='SCENE', help='whose table it is (default: of the bag or calibration)'
+    )
     parser.add_argument('-o', '--output', metavar='ANS.npz', help='where the answer goes')
     parser.add_argument('--overlay', metavar='OUT.mp4', help='video, or image, with what was seen')
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
@@ -63,6 +67,7 @@ def run(args) -> int:
     from eol_ros.analysis.recorded_settings import recorded_table
     from eol_ros.core.motion.felt import Knock
     from eol_ros.core.motion.motion import Motion
+    from eol_ros.core.table import Table
     from eol_ros.core.vision.states import TRACKING
     from eol_ros.core.vision.tracker import Tracker
     from eol_ros.devices.camera.image_sequence import open_source
@@ -72,11 +77,14 @@ def run(args) -> int:
     source = open_source(args.frames, args.fps, args.stamps)
     if args.output and not Path(args.output).absolute().parent.is_dir():
         raise ConfigError(f'{args.output}: there is no such folder')
-    calibration = _calibration(args.calibration, args.mirror)
-    table = recorded_table(source)  # the default where the images are of no bag
-    tracker = Tracker(TrackerSettings(mirror=args.mirror), calibration)
+    table = Table.of(scenes.load(args.scene).table) if args.scene else None
+    if table is None and source.about:
+        table = recorded_table(source)
+    calibration = _calibration(args.calibration, args.mirror, table)
+    tracker = Tracker(TrackerSettings(mirror=args.mirror), calibration, table)
+    table = tracker.table
     tracker.warm_up()
-    motion = Motion(MotionSettings())
+    motion = Motion(MotionSettings(), table)
     for tap in source.taps:
         tracker.tap(*tap)
         motion.tap(Knock(round(tap[0] * 1e9), *tap[1:]))
@@ -204,12 +212,12 @@ def _say(stamp_s: float, text: str) -> None:
     print(f'{stamp_s:.3f} s: {text}', file=sys.stderr)
 
 
-def _calibration(path, mirror):
+def _calibration(path, mirror, table):
     if not path:
         return None
     from eol_ros.devices.files import calibration_file
 
-    return calibration_file.load(path, mirror)
+    return calibration_file.load(path, mirror, table)
 
 
 class _Events:

@@ -55,8 +55,8 @@ class _Cascade:
 class Cascades:
     """Gathers slip events into cascades; numbers count up from 1."""
 
-    def __init__(self, settings: MotionSettings, table: Table | None = None):
-        self.settings, table = settings, table or Table()
+    def __init__(self, settings: MotionSettings, table: Table = Table()):
+        self.settings = settings
         self._touching = {
             block: {block, *table.neighbours(block, diagonal=True)} for block in table.ids.tolist()
         }

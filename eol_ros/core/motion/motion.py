@@ -73,8 +73,8 @@ class Motion:
     0.02
     """
 
-    def __init__(self, settings: MotionSettings, table: Table | None = None):
-        self.table = table or Table()
+    def __init__(self, settings: MotionSettings, table: Table = Table()):
+        self.table = table
         self.detector = SlipDetector(settings, self.table)
         self.cascades = Cascades(settings, self.table)
         self.felt = Felt(settings.tap_probability)

@@ -58,8 +58,8 @@ class SlipDetector:
     `slips` (n,) SLIP: the newest slip of each block.
     """
 
-    def __init__(self, settings: MotionSettings, table: Table | None = None):
-        self.settings, self.table = settings, table or Table()
+    def __init__(self, settings: MotionSettings, table: Table = Table()):
+        self.settings, self.table = settings, table
         self.count = 0  # slips so far
         self._reset(ACCELERATION_MPS2)
 
