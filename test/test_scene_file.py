@@ -36,7 +36,8 @@ def test_shipped_scenes_are_right(name):
 
     assert scene.name == name
     assert list(scene.nodes) == [n for n in NODES if n in scene.nodes]  # in data order
-    pictures = {'rehearsal': 'around_slips', 'soft': 'around_slips', 'museum': 'preview'}
+    pictures = dict.fromkeys(('rehearsal', 'soft', 'small', 'wide', 'ring'), 'around_slips')
+    pictures['museum'] = 'preview'
     assert scene.nodes['recorder'].images == pictures.get(name, 'none')
     if 'twin' in scene.nodes:  # its visitors never leave
         assert scene.nodes['recorder'].images_max_gb <= 2 or name not in pictures
@@ -210,6 +211,37 @@ def test_machines_that_make_no_graph(tmp_path, right, wrong, what):
 def test_the_node_machine_needs_machines(tmp_path):
     path = write(tmp_path, 'nodes: {twin: {}, machine: {}}')
     assert mistakes(path)[0][3] == 'runs where the scene has `machines`'
+
+
+@pytest.mark.parametrize(
+    ('table', 'where', 'told'),
+    [
+        ('{rows: 1}', 'table.rows', '2 to 15'),
+        ('{columns: 16}', 'table.columns', '2 to 15'),
+        ('{rows: 3.5}', 'table.rows', 'whole number'),
+        ('{block_side_m: 84}', 'table.block_side_m', '0.02 to 0.5'),
+        ('{platform_m: [0.9, 1.4]}', 'table.platform_m', '0.988 m wide outside'),
+        ('{platform_m: [1.4]}', 'table.platform_m', 'width and depth'),
+        ('{absent: [25]}', 'table.absent', 'ids 0 to 24'),
+        ('{rows: 2, columns: 2, absent: [0]}', 'table.absent', 'at least 4'),
+        ('{gap_m: 0.05}', 'twin.spring_natural_m', 'below table.gap_m, the 0.05 m'),
+        ('{gap_y_m: 0.05}', 'twin.spring_natural_m', 'below table.gap_m, the 0.05 m'),
+        ('[5, 5]', 'table', 'mapping'),
+        ('{row: 5}', 'table.row', 'rows'),
+    ],
+)
+def test_a_table_that_cannot_stand_is_told_where_it_is_written(tmp_path, table, where, told):
+    text = f'nodes: {{twin: {{}}, tracker: {{}}}}\ntable: {table}\n'
+    ((line, _, at, what),) = mistakes(write(tmp_path, text))
+    assert (line, at) == (2, where) and told in what
+
+
+def test_a_table_is_merged_with_that_of_an_included_scene(tmp_path):
+    write(tmp_path, 'nodes: {twin: {}}\ntable: {rows: 3, absent: [0]}\n', 'base.yaml')
+    scene = scenes.load(write(tmp_path, 'include: base.yaml\ntable: {columns: 4}\n'))
+    assert (scene.table.rows, scene.table.columns, scene.table.absent) == (3, 4, (0,))
+    again = scenes.load(write(tmp_path, yaml.safe_dump(scenes.plain(scene)), 'again.yaml'))
+    assert again.table == scene.table
 
 
 @pytest.mark.parametrize('text', ['north', '/north', 'museum/_left2'])

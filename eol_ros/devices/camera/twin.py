@@ -41,7 +41,7 @@ class TwinCamera:
             s.noise, s.clutter, exposure_s=s.exposure_us * 1e-6, rate_hz=s.fps
         )  # fmt: skip
         camera = twin_camera(s, self._table)
-        self._renderer = Renderer(options, camera, s.seed, table=self._table)
+        self._renderer = Renderer(options, camera, s.seed)
         self._index = 0
         self._draw()
         self._begun_ns = time.monotonic_ns()

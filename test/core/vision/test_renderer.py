@@ -124,7 +124,7 @@ def test_unknown_levels_are_named():
 )
 @pytest.mark.parametrize('velocity', [False, True])
 def test_it_draws_the_blocks_of_a_table_and_nothing_where_none_is(table, velocity):
-    renderer = Renderer(RenderOptions(noise='none'), table=table)
+    renderer = Renderer(RenderOptions(noise='none'), Calibration.ideal(px_per_m=545.0, table=table))
     x, y = table.rest.T
     rates = np.full((table.cells, 3), 0.2) if velocity else None
     white = 1.0 * ~table.present  # of no block
@@ -133,11 +133,15 @@ def test_it_draws_the_blocks_of_a_table_and_nothing_where_none_is(table, velocit
     side_px = table.block_side_m * renderer.calibration.px_per_m()
     assert light == pytest.approx(170 * table.count * side_px**2, rel=2e-3)
     for level in LEVELS:
-        shown = Renderer(RenderOptions(clutter=level), table=table)
+        shown = Renderer(
+            RenderOptions(clutter=level), Calibration.ideal(px_per_m=545.0, table=table)
+        )
         shown.render(x, y, 0 * x, 3)
         assert shown.visible_share(x, y, 0 * x, 3).shape == (table.cells,)
 
 
 def test_lamps_beside_the_platform_need_floor_in_the_image():
     wide = Table(platform_m=(2.4, 1.6))
-    assert Renderer(RenderOptions(clutter='glittering'), table=wide).light.shape == (800, 1280)
+    assert Renderer(
+        RenderOptions(clutter='glittering'), Calibration.ideal(table=wide)
+    ).light.shape == (800, 1280)

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eol_ros.core import elementary
-from eol_ros.core.table import Table
 from eol_ros.core.vision import outline
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render import kernels
@@ -87,9 +86,7 @@ class Renderer:
     seed : int
         Of noise and clutter.
     n_blocks : int, optional
-        How many blocks it draws; all places of `table` that have one where it is not given.
-    table : Table
-        Sizes of blocks and platform, and which places have a block.
+        How many blocks it draws; if not given, those of the table of `calibration`.
 
     Raises
     ------
@@ -109,7 +106,6 @@ class Renderer:
         calibration: Calibration | None = None,
         seed: int = 0,
         n_blocks: int | None = None,
-        table: Table = Table(),
     ):
         self.options = options = options or RenderOptions()
         self.calibration = calibration or Calibration.ideal()
@@ -119,7 +115,7 @@ class Renderer:
                     f'{name} {getattr(options, name)!r} is not one of {", ".join(levels)}'
                 )
         self.seed = int(seed)
-        self.table = table
+        self.table = table = self.calibration.table
         self._present = table.present if n_blocks is None else np.ones(n_blocks, bool)
         self.n_blocks = n_blocks = len(self._present)
         self.clutter = Clutter(
