@@ -288,7 +288,7 @@ def test_light_blocks_on_stiff_springs_do_not_stop_in_their_motion():
 RING = Table(absent=(6, 7, 8, 11, 12, 13, 16, 17, 18))
 TABLES = {
     '3x4': Table(rows=3, columns=4), 'ring': RING,
-    'uneven': Table(rows=2, columns=6, block_side_m=0.06, gap_y_m=0.05, absent=(0, 8)),
+    'uneven': Table(rows=2, columns=6, block_side_m=0.06, gap_y_m=0.07, absent=(0, 8)),
 }  # fmt: skip
 
 
