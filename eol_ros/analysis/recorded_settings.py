@@ -22,11 +22,12 @@ class Described(Protocol):
 
 def recorded_table(bag: Described) -> Table:
     """Return the table that a bag was recorded at; the default where the bag does not say."""
-    return _table_in(bag.about.get('settings', ''))
+    return table_in(bag.about.get('settings', ''))
 
 
 @functools.lru_cache(8)
-def _table_in(settings: str) -> Table:
+def table_in(settings: str) -> Table:
+    """Return the table of a scene as a bag holds it; the default where it does not say."""
     try:
         return Table.parsed(yaml.safe_load(settings)['table'])
     except (AttributeError, KeyError, TypeError, yaml.YAMLError):

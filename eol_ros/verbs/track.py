@@ -64,7 +64,7 @@ def add_arguments(parser):
 
 def run(args) -> int:
     """Track, write, tell."""
-    from eol_ros.analysis.recorded_settings import recorded_table
+    from eol_ros.analysis.recorded_settings import table_in
     from eol_ros.core.motion.felt import Knock
     from eol_ros.core.motion.motion import Motion
     from eol_ros.core.table import Table
@@ -79,7 +79,7 @@ def run(args) -> int:
         raise ConfigError(f'{args.output}: there is no such folder')
     table = Table.of(scenes.load(args.scene).table) if args.scene else None
     if table is None and source.about:
-        table = recorded_table(source)
+        table = table_in(source.about.get('settings', ''))
     calibration = _calibration(args.calibration, args.mirror, table)
     tracker = Tracker(TrackerSettings(mirror=args.mirror), calibration, table)
     table = tracker.table

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Words in the reader's language: flat JSON files, the same keys in each.
 
+import { COUNT } from './lattice.js';
+
 export const LANGUAGES = { en: 'English', 'zh-Hant': '中文' };
 let words = {};
 
@@ -27,10 +29,10 @@ export function descriptor(name) {
   return words[`descriptor_${name}`] ?? name.replaceAll('_', ' ');
 }
 
-// The words of a key, its {places} filled.
+// The words of a key, its {places} filled; {blocks} are those of the table unless it says others.
 export function say(key, places = {}) {
   const text = words[key] ?? key;
-  return text.replace(/\{(\w+)\}/g, (_, name) => places[name] ?? '');
+  return text.replace(/\{(\w+)\}/g, (_, name) => ({ blocks: COUNT, ...places })[name] ?? '');
 }
 
 // What a node says of itself, or answers: each clause in the reader's language where it has a code that

@@ -20,7 +20,7 @@ export function part(block) {
 // A cascade in words; `nucleus` is the block in which it began.
 export function caption(area, nucleus) {
   const size = area < 2 ? 'slip' : area < RUPTURE ? 'cascade' : 'rupture';
-  return say(`caption_${size}`, { area, blocks: COUNT, where: say(`where_${part(nucleus)}`) });
+  return say(`caption_${size}`, { area, where: say(`where_${part(nucleus)}`) });
 }
 
 export class Modes {
