@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from support import needs
 from support.chromium import complaints, picture, press, run, until_page, visit
+from support.waiting import wait_until
 
 from eol_ros.core import terrain
 from eol_ros.core.geometry import PLATFORM_SIDE_M, rest_lattice
@@ -36,6 +37,7 @@ def table(serve, browser):
     server = serve()
     server.routes.documents['terrain'] = (terrain.landscape(1) * 65535).astype('<u2').tobytes()
     visit(browser, f'http://127.0.0.1:{server.port}', '/table')
+    wait_until(lambda: 'truth' in server.hub.demand)
     pose = np.concatenate([CENTRES.T, np.zeros((1, 25))])
     server.hub.put('truth', wire.truth(1.0, (0.0, 0.0, 0.0), pose, np.zeros(25, bool)))
     until_page(browser, 'eol.state() && eol.drawing.land')
