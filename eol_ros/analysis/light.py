@@ -68,8 +68,8 @@ def shown(bag: Bag, commands: Messages) -> tuple[np.ndarray, np.ndarray]:
     if len(white) and white.shape[1:] != (cells,):
         found = next(len(levels) for levels in white if len(levels) != cells)
         raise ConfigError(
-            f'{bag.path}: led_commands: a message has {found} levels of light, the table of the '
-            f'bag {cells} places'
+            f'{bag.path}: led_commands: a message has {found} levels of light, the table of its '
+            f'scene {cells} places: these messages are of another table'
         )
     caused, sent = commands['stamp'].astype('i8'), commands['sent'].astype('i8')
     at_s = (np.where(caused > 0, caused, sent) - bag.start_ns) * 1e-9

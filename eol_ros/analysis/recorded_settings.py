@@ -3,7 +3,7 @@
 
 import dataclasses
 import functools
-from typing import Any, Protocol
+from typing import Any
 
 import yaml
 
@@ -13,14 +13,7 @@ from eol_ros.settings import by_today
 from eol_ros.streams.graph import NODES
 
 
-class Described(Protocol):
-    """A bag, or images of one: `about` is what it says of its run."""
-
-    @property
-    def about(self) -> dict[str, str]: ...
-
-
-def recorded_table(bag: Described) -> Table:
+def recorded_table(bag: Bag) -> Table:
     """Return the table that a bag was recorded at; the default where the bag does not say."""
     return table_in(bag.about.get('settings', ''))
 

@@ -146,7 +146,7 @@ def test_light_of_another_table_than_the_bag_says_is_named(tmp_path):
     settings = 'table: {rows: 3, columns: 4}'
     bag = bag_of(tmp_path / 'run', [packet(0.0), packet(1.0)], settings=settings)
 
-    with pytest.raises(ConfigError, match='a message has 25 levels of light.* 12 places'):
+    with pytest.raises(ConfigError, match='a message has 25 levels of light.* 12 places: '):
         light.measured(bag)
 
 
