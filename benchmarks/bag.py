@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from support.paper import N_BLOCKS
 
 from benchmarks.machine import tell
 from eol_ros.analysis.bag import BATCH, Bag, open_bag
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.motion import NumberedSlip
 from eol_ros.core.motion.slips import START, SlipEvent
 from eol_ros.core.sound.triggers import TRIGGER

@@ -8,9 +8,9 @@ import dataclasses
 import time
 
 import numpy as np
+from support.paper import rest_lattice
 from support.sound_reference import reference, score, snr_db
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.physics.twin.hands import Frame, keep_within
 from eol_ros.core.physics.twin.play import Play
 from eol_ros.core.sound.bank import Bank

@@ -24,12 +24,12 @@ from typing import Any
 
 import numpy as np
 from support.fields_of_view import fields, most_in_a_second
+from support.paper import COLS, N_BLOCKS, ROWS, rest_lattice
 
 from benchmarks.machine import tell
 from eol_ros.analysis import light, open_bag
 from eol_ros.analysis.bag import Bag
 from eol_ros.analysis.recorded_settings import recorded_settings
-from eol_ros.core.geometry import COLS, N_BLOCKS, ROWS, rest_lattice
 from eol_ros.core.light.flash import FlashField
 from eol_ros.core.light.frames import FELT_NS
 from eol_ros.core.light.local import BLOCK_FALLS, PERIOD_S, SQUARE_FALLS, LocalField, squares

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from support.paper import rest_lattice
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.mixer import Mixer

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
+from support.paper import rest_lattice
 
 from benchmarks import method_parts, plots
 from benchmarks.machine import tell
 from benchmarks.method_parts import Curve, milliseconds, rms
 from eol_ros.core.clock_sync import ClockSync
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.motion import onset
 from eol_ros.core.played_clock import PlayedClock
 from eol_ros.core.science import powerlaw

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from support.paper import N_BLOCKS, rest_lattice
 
 from benchmarks import plots
 from benchmarks.machine import tell
-from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.settings import MotionSettings
 
 HELP = 'Slips: onset error, latency, precision, recall, false alarms, at 60 and 120 images/s.'

@@ -23,12 +23,12 @@ import sys
 from typing import Any
 
 import numpy as np
+from support.paper import N_BLOCKS
 from support.true_slips import FPS, NEAR_S, Slip, Twin, compare
 
 from benchmarks import held_out
 from benchmarks.twin_slips import LEARN_S, NOISE_M, TAIL_S, TrueSlip
 from benchmarks.twin_slips import compare as compare_images
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.felt import CONFIRMED, PROVISIONAL, RETRACTED, FeltSlip, Knock
 from eol_ros.core.motion.motion import Motion, NumberedSlip
 from eol_ros.core.motion.slips import START

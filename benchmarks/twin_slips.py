@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from support.paper import N_BLOCKS
 from support.true_slips import wilson
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.noise import exceedance
 from eol_ros.core.motion.slips import START, SlipDetector
 from eol_ros.core.physics.twin.live import Coupling

@@ -16,12 +16,12 @@ from typing import Any
 import cv2
 import numpy as np
 from scipy import stats
+from support.paper import N_BLOCKS
 from support.relief import films
 
 from benchmarks.vision_hard import FlatLight, HardTally, ReliefLight
 from benchmarks.vision_peers import timed
 from benchmarks.vision_scenes import RATE_HZ, number
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.motion import Motion
 from eol_ros.core.motion.slips import START
 from eol_ros.core.vision.render import kernels

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
+from support.paper import N_BLOCKS
 from support.relief import films
 from support.relief.path_tracer import PSF_PX
 
 from benchmarks import vision_peers
 from benchmarks.vision_peers import match, timed, tuned
 from benchmarks.vision_scenes import OURS, RATE_HZ, Film, Tally, number, track_image
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render import kernels
 from eol_ros.core.vision.render.clutter import LEVELS, Clutter

@@ -8,10 +8,10 @@ what its place then does is the tracker's own.
 from pathlib import Path
 
 import numpy as np
+from support.paper import N_BLOCKS, PLATFORM_SIDE_M
 from support.relief import films
 from support.relief.films import SKIRT_M, calibration, covers
 
-from eol_ros.core.geometry import N_BLOCKS, PLATFORM_SIDE_M
 from eol_ros.core.vision.calibration.calibrate import from_images
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.tracker import Tracker

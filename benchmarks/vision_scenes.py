@@ -4,10 +4,10 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from support.paper import rest_lattice
 
 from benchmarks import vision_peers
 from benchmarks.vision_peers import errors, match, timed, tuned
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions

@@ -10,9 +10,9 @@ import random
 
 import numpy as np
 import pytest
+from support.paper import rest_lattice
 from support.sound_reference import score
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.twin.play import Play
 from eol_ros.core.sound.bank import Bank

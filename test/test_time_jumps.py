@@ -6,8 +6,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support.flashes import changes
+from support.paper import rest_lattice
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.motion.felt import Knock
 from eol_ros.core.motion.motion import Motion
 from eol_ros.core.motion.slips import START, STOP

@@ -12,10 +12,10 @@ import pyarrow.parquet as pq
 import pytest
 from eol_msgs.msg import BlockTap, Cascade, Slip
 from support.bag_samples import T0, bag_of
+from support.paper import rest_lattice
 
 from eol_ros import cli
 from eol_ros.analysis import catalogue_file, exhibition, report
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.science import powerlaw
 from eol_ros.core.table import Table
 from eol_ros.devices.bag.writer import REPLAY_OF

@@ -10,11 +10,11 @@ import pytest
 import yaml
 from support.any_stamp import use_any_stamp
 from support.bag_samples import T0, bag_of
+from support.paper import rest_lattice
 
 from eol_ros.analysis import retrack as retracking
 from eol_ros.analysis.bag import open_bag
 from eol_ros.analysis.retrack import DIFFERENT, Comparison, retrack
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
 

@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from support.checkout import ROOT
-
-from assets.kit import netlist
-from assets.kit.netlist import NetlistError
-from eol_ros.core.geometry import (
+from support.paper import (
     BLOCK_MASS_KG,
     COLS,
     PLATFORM_SIDE_M,
@@ -18,6 +15,9 @@ from eol_ros.core.geometry import (
     rest_lattice,
     spring_ends,
 )
+
+from assets.kit import netlist
+from assets.kit.netlist import NetlistError
 from eol_ros.settings import TwinSettings
 
 BLOCK = ROOT / 'firmware' / 'block'

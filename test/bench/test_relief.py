@@ -7,12 +7,12 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from support.paper import BLOCK_SIDE_M, PLATFORM_SIDE_M
 from support.relief import films, path_tracer, scene
 from support.relief.scene import Shot
 
 from benchmarks import vision_relief
 from eol_ros.core import terrain
-from eol_ros.core.geometry import BLOCK_SIDE_M, PLATFORM_SIDE_M
 from eol_ros.core.motion.motion import Motion
 from eol_ros.core.vision.calibration.calibrate import from_images, nominal
 from eol_ros.core.vision.calibration.self_calibration import nominal as of_side

@@ -5,12 +5,12 @@ import json
 
 import numpy as np
 import pytest
+from support.paper import N_BLOCKS
 from support.relief.films import NOISE
 
 from benchmarks import vision_arms, vision_hard
 from benchmarks.vision_scenes import RATE_HZ
 from eol_ros import cli
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.slips import START, SlipEvent
 from eol_ros.core.vision.render.renderer import Sensor
 from eol_ros.core.vision.tracker import Tracker

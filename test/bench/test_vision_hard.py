@@ -5,11 +5,11 @@ import json
 
 import numpy as np
 import pytest
+from support.paper import N_BLOCKS
 
 from benchmarks import vision_hard
 from benchmarks.vision_scenes import OURS
 from eol_ros import cli
-from eol_ros.core.geometry import N_BLOCKS
 
 NO_MORE = np.zeros((0, 5))
 

@@ -5,10 +5,10 @@ import json
 
 import numpy as np
 import pytest
+from support.paper import rest_lattice
 
 from benchmarks import vision_truth
 from eol_ros import cli
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.devices.files import calibration_file

@@ -228,8 +228,8 @@ def test_a_cache_that_cannot_be_written(run, tmp_path):
 @pytest.mark.timeout(3600)
 def test_a_cold_cache_that_eol_compile_and_five_eol_track_meet(tmp_path, monkeypatch):
     import numpy as np
+    from support.paper import N_BLOCKS, rest_lattice
 
-    from eol_ros.core.geometry import N_BLOCKS, rest_lattice
     from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 
     renderer, (x, y) = Renderer(RenderOptions(), None, 0), rest_lattice().T

@@ -65,3 +65,23 @@ def test_what_cannot_stand_together_is_named():
     assert 'leaves 3 blocks' in wrong(rows=2, columns=2, absent=(0,))['absent']
     assert '1.336 m wide' in wrong(columns=7, platform_m=(1.2, 1.4))['platform_m']
     assert 'two numbers' in wrong(platform_m=(1.4,))['platform_m']
+
+
+@pytest.mark.parametrize('table', [Table(), ODD])
+def test_a_table_that_is_carried_off_has_springs_of_the_same_length(table):
+    rest, yaw, shift = np.column_stack([table.rest, np.zeros(table.cells)]), 0.3, [0.1, -0.05]
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    moved = np.column_stack([table.rest @ turn.T + shift, np.full(table.cells, yaw)])
+    ends = table.spring_ends(moved, np.array([*shift, yaw]))
+    assert ends == pytest.approx(table.spring_ends(rest, np.zeros(3)) @ turn.T + shift)
+
+
+def test_a_block_that_turns_takes_the_ends_of_its_own_springs_along():
+    table = Table()
+    rest = np.column_stack([table.rest, np.zeros(25)])
+    turned = rest.copy()
+    turned[12, 2] = 0.2
+    ends = [table.spring_ends(places, np.zeros(3)) for places in (turned, rest)]
+    moved = np.any(ends[0] != ends[1], axis=2)
+    assert moved.sum() == 4 and moved[:40].sum() == 4
+    assert np.abs(ends[1][40:, 1]).max(axis=1) == pytest.approx([0.48] * 20)  # the rim of 96 cm

@@ -3,9 +3,9 @@
 
 import numpy as np
 import pytest
+from support.paper import BODY_WALL_M
 
 from eol_ros.core import terrain
-from eol_ros.core.geometry import BODY_WALL_M
 from eol_ros.core.terrain import CoverShape
 from eol_ros.errors import UsageError
 

@@ -11,8 +11,8 @@ import pytest
 from support.fields_of_view import RATE_HZ, fields, most_in_a_second
 from support.flashes import most_flashes_in_a_second
 from support.native import library
+from support.paper import N_BLOCKS, rest_lattice
 
-from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.light.bridge import Bridge
 from eol_ros.core.light.flash import FLASHES_PER_S, HOLD_RATE, MIN_PERIOD_S, FlashField
 from eol_ros.core.light.local import LocalField, block_falls

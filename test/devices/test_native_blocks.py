@@ -5,8 +5,8 @@ import struct
 
 import numpy as np
 import pytest
+from support.paper import N_BLOCKS
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.devices.board import block
 from eol_ros.devices.board.block import LEARN
 from eol_ros.devices.board.bluepill import FRAME, KNOCK

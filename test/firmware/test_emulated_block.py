@@ -26,9 +26,9 @@ from support.emulated import (
     built,
     symbol,
 )
+from support.paper import N_BLOCKS
 from support.true_slips import FPS, Twin
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.physics.twin.accelerometer import Accelerometers
 from eol_ros.core.serial_protocol import FIRMWARE, NOT_LIT, SelfTested
 from eol_ros.devices.board import self_test

@@ -26,7 +26,8 @@ def test_refractory_time_and_caps_hold_slips_back():
 
 def test_the_refractory_time_is_that_of_the_node():
     """One grain in reach of each block: `Selector.felt` lets the same slips sound."""
-    from eol_ros.core.geometry import rest_lattice
+    from support.paper import rest_lattice
+
     from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
     from eol_ros.core.sound.select import Selector
 

@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from support.paper import rest_lattice
 from support.spinning import Nodes
 from support.waiting import wait_until
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.devices.files import calibration_file

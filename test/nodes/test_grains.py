@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from eol_msgs.msg import FeltSlip
 from rclpy.parameter import Parameter
+from support.paper import rest_lattice
 from support.spinning import Nodes
 from support.waiting import GENEROUS_S
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound.corpus import DESCRIPTORS
 from eol_ros.core.sound.ice import ice
 from eol_ros.core.sound.select import Selector

@@ -12,9 +12,9 @@ import pytest
 from eol_msgs.msg import Slip
 from support.fields_of_view import RATE_HZ, fields, most_in_a_second
 from support.flashes import changes
+from support.paper import rest_lattice
 from support.spinning import Nodes
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.devices.board.fake import FakeBoard
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import now_ns, to_msg

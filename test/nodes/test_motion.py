@@ -2,9 +2,9 @@
 import numpy as np
 import pytest
 from eol_msgs.msg import Block, Blocks, BlockTap, Cascade, FeltSlip, Slip
+from support.paper import rest_lattice
 from support.spinning import Nodes
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.motion.slips import SlipDetector
 from eol_ros.nodes.motion import MotionNode
 from eol_ros.ros.node import EolNode

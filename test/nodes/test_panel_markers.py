@@ -6,10 +6,10 @@ import pytest
 from eol_msgs.msg import Slip, Truth
 from geometry_msgs.msg import PoseArray
 from rclpy.serialization import deserialize_message
+from support.paper import rest_lattice, spring_ends
 from support.spinning import Nodes
 from visualization_msgs.msg import Marker
 
-from eol_ros.core.geometry import rest_lattice, spring_ends
 from eol_ros.nodes.panel_markers import PERIOD_NS, Markers
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode

@@ -10,9 +10,9 @@ import yaml
 from eol_msgs.msg import Blocks
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
+from support.paper import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from support.spinning import Nodes
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.table import Table
 from eol_ros.core.vision.appearance import learnt
 from eol_ros.core.vision.background.model import BackgroundModel

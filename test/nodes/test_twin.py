@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from eol_msgs.msg import RimCommand
+from support.paper import BLOCK_SIDE_M, rest_lattice
 from support.spinning import Nodes
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.table import Table
 from eol_ros.core.terrain import CoverShape, landscape
 from eol_ros.core.vision.calibration.covers import CoverOutlines

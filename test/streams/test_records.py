@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.paper import N_BLOCKS
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.motion.cascades import CascadeEvent
 from eol_ros.core.motion.felt import FeltSlip, Knock
 from eol_ros.core.motion.motion import NumberedSlip

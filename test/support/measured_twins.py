@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from eol_ros.core.measure import friction, light, springs
 from eol_ros.core.measure.estimate import Estimate, SampleMean
 from eol_ros.core.measure.springs import NATURAL_SIGMA_M, RIM_SIGMA_M, outwards
@@ -22,6 +21,7 @@ from eol_ros.core.physics.twin.live import Coupling, LiveTable
 from eol_ros.core.table import Table
 from eol_ros.errors import EolError
 from eol_ros.lab.choose import simulate
+from support.paper import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 
 NOISE_M, NOISE_RAD = 9e-6, 3e-4  # of the tracker, `eol bench vision`
 SCALE_KG = 6e-4  # of a kitchen scale that shows grams

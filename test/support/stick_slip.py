@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from eol_ros.core.geometry import BLOCK_MASS_KG, COLS, N_BLOCKS, PITCH_M, ROWS, rest_lattice
+from support.paper import BLOCK_MASS_KG, COLS, N_BLOCKS, PITCH_M, ROWS, rest_lattice
 
 SPRING_N_PER_M = 40.0
 GRAVITY_MPS2 = 9.81

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.physics.twin.accelerometer import MG
 from eol_ros.core.physics.twin.live import Coupling
 from eol_ros.core.physics.twin.play import Play
 from eol_ros.devices.board.block import WINDOW
 from eol_ros.devices.board.felt import TRACE
 from eol_ros.settings import TwinSettings
+from support.paper import N_BLOCKS
 
 FPS = 60.0
 NEAR_S = 0.010

@@ -7,9 +7,9 @@ from xml.etree import ElementTree
 import cv2
 import numpy as np
 import pytest
+from support.paper import rest_lattice
 
 from eol_ros import cli
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.devices.files import calibration_file

@@ -18,10 +18,10 @@ from eol_msgs.msg import Blocks, LedCommand
 from eol_msgs.msg import Table as TableMessage
 from rclpy.serialization import serialize_message
 from support.measured_twins import FPS, Blinks, Hung, Pulled
+from support.paper import rest_lattice
 from support.waiting import GENEROUS_S
 
 from eol_ros import cli, scene
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.table import Table
 from eol_ros.core.vision.states import TRACKING
 from eol_ros.devices.bag.mcap_file import BagTopic

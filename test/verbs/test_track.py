@@ -5,9 +5,9 @@ import cv2
 import numpy as np
 import pytest
 from support.definitions import HEADER, IMAGE
+from support.paper import rest_lattice
 
 from eol_ros import cli
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.motion.motion import Motion
 from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.model import Calibration

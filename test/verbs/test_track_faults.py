@@ -5,10 +5,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.paper import rest_lattice
 from support.relief import films
 
 from eol_ros import cli
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions

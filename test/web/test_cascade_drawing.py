@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from support import needs
 from support.chromium import complaints, picture, press, run, until_page, visit
+from support.paper import PLATFORM_SIDE_M, rest_lattice
 from support.waiting import wait_until
 
 from eol_ros.core import terrain
-from eol_ros.core.geometry import PLATFORM_SIDE_M, rest_lattice
 from eol_ros.core.physics.twin.hands import Frame, reach_m
 from eol_ros.core.table import Table
 from eol_ros.web import wire

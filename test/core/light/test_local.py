@@ -9,8 +9,8 @@ import pytest
 from support import flash_bound as sight
 from support.fields_of_view import RATE_HZ, fields, most_in_a_second
 from support.flashes import render
+from support.paper import N_BLOCKS, rest_lattice
 
-from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.light.local import (
     BLOCK_FALLS,
     FIRST,

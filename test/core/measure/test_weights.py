@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 from support import measured_twins
+from support.paper import N_BLOCKS
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.measure import springs
 from eol_ros.core.measure.estimate import Estimate
 from eol_ros.core.physics import builders

@@ -5,8 +5,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.paper import N_BLOCKS, rest_lattice
 
-from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.motion.felt import (
     CONFIRMED,
     LAG_S,

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.paper import N_BLOCKS, rest_lattice
 
-from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.motion.slips import START, STOP, SlipDetector
 from eol_ros.settings import MotionSettings
 

@@ -5,8 +5,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.paper import BLOCK_MASS_KG, BLOCK_SIDE_M, N_BLOCKS, SPRING_M
 
-from eol_ros.core.geometry import BLOCK_MASS_KG, BLOCK_SIDE_M, N_BLOCKS, SPRING_M
 from eol_ros.core.physics.builders import GRAVITY, NATURAL_M
 from eol_ros.core.physics.twin import accelerometer
 from eol_ros.core.physics.twin.accelerometer import MG, Accelerometers

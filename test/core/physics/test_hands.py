@@ -3,8 +3,8 @@
 
 import numpy as np
 import pytest
+from support.paper import PLATFORM_SIDE_M, RIM_BAR_M, RIM_REACH_M, RIM_SIDE_M
 
-from eol_ros.core.geometry import PLATFORM_SIDE_M, RIM_BAR_M, RIM_REACH_M, RIM_SIDE_M
 from eol_ros.core.physics.twin.hands import (
     HAND_N,
     HAND_NSPM,

@@ -5,14 +5,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-
-from eol_ros.core.geometry import (
+from support.paper import (
     BLOCK_MASS_KG,
     BLOCK_SIDE_M,
     N_BLOCKS,
     neighbours,
     rest_lattice,
 )
+
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.drive import Drive
 from eol_ros.core.physics.event import kernel as event

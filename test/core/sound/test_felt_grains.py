@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from support.paper import rest_lattice
 from support.quiet_settings import GRAINS as SETTINGS
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.select import SLIP_S, Selector
 from eol_ros.core.sound.senses import MOST, SAME_S, FirstSense

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.paper import N_BLOCKS
 from support.quiet_settings import SOUND
 from support.sound_reference import filtered, rendered, score, snr_db
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.grain_filter import LEAST_HZ, MOST, TABLE, design, run, tuned
 from eol_ros.core.sound.lanes import WIDTH

@@ -4,9 +4,9 @@ import weakref
 
 import numpy as np
 import pytest
+from support.paper import N_BLOCKS
 from support.sound_reference import reference, rendered, score, snr_db
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.mixer import STEAL_S, Mixer, render
 from eol_ros.core.sound.mixer_layout import RING

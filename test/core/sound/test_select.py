@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.paper import rest_lattice
 from support.quiet_settings import GRAINS
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.select import FORGET_S, NOISE_SIGMAS, Selector, chance
 from eol_ros.core.table import Table

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.paper import N_BLOCKS, rest_lattice
 from support.quiet_settings import GRAINS
 
-from eol_ros.core.geometry import N_BLOCKS, rest_lattice
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.select import Selector
 from eol_ros.core.sound.stress import stress

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.paper import rest_lattice
 from support.quiet_settings import GRAINS
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.layout import lattice

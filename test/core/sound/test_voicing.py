@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.paper import N_BLOCKS
 from support.quiet_settings import SOUND
 from support.sound_reference import noise_bank as bank
 from support.sound_reference import spreading
 
-from eol_ros.core.geometry import N_BLOCKS
 from eol_ros.core.sound.bank import Bank, voice_rows
 from eol_ros.core.sound.cascade_area import CascadeAreas
 from eol_ros.core.sound.mixer_layout import VOICE

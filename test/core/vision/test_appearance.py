@@ -8,11 +8,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from support.paper import BLOCK_SIDE_M, rest_lattice
 from support.relief import films
 from support.vision_bound import position_bound_px
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.table import Table
 from eol_ros.core.vision import outline
 from eol_ros.core.vision.appearance import find, fit, learnt, model, neighbours, pixels

@@ -4,9 +4,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from support.paper import rest_lattice
 from support.relief import films, scene
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision import outline
 from eol_ros.core.vision.calibration import calibrate, falling_light
 from eol_ros.core.vision.calibration.charuco import Board, from_board

@@ -3,8 +3,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.paper import rest_lattice
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.table import Table
 from eol_ros.core.vision.background.model import BackgroundLearner, BackgroundModel
 from eol_ros.core.vision.render import clutter as renderer_clutter

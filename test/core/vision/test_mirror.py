@@ -6,9 +6,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from support.paper import rest_lattice
 from test_calibration_solve import pictured
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.calibration import calibrate
 from eol_ros.core.vision.calibration.charuco import Board, from_board
 from eol_ros.core.vision.calibration.model import Calibration

@@ -7,8 +7,8 @@ from functools import cache
 import cv2
 import numpy as np
 import pytest
+from support.paper import BLOCK_SIDE_M, BODY_HEIGHT_M, rest_lattice
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, BODY_HEIGHT_M, rest_lattice
 from eol_ros.core.terrain import CoverShape, cover_mesh, land_edges, landscape, tile
 from eol_ros.core.vision import outline
 from eol_ros.core.vision.appearance.squares import SQUARE

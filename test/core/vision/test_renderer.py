@@ -2,8 +2,8 @@
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
+from support.paper import BLOCK_SIDE_M, rest_lattice
 
-from eol_ros.core.geometry import BLOCK_SIDE_M, rest_lattice
 from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.clutter import LEVELS, clutter_calibration

@@ -3,9 +3,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.paper import rest_lattice
 from support.relief import films
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.table import Table
 from eol_ros.core.vision.appearance.squares import find_squares, lattice
 from eol_ros.core.vision.calibration import calibrate

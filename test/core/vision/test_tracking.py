@@ -3,9 +3,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.paper import rest_lattice
 from support.relief import films
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.vision.appearance import find, register
 from eol_ros.core.vision.background.model import BackgroundModel
 from eol_ros.core.vision.calibration import mapping

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
+from support.paper import rest_lattice
 
-from eol_ros.core.geometry import rest_lattice
 from eol_ros.core.table import Table
 from eol_ros.core.vision.blink import Blink
 from eol_ros.core.vision.symmetry import Coincidence

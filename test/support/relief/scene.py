@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eol_ros.core import terrain
-from eol_ros.core.geometry import (
+from eol_ros.core.vision.calibration.model import IDEAL_FOCAL_PX, Calibration
+from support.paper import (
     COLS,
     N_BLOCKS,
     PLATFORM_SIDE_M,
@@ -19,7 +20,6 @@ from eol_ros.core.geometry import (
     rest_lattice,
     spring_ends,
 )
-from eol_ros.core.vision.calibration.model import IDEAL_FOCAL_PX, Calibration
 
 CELLS = 42  # squares along a side of a cover: 2 mm, about a pixel
 SIDE_ROWS = 6  # of triangles from the lower rim to the land
