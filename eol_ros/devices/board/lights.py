@@ -390,7 +390,8 @@ class Lights:
         Returns when the packet was sent, ns; 0 where the line is down or the board lacks them.
         """
         at_ns = at_ns or self._at_ns(stamp_ns)
-        blocks = tuple(block for block in blocks if block < self.board.count)
+        count = self.board.count or self.table.cells  # 0: not known, and no line to send on
+        blocks = tuple(block for block in blocks if block < count)
         mask = sum(1 << block for block in blocks)
         sequence = self.board.light(mask, self._wall_us(stamp_ns)) if blocks else None
         if sequence is None:
