@@ -12,6 +12,7 @@ from eol_msgs.msg import NodeState
 
 from eol_ros.analysis import report
 from eol_ros.core.science import powerlaw
+from eol_ros.core.table import Table
 from eol_ros.ros.requests import parameter_messages
 from eol_ros.said import code_and_args, said
 from eol_ros.streams import corpus
@@ -221,3 +222,20 @@ def test_the_roster_knows_who_gives_signs_of_life():
     assert (found['level'], found['age_s']) == ('ok', 4.0)
     found = roster.states(106.0)['tracker']
     assert (found['level'], found['age_s'], found['text']) == ('silent', 6.0, 'well')
+
+
+def test_a_day_is_of_one_table():
+    """Its law ends at all blocks, no automaton is beside it, and another table's day is none."""
+    table = Table(rows=3, columns=4)
+    areas = powerlaw.sample(1.6, 1, 12, 400, np.random.default_rng(3)).tolist()
+    day = notices.Day({'date': 'x', 'order': areas, 'recent': []} | kept_at(table), table)
+    law = day.notice()['law']
+
+    assert len(day.notice()['areas']) == 13 and sum(day.notice()['areas']) == 400
+    assert law['from'] + len(law['exceedance']) == 13 and 'automaton' not in law
+    assert sum(notices.Day(day.kept()).notice()['areas']) == 0
+    assert sum(notices.Day(day.kept(), table).notice()['areas']) == 400
+
+
+def kept_at(table):
+    return {'table': notices.Day(table=table).kept()['table']}
