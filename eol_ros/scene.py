@@ -613,6 +613,11 @@ def _table(reader: Reader, place: Place | None, nodes: dict[str, Any]) -> TableS
         for key, reason in table.contradictions():
             item = place.value.get(key, place) if isinstance(place.value, dict) else place
             reader.wrong(item, f'table.{key}', reason)
+    for name in ('tracker', 'leds'):
+        block = getattr(nodes.get(name), 'blink_block', -1)
+        if block >= table.rows * table.columns or block in table.absent:
+            where = f'{name}.blink_block'
+            reader.wrong(Place(None, *reader.places[where]), where, f'no block {block} is there')
     twin, gap_m = nodes.get('twin'), min(filter(None, (table.gap_m, table.gap_y_m)))
     if twin and twin.spring_natural_m >= gap_m:
         what = f'must be below table.gap_m, the {gap_m:g} m that a mounted spring is long'

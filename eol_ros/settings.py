@@ -341,7 +341,7 @@ class TrackerSettings:
         '-1: none',
         '',
         -1,
-        24,
+        224,
     )
     blink_period_s: float = setting(2.0, 'period of the blinking of blink_block', 's', 0.5, 60)
     blink_off_s: float = setting(0.1, 'dark time in each period of blink_block', 's', 0.05, 0.2)
@@ -459,7 +459,7 @@ class LedsSettings:
         '-1: none',
         '',
         -1,
-        24,
+        224,
     )
     blink_period_s: float = setting(2.0, 'period of the blinking of blink_block', 's', 0.5, 60)
     blink_off_s: float = setting(0.1, 'dark time in each period of blink_block', 's', 0.05, 0.2)
@@ -558,7 +558,12 @@ class GrainsSettings:
     )
     blend: float = live(1.0, 'interpolation between descriptor values (0) and layout (1)', '', 0, 1)
     space_m: float = live(
-        1.2, 'side of the square of the table that the space covers', 'm', 0.1, 10
+        1.2,
+        'side of the square of the table that the space covers; at another table than the '
+        'default, lengths here and in radius grow with the reach of its blocks',
+        'm',
+        0.1,
+        10,
     )
     mode: str = live(
         'fence',

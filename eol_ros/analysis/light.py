@@ -17,7 +17,7 @@ from eol_ros.analysis.bag import Bag
 from eol_ros.analysis.bag import Table as Messages
 from eol_ros.analysis.recorded_settings import recorded_table
 from eol_ros.core.light.flash import FLASH_DEPTH
-from eol_ros.core.light.local import BLOCK_FALLS, SQUARE_FALLS, squares
+from eol_ros.core.light.local import SQUARE_FALLS, block_falls, squares
 from eol_ros.core.table import Table
 from eol_ros.errors import ConfigError
 from eol_ros.lab.science import patterns
@@ -220,8 +220,8 @@ def measured(bag: Bag) -> dict[str, Any]:
         f'{many} lit for {found["many_lit"]:.1%} of the time with light; contrast '
         f'between blocks (deviation over mean) {found["contrast_space"]:.1f}',
         f'falls in a second: {found["most_falls_of_a_block"]} of a block at most (limit of '
-        f'flash_limit: field_of_view {BLOCK_FALLS}), {found["most_falls_of_a_square"]} of a square '
-        f'of four (limit {SQUARE_FALLS})',
+        f'flash_limit: field_of_view {block_falls(table)}), '
+        f'{found["most_falls_of_a_square"]} of a square of four (limit {SQUARE_FALLS})',
     ]
     if found['contrast_time'] is not None:
         said[1] += f', {found["contrast_time"]:.0%} of its change faster than {SLOW_HZ:g} Hz'

@@ -103,7 +103,7 @@ class Uncoupled:
         """Return the mean level of the white LEDs, (n,)."""
         leds = self._leds
         decay_s = LOOKS[leds.look].decay_s if leds.look in LOOKS else leds.decay_s
-        field = new_field(leds.flash_limit, decay_s, leds.peak)
+        field = new_field(leds.flash_limit, decay_s, leds.peak, self._shape)
         levels, following = np.empty(round(self._span_s * series.RATE_HZ) * FRAMES), 0
         for frame in range(len(levels)):
             now_s = (frame + 1) / (FRAMES * series.RATE_HZ)

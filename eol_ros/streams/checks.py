@@ -19,7 +19,6 @@ LARGEST = 1e6  # of any quantity here, in SI units, pixels or decibels
 SPAN_NS = 60 * NS  # from now to the stamp of an image or a tap, at most
 PLAYED_SPAN_NS = 3600 * NS  # the same from what a replay has played: /clock comes late
 ANY_TIME = 0, 2**63 - 1
-BLOCKS = range(Table().cells)  # of the default table
 
 
 class Rule(NamedTuple):

@@ -202,7 +202,8 @@ def _covers(args):
             f'--covers {args.covers}: has {len(files)} files cover-*.stl, not {cells}; '
             f'`eol covers --output {args.covers}` makes them'
         )
-    return CoverOutlines.of_meshes([stl_file.load(file) for file in files], 1e3 * args.cover_gap)
+    meshes = [stl_file.load(file) for file in files]
+    return CoverOutlines.of_meshes(meshes, 1e3 * args.cover_gap, args.table.block_side_m)
 
 
 def _board(args, images):

@@ -15,7 +15,7 @@ from benchmarks import vision_relief
 from eol_ros.core import terrain
 from eol_ros.core.motion.motion import Motion
 from eol_ros.core.vision.calibration.calibrate import from_images, nominal
-from eol_ros.core.vision.calibration.self_calibration import nominal as of_side
+from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.requests import CALIBRATE
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError, DeviceMissing
@@ -319,7 +319,8 @@ def test_cameras_calibrate_by_three_images_and_while_the_tracker_runs():
         assert ('held at k1 = 0' in solved.note) == (k1 == 0.0)
 
         side_px = np.median(true.side_px(true.to_pixels(group[0].shot.poses[:, :2]), BLOCK_SIDE_M))
-        start = of_side(group[0].light.shape, float(side_px), False)
+        height, width = group[0].light.shape
+        start = Calibration.ideal(width, height, float(side_px) / BLOCK_SIDE_M)
         start = replace(start, cover_height_m=films.SKIRT_M, covers=true.covers)
         tracker = Tracker(TrackerSettings(), start)
         tracker.requests.add(500_000_000, CALIBRATE)

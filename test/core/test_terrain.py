@@ -3,7 +3,6 @@
 
 import numpy as np
 import pytest
-from support.paper import BODY_WALL_M
 
 from eol_ros.core import terrain
 from eol_ros.core.terrain import CoverShape
@@ -77,7 +76,7 @@ def test_a_lip_fits_into_the_body_and_the_rim_stands_on_it():
     land, shape = terrain.landscape(1, cells=CELLS), CoverShape(lip_mm=6)
     triangles = terrain.cover_mesh(terrain.tile(land, 1, 4, CELLS), shape)
     mesh = trimesh.Trimesh(*_indexed(triangles))
-    inside = shape.side_mm / 2 - 1e3 * BODY_WALL_M
+    inside = shape.side_mm / 2 - shape.body_mm
 
     def half_widths(z):
         cut = mesh.section([0, 0, 1], [0, 0, z])

@@ -74,7 +74,7 @@ class FeltSlip:
 
     @property
     def block(self) -> int:
-        """Whose it is, 0..24."""
+        """Id of the block whose it is."""
         return self.knock.block
 
 
