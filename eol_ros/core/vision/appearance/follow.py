@@ -130,9 +130,7 @@ class Follower:
             passed_s = math.inf
         else:
             ahead_s = passed_s if 0.0 < passed_s < model.MAX_AHEAD_S else 0.0
-            _predict(
-                blocks, found, self._near, self.rest, ahead_s, self.px_per_m, self.lengths.width
-            )
+            self._ahead(ahead_s)
             self._register(image, self._all)
             good = self._judge(self._all)
             lost = np.flatnonzero(blocks['seen'] & ~good)  # may have jumped
@@ -157,6 +155,13 @@ class Follower:
             self._stood, self._stands_s = xy, stamp_s
         self.last_s = stamp_s
         return blocks
+
+    def _ahead(self, ahead_s: float) -> None:
+        """Predict all blocks, `ahead_s` after the last image."""
+        _predict(
+            self.blocks, self.found, self._near, self.rest, ahead_s, self.px_per_m,
+            self.lengths.width,
+        )  # fmt: skip
 
     def _register(self, image: np.ndarray, which: np.ndarray, fresh: bool = False) -> None:
         blocks = self.blocks
@@ -360,8 +365,7 @@ class Follower:
             self.blocks[name][new] = 0.0
         self.blocks['sure_px'][new] = model.LOST_PX
         self._patches[0]['starts'] = 0
-        xy = np.column_stack([self.blocks['x'], self.blocks['y']])
-        neighbours.predict(self.rest, xy, self.blocks['seen'], self.lengths.width, self._near)
+        self._ahead(0.0)
         self._pause_s = model.AGAIN_S[0]
 
     def _approach(self, image: np.ndarray) -> float:
