@@ -2,6 +2,7 @@
 import numpy as np
 import pytest
 from support.paper import rest_lattice
+from support.tables import OBLONG
 
 from eol_ros.core.table import Table
 from eol_ros.core.vision.blink import Blink
@@ -28,23 +29,26 @@ def test_tables_of_turned_ids_agree():
         assert list(TURNED[quarters][UNTURNED[quarters]]) == list(range(25))
 
 
-@pytest.mark.parametrize('quarters', [0, 1, 2, 3])
+TURNS = [(TABLE, quarters) for quarters in range(4)] + [(OBLONG, 0), (OBLONG, 2)]
+
+
+@pytest.mark.parametrize(('table', 'quarters'), TURNS)
 @pytest.mark.parametrize('delay_s', [0.0, 0.2])
-def test_taps_tell_the_turn_whenever_they_arrive(quarters, delay_s):
-    random = np.random.default_rng(quarters)
-    coincidence = Coincidence(TABLE)
+def test_taps_tell_the_turn_whenever_they_arrive(table, quarters, delay_s):
+    random, n = np.random.default_rng(quarters), table.cells
+    coincidence, true = Coincidence(table), table.turned(quarters)
     coincidence.update(0.0)
     waiting = []
     decided = None
     for k in range(600):
         now = k / 60
         if k % 40 == 20:
-            block = int(random.integers(0, 25))
+            block = int(random.integers(0, n))
             coincidence.onset(now + random.normal(0, 0.002), block, 0.002)
-            waiting.append((now + random.normal(0, 0.003), int(TURNED[quarters, block])))
+            waiting.append((now + random.normal(0, 0.003), int(true[block])))
         while waiting and waiting[0][0] + delay_s <= now:
             coincidence.tap(*waiting.pop(0), 0.003)
-        coincidence.look(now, np.ones(25, bool), np.zeros(25, bool))
+        coincidence.look(now, np.ones(n, bool), np.zeros(n, bool))
         answer = coincidence.update(now)
         if decided is None and answer is not None:
             decided = answer, coincidence.took
