@@ -5,7 +5,7 @@ P(s) ~ s^-tau on s = x_min .. x_max; the cumulative N(>= s) of an unlimited law 
 b = tau - 1. The two are never mixed up: `tau` is of the density, `b_value` of the cumulative.
 
 Estimator: Clauset, Shalizi and Newman, SIAM Rev. 51 (2009) 661, with the zeta function; with x_max
-the normaliser is the plain sum, because a lattice of 25 blocks cannot have a cascade of 26 and a
+the normaliser is the plain sum, because a table of 25 blocks cannot have a cascade of 26 and a
 fit without that knowledge is steeper than the truth. No line is laid through a log-log plot
 anywhere.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between pixels and table for the 25 blocks of a live image: Calibration's formulas, compiled.
+"""Between pixels and table for the blocks of a live image: Calibration's formulas, compiled.
 
 25 points cost numpy a hundred small calls an image. `calibration` is here Calibration.packed(): the
 homography, its inverse, fx, skew, cx, fy, cy and k1, k2, p1, p2, k3, in one row, -1 for a camera
@@ -86,7 +86,7 @@ def undistorted(c, u, v):
 
 @njit(cache=True)
 def rounded(yaw, sigma, step, parts, turned, coarse):
-    """Fill turned (25,) with yaw on a grid of `step`, coarse (25,) with sigma to `parts` parts."""
+    """Fill turned (n,) with yaw on a grid of `step`, coarse (n,) with sigma to `parts` parts."""
     for i in range(len(yaw)):
         turned[i] = np.rint(yaw[i] / step) * step
         mantissa, exponent = math.frexp(sigma[i])
