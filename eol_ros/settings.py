@@ -9,7 +9,7 @@ import dataclasses
 import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self, get_args
 
 
 def setting(
@@ -78,6 +78,31 @@ class TableSettings:
     body_height_m: float = setting(
         0.034, 'height of the open box that carries a cover and what is inside', 'm', 0.005, 0.2
     )
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'absent', tuple(sorted(set(self.absent))))  # as one compares them
+
+    @classmethod
+    def parsed(cls, values: Any) -> Self:
+        """Return the table of a mapping, as files have it; raise ValueError where it is none."""
+        if not isinstance(values, Mapping):
+            raise ValueError(f'{values!r} is not a mapping, such as {{rows: 4, columns: 6}}')
+        known = {one.name: one for one in dataclasses.fields(cls)}
+        for name, value in values.items():
+            if name not in known:
+                raise ValueError(f'{name} is not a setting of a table')
+            meta, items = known[name].metadata, get_args(known[name].type)
+            if items and not isinstance(value, list):
+                raise ValueError(f'{name}: {value!r} is not a list')
+            kind = items[0] if items else known[name].type
+            for one in value if items else [value]:
+                if type(one) not in (int, kind) or not meta['min'] <= one <= meta['max']:
+                    asked = f'{"whole " * (kind is int)}number ({meta["min"]} to {meta["max"]})'
+                    raise ValueError(f'{name}: {one!r} is not a {asked}')
+        table = cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+        for name, reason in table.contradictions():
+            raise ValueError(f'{name} {reason}')
+        return table
 
     def rim_m(self) -> tuple[float, float]:
         """Return the inner width and depth of the rim."""

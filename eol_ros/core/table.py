@@ -9,9 +9,7 @@ The paper prints the rim as 960 cm; the sum of its own parts is 96.0 cm, and tha
 """
 
 import dataclasses
-from collections.abc import Mapping
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -36,17 +34,6 @@ class Table(TableSettings):
     def of(cls, settings: TableSettings) -> 'Table':
         """Return the table of these settings."""
         return cls(**dataclasses.asdict(settings))
-
-    @classmethod
-    def parsed(cls, values: Any) -> 'Table':
-        """Return the table of a mapping, as files have it; raise TypeError where it is none."""
-        if not isinstance(values, Mapping):
-            raise TypeError(f'{values!r} is not a mapping')
-        fields: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in values.items()
-        }
-        return cls(**fields)
 
     @cached_property
     def cells(self) -> int:

@@ -85,3 +85,28 @@ def test_a_block_that_turns_takes_the_ends_of_its_own_springs_along():
     moved = np.any(ends[0] != ends[1], axis=2)
     assert moved.sum() == 4 and moved[:40].sum() == 4
     assert np.abs(ends[1][40:, 1]).max(axis=1) == pytest.approx([0.48] * 20)  # the rim of 96 cm
+
+
+@pytest.mark.parametrize(
+    ('values', 'told'),
+    [
+        ([], 'not a mapping'),
+        ({'rows': 5.0}, 'rows: 5.0 is not a whole number'),
+        ({'rows': True}, 'rows: True'),
+        ({'rows': 200}, 'rows: 200'),
+        ({'absent': 12}, 'absent: 12 is not a list'),
+        ({'absent': [-1]}, 'absent: -1'),
+        ({'absent': [30]}, 'absent 30 is not among the ids 0 to 24'),
+        ({'gap_m': float('nan')}, 'gap_m: nan'),
+        ({'platform_m': [9, 'x']}, "platform_m: 'x'"),
+        ({'columns': [4]}, r'columns: \[4\]'),
+        ({3: 4}, '3 is not a setting'),
+    ],
+)
+def test_what_is_no_table_is_told(values, told):
+    with pytest.raises(ValueError, match=told):
+        Table.parsed(values)
+
+
+def test_a_table_is_the_same_in_whatever_order_its_holes_are_said():
+    assert Table.parsed({'absent': [8, 3, 8]}) == Table(absent=(3, 8))
