@@ -6,6 +6,7 @@ under *Decisions* and *Motion* were chosen on some ten films of two renderers th
 Lengths in px are of the image.
 """
 
+import math
 from typing import NamedTuple
 
 from eol_ros.core.table import Table
@@ -162,5 +163,5 @@ class Lengths(NamedTuple):
             side / 2, NEAR_SIDES * side, LOSE_M * table.scale, STRAY_M * table.scale,
             NEIGHBOURHOOD * (pitch * table.scale), CELL_M * side / usual.block_side_m,
             NODE_STRAY_M * table.scale,
-            REACH_M * (float((table.rest**2).sum(axis=1).max()) ** 0.5 + far) / corner, far,
+            REACH_M * (math.sqrt((table.rest**2).sum(axis=1).max()) + far) / corner, far,
         )  # fmt: skip
