@@ -99,7 +99,11 @@ class TableSettings:
                 if type(one) not in (int, kind) or not meta['min'] <= one <= meta['max']:
                     asked = f'{"whole " * (kind is int)}number ({meta["min"]} to {meta["max"]})'
                     raise ValueError(f'{name}: {one!r} is not a {asked}')
-        table = cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+        fields: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in values.items()
+        }
+        table = cls(**fields)
         for name, reason in table.contradictions():
             raise ValueError(f'{name} {reason}')
         return table
