@@ -9,6 +9,7 @@ import yaml
 
 from eol_ros.analysis.bag import Bag
 from eol_ros.core.table import Table
+from eol_ros.devices.bag import reader
 from eol_ros.settings import by_today
 from eol_ros.streams.graph import NODES
 
@@ -21,10 +22,7 @@ def recorded_table(bag: Bag) -> Table:
 @functools.lru_cache(8)
 def table_in(settings: str) -> Table:
     """Return the table of a scene as a bag holds it; the default where it does not say."""
-    try:
-        return Table.parsed(yaml.safe_load(settings)['table'])
-    except (AttributeError, KeyError, TypeError, yaml.YAMLError):
-        return Table()
+    return Table.of(reader.table_in(settings) or Table())
 
 
 def recorded_settings(bag: Bag, node: str) -> Any | None:

@@ -8,7 +8,7 @@ import yaml
 
 from eol_ros.bringup import plan
 from eol_ros.devices.bag.player import complete
-from eol_ros.devices.bag.reader import BagReader
+from eol_ros.devices.bag.reader import BagReader, table_in
 from eol_ros.scene import Scene, plain
 from eol_ros.settings import by_today
 from eol_ros.streams.graph import NODES
@@ -28,11 +28,13 @@ def settle(scene: Scene) -> tuple[Scene, list[str]]:
         return scene, []  # the node says what is wrong
     bag = BagReader(replay.bag)
     scene = replace(scene, nodes={**scene.nodes, 'replay': replace(replay, bag=str(bag.path))})
-    whole = complete(bag)
-    notes = []
+    notes, whole, table = [], complete(bag), table_in(bag.about.get('settings', ''))
+    if table is not None and table != scene.table:
+        scene = replace(scene, table=table)
+        notes = [f'the table is that of {bag.path}: {table.rows} x {table.columns} places']
     if not whole and not replay.topics and 'tracker' in scene.nodes:
         scene = plan.only(scene, [name for name in scene.nodes if name != 'tracker'])
-        notes = [f'{bag.path} has not all images of its run: its blocks are played, no tracker']
+        notes += [f'{bag.path} has not all images of its run: its blocks are played, no tracker']
     return scene, notes + differences(bag.about, scene)
 
 

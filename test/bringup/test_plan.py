@@ -251,6 +251,21 @@ def test_settings_that_make_another_run_of_it_are_told(tmp_path):
     assert notes == ['tracker.blink_period_s is 2.0 here and was 3.0 in the run: it will differ']
 
 
+@pytest.mark.parametrize(
+    ('table', 'rows'), [('{rows: 3, columns: 6}', 3), ('{}', 5), ('{rows: 3.5}', 0)]
+)
+def test_a_replay_is_of_the_table_of_its_bag(tmp_path, table, rows):
+    bag_of(tmp_path / 'bags' / 'run', f'nodes: {{}}\ntable: {table}', images=9, blocks=9)
+    scene = scene_with(tmp_path, 'bag: bags')
+    if not rows:
+        with pytest.raises(ConfigError, match='rows: 3.5 is not a whole number'):
+            playback.settle(scene)
+        return
+    scene, notes = playback.settle(scene)
+    assert scene.table.rows == rows
+    assert len(notes) == (rows == 3) and all('3 x 6 places' in note for note in notes)
+
+
 def test_a_replay_without_its_bag_does_not_start(tmp_path):
     (tmp_path / 'bags').mkdir()
     scene = scene_with(tmp_path, 'bag: bags')

@@ -95,6 +95,16 @@ def test_bags_with_two_definitions_of_a_topic_are_merged(tmp_path):
     assert table['a'].tolist() == [1] * 4 and table['b'].tolist() == [2] * 4
 
 
+def test_bags_of_two_tables_are_not_one(tmp_path, capsys):
+    for name, table in (('a', '{}'), ('b', '{rows: 3}')):
+        write_bag(tmp_path / name, about={'settings': f'table: {table}'}).close()
+    write_bag(tmp_path / 'c').close()  # of who knows what table
+    bags = [str(tmp_path / name) for name in 'abc']
+    assert cli.main(['bag', 'merge', *bags, '--output', str(tmp_path / 'out')]) == 78
+    assert 'b: of another table than' in capsys.readouterr().err
+    assert cli.main(['bag', 'merge', *bags[::2], '--output', str(tmp_path / 'out')]) == 0
+
+
 def test_what_cannot_be_decoded_is_one_line(tmp_path, capsys):
     path = write(tmp_path / 'foreign.mcap', attach=True)
     assert cli.main(['report', str(path), '--csv', '/json', '-o', str(tmp_path)]) == 78

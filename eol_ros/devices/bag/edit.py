@@ -10,7 +10,7 @@ from pathlib import Path
 
 from eol_ros.devices.bag.file import add_topic
 from eol_ros.devices.bag.mcap_file import BagFile, BagTopic
-from eol_ros.devices.bag.reader import BagMessage, BagReader
+from eol_ros.devices.bag.reader import BagMessage, BagReader, table_in
 from eol_ros.devices.bag.writer import GAPS_METADATA, RUN_METADATA, BagWriter
 from eol_ros.errors import ConfigError
 
@@ -93,8 +93,15 @@ def merged(bags: Sequence[BagReader]) -> tuple[list[BagTopic], Iterator[BagMessa
     """Return the topics of all bags, and their messages in order of reception.
 
     A further definition of a type is a topic of its own, as it is in one bag. Raises ConfigError
-    where bags have other types on one topic.
+    where bags have other types on one topic, or are of different tables.
     """
+    tables = [(bag, table) for bag in bags if (table := table_in(bag.about.get('settings', '')))]
+    for bag, table in tables:
+        if table != tables[0][1]:
+            raise ConfigError(
+                f'{bag.path}: of another table than {tables[0][0].path}: they cannot be one bag; '
+                'merge the bags of each table apart'
+            )
     topics: dict[str, BagTopic] = {}
     keys = []
     for bag in bags:

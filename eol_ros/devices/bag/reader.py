@@ -21,6 +21,7 @@ from eol_ros.devices.bag.scan import MAGIC
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, REPLAY_OF, RUN_METADATA, SAMPLE
 from eol_ros.devices.files.names import natural, visible
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest
+from eol_ros.settings import TableSettings
 from eol_ros.streams.graph import TOPICS, full_name, namespace_of
 
 if TYPE_CHECKING:
@@ -468,3 +469,23 @@ def loads(text: str) -> dict:
     """Parse the text of a `metadata.yaml`; raises the errors of YAML and of a wrong text."""
     found = yaml.safe_load(text)['rosbag2_bagfile_information']
     return {**found, 'relative_file_paths': [str(p) for p in found['relative_file_paths']]}
+
+
+def table_in(settings: str) -> TableSettings | None:
+    """Return the table of a scene as a bag holds it; None where that is no scene.
+
+    Raises ConfigError where its table is none.
+    """
+    try:
+        said = yaml.safe_load(settings)
+    except yaml.YAMLError:
+        return None
+    if not isinstance(said, dict):
+        return None
+    try:
+        return TableSettings.parsed(said.get('table', {}))
+    except ValueError as error:
+        raise ConfigError(
+            f'the bag says of its table: {error}: another version of eol wrote it, or it is '
+            'damaged (eol bag verify)'
+        ) from None
