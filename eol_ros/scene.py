@@ -11,7 +11,7 @@ A scene names the nodes that run and what differs from their defaults:
       camera: {device: auto}
       tracker: {}
     together: [[camera, tracker]]
-    table: {rows: 4, columns: 6}   # what is not the table of the paper
+    table: {rows: 4, columns: 6}   # the table, if not the default
     elsewhere: [motion]        # somebody else starts it, on any machine of the network
     machines:                  # what each machine runs, by name; the same file on all of them
       show: {address: 10.0.0.1, nodes: [camera, tracker, recorder]}
@@ -618,9 +618,10 @@ def _table(reader: Reader, place: Place | None, nodes: dict[str, Any]) -> TableS
         if block >= table.rows * table.columns or block in table.absent:
             where = f'{name}.blink_block'
             reader.wrong(Place(None, *reader.places[where]), where, f'no block {block} is there')
-    twin, gap_m = nodes.get('twin'), min(filter(None, (table.gap_m, table.gap_y_m)))
+    gap = 'gap_y_m' if 0 < table.gap_y_m < table.gap_m else 'gap_m'
+    twin, gap_m = nodes.get('twin'), getattr(table, gap)
     if twin and twin.spring_natural_m >= gap_m:
-        what = f'must be below table.gap_m, the {gap_m:g} m that a mounted spring is long'
+        what = f'must be below table.{gap}, the {gap_m:g} m length of a mounted spring'
         asked = 'twin.spring_natural_m', 'table', 'twin'
         at = next(reader.places[name] for name in asked if name in reader.places)
         reader.wrong(Place(None, *at), 'twin.spring_natural_m', what)

@@ -225,7 +225,7 @@ def test_the_node_machine_needs_machines(tmp_path):
         ('{absent: [25]}', 'table.absent', 'ids 0 to 24'),
         ('{rows: 2, columns: 2, absent: [0]}', 'table.absent', 'at least 4'),
         ('{gap_m: 0.05}', 'twin.spring_natural_m', 'below table.gap_m, the 0.05 m'),
-        ('{gap_y_m: 0.05}', 'twin.spring_natural_m', 'below table.gap_m, the 0.05 m'),
+        ('{gap_y_m: 0.05}', 'twin.spring_natural_m', 'below table.gap_y_m, the 0.05 m'),
         ('[5, 5]', 'table', 'mapping'),
         ('{row: 5}', 'table.row', 'rows'),
     ],
