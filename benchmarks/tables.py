@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""eol bench tables: what each part costs, and how well it sees, as tables grow.
+"""eol bench tables: processor time of each part and errors of the tracker, by size of the table.
 
-Square tables of the paper's blocks under simulated visitors, drawn by the twin's ideal camera,
-which shows the whole platform: the larger the table, the smaller its blocks in the image. Columns:
+The tables are square, have blocks of 84 mm, and are moved by simulated visitors. An ideal camera
+shows the whole platform, so blocks of a larger table are smaller in the image. Columns:
 
     px            side of a block in the image
     twin ... bag  processor time of each part for an image, ms, median; of the bag: of a message
@@ -13,7 +13,7 @@ which shows the whole platform: the larger the table, the smaller its blocks in 
     recall        share of the true slips of 1 mm and more, after a rest of 0.2 s, that have a START
                   within 0.1 s
     precision     share of the STARTs within 0.1 s of a true motion of their block
-    kB/s          `blocks` of 60 images a second, as they lie in a bag before compression
+    kB/s          size of `blocks` at 60 images a second, in a bag before compression
 """
 
 import argparse

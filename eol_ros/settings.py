@@ -52,7 +52,7 @@ LEAST_BLOCKS, MOST_BLOCKS = 4, 225  # of a table: two by two, 15 by 15
 
 @dataclass(frozen=True)
 class TableSettings:
-    """Size and shape of the table; `core.table.Table` has what follows from it."""
+    """Size and shape of the table; `core.table.Table` derives positions and springs from it."""
 
     rows: int = setting(5, 'number of rows of blocks, from the front to the back', '', 2, 15)
     columns: int = setting(5, 'number of columns of blocks, from left to right', '', 2, 15)
@@ -65,7 +65,7 @@ class TableSettings:
         1,
     )
     gap_y_m: float = setting(
-        0.0, 'the same from row to row, where it differs from that along a row; 0: as gap_m',
+        0.0, 'length of a mounted spring from row to row; 0: the same as gap_m',
         'm', 0, 1,
     )  # fmt: skip
     absent: tuple[int, ...] = setting(
@@ -76,7 +76,7 @@ class TableSettings:
         (1.4, 1.4), 'width and depth of the platform that the rim moves on', 'm', 0.1, 10
     )
     body_height_m: float = setting(
-        0.034, 'height of the open box that carries a cover and what is inside', 'm', 0.005, 0.2
+        0.034, 'height of the body, the open box under a cover', 'm', 0.005, 0.2
     )
 
     def __post_init__(self) -> None:
@@ -117,7 +117,7 @@ class TableSettings:
         )
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
-        """Yield settings that cannot stand together with the others, each with the reason."""
+        """Yield the name of each setting that contradicts others, and the reason."""
         cells = self.rows * self.columns
         blocks = cells - len(set(self.absent))
         outside = [block for block in self.absent if block >= cells]
@@ -172,7 +172,7 @@ class TwinSettings:
         2000,
     )
     spring_natural_m: float = setting(
-        0.06, 'unloaded length of a spring, which is table.gap_m long when mounted', 'm', 0.001, 1
+        0.06, 'unloaded length of a spring, below its mounted length table.gap_m', 'm', 0.001, 1
     )
     block_kg: float = setting(0.25, 'mass of a block with its cover', 'kg', 0.05, 2)
     mu_static: float = setting(
@@ -588,8 +588,8 @@ class GrainsSettings:
     blend: float = live(1.0, 'interpolation between descriptor values (0) and layout (1)', '', 0, 1)
     space_m: float = live(
         1.2,
-        'side of the square of the table that the space covers; at another table than the '
-        'default, lengths here and in radius grow with the reach of its blocks',
+        'side of the square of the table that the space covers; space_m and radius are for '
+        'the default table and scale with the area that the blocks of another one reach',
         'm',
         0.1,
         10,

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Size and shape of the table, and all that follows from them, in metres.
+"""Size, shape, positions and springs of the table, in metres.
 
 World frame `table`: origin at the platform's centre, x right, y away from the front, z up. Places
 are numbered row by row from the front left, `row * columns + column`. Arrays by id have a row for
-each place; a place may have no block (`absent`), and its row then means nothing.
+each place; the row of a place without a block (`absent`) is unused.
 
 The paper prints the rim as 960 cm; the sum of its own parts is 96.0 cm, and that is the default.
 """
@@ -69,7 +69,7 @@ class Table(TableSettings):
 
     @cached_property
     def reach_m(self) -> tuple[float, float]:
-        """How far the rim, not rotated, may move along x and y from its rest on the platform."""
+        """Distances along x and y that the rim can move from rest, not rotated."""
         x, y = (
             (platform - rim) / 2 - self.rim_width_m
             for platform, rim in zip(self.platform_m, self.rim_m(), strict=True)
@@ -78,7 +78,7 @@ class Table(TableSettings):
 
     @cached_property
     def scale(self) -> float:
-        """Its smaller pitch over that of the table of the paper, for lengths chosen there."""
+        """Ratio of the smaller pitch to that of the paper's table, for lengths chosen there."""
         return min(self.pitch_m) / min(Table().pitch_m)
 
     @cached_property
@@ -125,7 +125,7 @@ class Table(TableSettings):
             rest, width, depth = self.rest @ [1, 1j], *self.rim_m()
             sides = zip((-1, 1, -1j, 1j), (width, width, depth, depth), strict=True)
             for (turn, size), (i, _) in zip(sides, self._springs[2:], strict=True):
-                along = rest[i] - turn * np.real(rest[i] * np.conj(turn))  # not its part outwards
+                along = rest[i] - turn * np.real(rest[i] * np.conj(turn))  # position along the bar
                 bar = centre + axis * (along + turn * size / 2)
                 found.append(np.stack([place[i] + turn * edge[i], bar], axis=1))
         ends = np.concatenate(found)
@@ -143,9 +143,9 @@ class Table(TableSettings):
         return found
 
     def turned(self, quarters: int) -> np.ndarray:
-        """Return which id stands in each place (cells,) after quarter turns of the lattice.
+        """Return the id in each place (cells,) after quarter turns, counter-clockwise.
 
-        They are counter-clockwise; only `turns` leave a table as it is.
+        Only `turns` leave a table as it is.
         """
         row, column = np.divmod(np.arange(self.cells), self.columns)
         rows, columns = self.rows, self.columns
@@ -156,7 +156,7 @@ class Table(TableSettings):
 
     @cached_property
     def turns(self) -> tuple[int, ...]:
-        """The quarter turns that bring the lattice onto itself: 0, and 2 or all if it is even."""
+        """Quarter turns that map the lattice onto itself: 0; 0 and 2; or all four."""
         square = self.rows == self.columns and self.pitch_m[0] == self.pitch_m[1]
         return tuple(
             quarters
@@ -180,5 +180,5 @@ class Table(TableSettings):
 
 
 def _fixed(values: np.ndarray) -> np.ndarray:
-    values.flags.writeable = False  # one array for all who ask
+    values.flags.writeable = False  # callers share it
     return values

@@ -164,7 +164,7 @@ _TOPICS = (
     TopicSpec('calibration', 'std_msgs/msg/String', 'latched',
               'lens and table as the tracker has them: a calibration file, with its digest'),
     TopicSpec('table', 'eol_msgs/msg/Table', 'latched',
-              'size and shape of the table, as the scene has it'),
+              'size and shape of the table of the scene'),
     TopicSpec('truth', 'eol_msgs/msg/Truth', 'stream', 'what the twin really did', stamped=True),
     TopicSpec('blocks', 'eol_msgs/msg/Blocks', 'stream',
               'the blocks, once per image', barrier=True, stamped=True),

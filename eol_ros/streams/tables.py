@@ -19,7 +19,7 @@ RECORD = Record('eol_msgs/msg/Table', DTYPE, 'table')
 
 
 def of(stamp_ns: int, table: Table) -> object:
-    """Return the row of a table that is told at `stamp_ns`."""
+    """Return the row of a table that is published at `stamp_ns`."""
     return RECORD.row(
         stamp_ns, table.rows, table.columns, table.block_side_m, *table.gaps_m, table.rim_width_m,
         *table.platform_m, table.body_height_m, np.array(table.absent, 'u1'),

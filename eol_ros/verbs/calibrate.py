@@ -95,7 +95,7 @@ def add_arguments(parser):
         help="the board's centre on the table in the first image, in metres",
     )
     parser.add_argument(
-        '--scene', metavar='SCENE', help='whose table it is (default: that of the paper)'
+        '--scene', metavar='SCENE', help='scene with the table (default: the 5 x 5 table)'
     )
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 

@@ -344,7 +344,7 @@ def _same_table(path: str, scene: Scene) -> None:
     try:
         found = calibration_file.load(path)
     except EolError:
-        return  # told already
+        return  # another check reports it
     calibration_file.check_table(path, found, Table.of(scene.table))
 
 

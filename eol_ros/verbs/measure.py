@@ -105,7 +105,7 @@ def run(args) -> int:
 
 
 def _table(args, scene: Table | None) -> Table:
-    """Return the table that is measured: that of the bag, of the scene, or of the running graph."""
+    """Return the table of the bag, of the scene or of the running graph."""
     if args.bag:
         from eol_ros.analysis.bag import open_bag
         from eol_ros.analysis.recorded_settings import recorded_table
@@ -118,7 +118,7 @@ def _table(args, scene: Table | None) -> Table:
 
 
 def _agree(whose: str, found: Table, wanted: Table) -> None:
-    """Raise ConfigError where the blocks of two tables lie otherwise."""
+    """Raise ConfigError if the blocks of two tables differ in size or position."""
     both = [(t.rows, t.columns, t.block_side_m, t.gaps_m, t.ids.tolist()) for t in (found, wanted)]
     if both[0] != both[1]:
         raise ConfigError(
@@ -483,7 +483,7 @@ def _read(codec: Any, raw: bytes, topic: str, table: Table) -> Any:
 
 
 def _told(args) -> Table:
-    """Return the table that the tracker of the running graph tells."""
+    """Return the table that the tracker of the running graph publishes."""
     from eol_ros.ros.echo import listen
     from eol_ros.ros.session import session
     from eol_ros.streams.graph import full_name

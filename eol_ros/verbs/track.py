@@ -34,7 +34,7 @@ CASCADE = [
     ('area', 'u1'),
     ('size', 'u2'),
     ('distance_m', 'f8'),
-]  # and `blocks`: of each place of the table whether its block slipped
+]  # and `blocks`: for each place, whether its block slipped
 
 
 def add_arguments(parser):
@@ -55,7 +55,9 @@ def add_arguments(parser):
         help='the camera sees the table in a mirror; a calibration file says it by itself',
     )  # fmt: skip
     parser.add_argument(
-        '--scene', metavar='SCENE', help='whose table it is (default: of the bag or calibration)'
+        '--scene',
+        metavar='SCENE',
+        help='scene with the table (default: that of the bag or calibration)',
     )
     parser.add_argument('-o', '--output', metavar='ANS.npz', help='where the answer goes')
     parser.add_argument('--overlay', metavar='OUT.mp4', help='video, or image, with what was seen')

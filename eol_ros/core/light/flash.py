@@ -46,7 +46,7 @@ class FlashField:
     limited : bool
         Keep to three flashes a second (WCAG 2.3.1).
     table : Table
-        Whose blocks they are.
+        The table of the blocks.
 
     Examples
     --------

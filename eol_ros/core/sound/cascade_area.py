@@ -30,7 +30,7 @@ class CascadeAreas:
     gap_s : float
         A block joins when one that it touches, or it itself, has sounded this short ago.
     table : Table
-        Whose blocks they are.
+        The table of the blocks.
 
     Examples
     --------

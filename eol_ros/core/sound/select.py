@@ -21,8 +21,8 @@ same ones, other ones for each block.
 Ambience: with `ambience_rate` set, blocks at rest under stress creak: grains of nobody, quiet and
 slow, by chance and the oftener the greater the stress (`stress.py`). No rule above holds for them.
 
-`space_m` and `radius` are those of the default table: places are scaled to it by how far the blocks
-of a table reach along x and y, so that every table covers the space alike.
+`space_m` and `radius` are those of the default table: positions are scaled to it by the area
+that the blocks of a table reach along x and y, so that every table covers the space alike.
 
 Everything follows from the sequence of images alone: chance is a hash of seed, stamp, block and
 grain.
@@ -65,7 +65,7 @@ class Selector:
     corpus : Corpus, optional
         The grains; without one nothing sounds.
     table : Table
-        Whose blocks they are.
+        The table of the blocks.
 
     References
     ----------
@@ -545,7 +545,7 @@ class Selector:
 
 
 def _reach_m(table: Table) -> np.ndarray:
-    """Return how wide and deep the area is that blocks reach while their rim moves, m."""
+    """Return width and depth (m) of the area that blocks reach while their rim moves."""
     return np.array(table.platform_m) - 2 * (table.rim_width_m + np.array(table.gaps_m))
 
 

@@ -23,7 +23,7 @@ def stress(at: np.ndarray, break_m: float, table: Table = Table()) -> np.ndarray
     break_m : float
         Stretch of one spring that breaks a block loose, m.
     table : Table
-        Whose blocks they are.
+        The table of the blocks.
 
     Examples
     --------

@@ -79,6 +79,6 @@ class FeltBlocks:
                     setattr(detector.running, name, value)
 
     def _sleepers(self, now_s: float) -> np.ndarray:
-        """Return which blocks (cells,) have been at rest for so long that they sleep."""
+        """Return the blocks (cells,) that sleep after a long rest."""
         idle = (now_s - self._moved_s) / self._nominal_s
         return ~self._awake & ~self.sensors.woken & (idle > self.detectors[0].config.idle)

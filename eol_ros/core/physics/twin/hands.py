@@ -20,7 +20,7 @@ from eol_ros.settings import TwinSettings
 VISITORS_YAW_RAD = 0.25  # further, unattended hands do not rotate the rim
 RIM_KG = 8.0  # of the paper's size: a frame of steel tube on four casters; a guess
 ROLLING = 0.05  # small casters on grit; a guess
-HAND_N = 60.0  # what one hand pulls with at most; 55 N hold all 25 blocks of 250 g at mu_s 0.9
+HAND_N = 60.0  # largest pull of one hand; 55 N hold all 25 blocks of 250 g at mu_s 0.9
 HAND_NSPM = 1000.0  # how firmly it wants its velocity, N s/m
 MAX_SPEED_MPS = 0.35
 MAX_YAW_RATE_RADPS = 0.9
@@ -53,7 +53,7 @@ class Frame(NamedTuple):
     most_yaw: float
     gyration_m: float
     kg: float
-    strength: float  # by how much hands are stronger than one: together they can move all blocks
+    strength: float  # factor on the forces of hands, so that they can move all blocks together
 
     @classmethod
     def of(cls, table: Table, block_kg: float = TwinSettings.block_kg) -> 'Frame':
@@ -72,7 +72,7 @@ class Frame(NamedTuple):
 
 
 def _most_yaw(along: float, across: float, platform: float) -> float:
-    """Return at which angle a rectangle spans the platform along an axis; inf: at none.
+    """Return the angle at which a rectangle spans the platform along an axis; inf: none.
 
     At phi it spans along cos(phi) + across sin(phi) = d cos(phi - delta), d its diagonal.
     """
@@ -83,7 +83,7 @@ def _most_yaw(along: float, across: float, platform: float) -> float:
 
 
 def resists(table: Table) -> tuple[float, float, float]:
-    """Return by how many springs a table resists its rim: along x, along y, and in rotation.
+    """Return the resistance of a table to its rim along x, y and yaw, in springs.
 
     Springs to the rim resist along their axis, and by a third across it: that is what the paper's
     pre-tension leaves. In rotation the same forces act at their lever arms, where the pre-tension
@@ -101,7 +101,7 @@ def resists(table: Table) -> tuple[float, float, float]:
 
 @entry
 def reach_m(yaw, frame):
-    """Return how far (m) the rim may stand off centre along x and y and stay on the platform.
+    """Return the distances (m) off centre, along x and y, at which the rim stays on the platform.
 
     A rectangle w x d rotated by phi spans w |cos phi| + d |sin phi| along x.
     """

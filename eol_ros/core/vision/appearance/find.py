@@ -146,7 +146,7 @@ def _dilated(response, reach, out):
 def _best(pool, x0, rest, lengths, span, best):
     """Fill best (4,): mean response, x, y, angle of the lattice `rest` (n, 2) that gathers most.
 
-    Of angles below `span`: further round it looks the same.
+    Tries angles below `span`, the period of the lattice.
     """
     ny, nx = pool.shape
     cell = lengths.cell

@@ -54,7 +54,7 @@ class Follower:
     ambiguous : bool
         Whether the lattice may lie a quarter turn, or two or three, further round.
     least : int
-        So few blocks in sight are none.
+        Fewer blocks in sight than this count as none.
     changed_s : ndarray
         (cells,) when a block was last found to have another cover, -inf for never.
     """
@@ -194,7 +194,7 @@ class Follower:
         found['side_usual'][new] = np.median(found['side_usual'][known])
 
     def _judge(self, which: np.ndarray, fresh: bool = False) -> np.ndarray:
-        """Return (cells,) which of `which` were found in this image."""
+        """Return those of `which` (cells,) that were found in this image."""
         blocks, good = self.blocks, np.zeros(len(self.blocks), bool)
         known = blocks['known']
         clear = self.found['gain'][self.found['nats'] > model.CLEAR_NATS]

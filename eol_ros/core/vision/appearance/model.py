@@ -113,7 +113,7 @@ MAX_AHEAD_S = 0.1  # a velocity is not carried on for longer
 PREDICTED_PX, PREDICTED_SHARE = 0.7, 0.3
 UNSEEN_PX = 0.05  # that of a block out of sight grows by so much in an image
 LOST_PX = 6.0
-LEAST = 5  # blocks: fewer do not say what is usual for all; with fewer the lattice is lost
+LEAST = 5  # blocks in sight at least; with fewer, no usual change is known and the lattice is lost
 MORE = 3  # blocks more of a border in sight make it the right one
 AGAIN_S = 0.5, 600.0  # from one look for it to the next, while a block was never seen: first, last
 SEEN_SHARE, LOST_IMAGES = 0.32, 6  # with fewer blocks for longer, the lattice is sought again
@@ -134,16 +134,16 @@ CLIP = 8.0  # standard deviations; a square that stands out further cannot do so
 # samples along the axes inside, along a side of the ring; its distance as a share of a side
 INNER, RING, GAP = 5, 5, 0.14
 REACH_M = 0.75  # of places from the middle of the table
-CENTRE_M = 0.26  # of the rim's middle from that of the table: its reach and a margin
+CENTRE_M = 0.26  # largest distance of the rim's centre from the platform's: its reach and a margin
 MIN_SUM = 0.35  # of the greatest response of all nodes
 MIN_RESPONSE = 0.7
 
 
 class Lengths(NamedTuple):
-    """Lengths of a table in m, by those of the table of the paper: kernels take them."""
+    """Lengths of a table in m for kernels, scaled from those of the paper's table."""
 
     half_side: float
-    near: float  # between two middles
+    near: float  # between two centres
     lose: float
     stray: float
     width: float  # of the weight of neighbours

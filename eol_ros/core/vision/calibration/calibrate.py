@@ -136,7 +136,7 @@ def platform_corners(table: Table) -> np.ndarray:
 def nominal(
     width: int, height: int, focal_px: float | None = None, table: Table | None = None
 ) -> Calibration:
-    """Return a pinhole camera of which nothing is known but its image size, above a table."""
+    """Return a pinhole camera of this image size above a table, with nothing else known."""
     ideal = Calibration.ideal(width, height, table=table)
     if focal_px is None:
         return ideal

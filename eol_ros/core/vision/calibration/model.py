@@ -51,7 +51,7 @@ class Calibration:
     covers : CoverOutlines, optional
         Heights of the blocks' covers over the platform; None for flat ones.
     table : Table
-        Whose blocks it sees.
+        The table that it sees.
 
     Raises
     ------

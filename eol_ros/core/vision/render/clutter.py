@@ -140,7 +140,7 @@ class Clutter:
         seed: of everything drawn by chance.
         n_blocks: how many blocks there are.
         rate_hz: images a second, which turns an image index into a time.
-        table: its size is that of arms, and its platform is what glints.
+        table: arms scale with its size, and its platform glints.
     """
 
     def __init__(
@@ -246,7 +246,7 @@ class Clutter:
         """Return capsules (k, 5): x0, y0, x1, y1, radius in metres, and their grey levels (k,)."""
         time_s = image_index / self.rate_hz
         found, levels = [], []
-        rim, platform = (  # by how much they are larger than those of the paper
+        rim, platform = (  # their sizes over those of the paper
             np.divide(mine, paper)
             for mine, paper in (
                 (self.table.rim_m(), Table().rim_m()),

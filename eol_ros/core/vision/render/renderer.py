@@ -86,7 +86,7 @@ class Renderer:
     seed : int
         Of noise and clutter.
     n_blocks : int, optional
-        How many blocks it draws; if not given, those of the table of `calibration`.
+        Number of blocks to draw; by default those of the table of `calibration`.
 
     Raises
     ------
