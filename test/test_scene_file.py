@@ -330,6 +330,8 @@ def values_of(field):
     """Return a strategy of what a scene may say of a number, a choice or a switch; else None."""
     meta = field.metadata
     low, high = meta.get('min'), meta.get('max')
+    if field.name == 'blink_block':
+        high = 24  # of the blocks that there are
     if meta.get('choices'):
         one = st.sampled_from(meta['choices'])
         return st.lists(one, unique=True).map(tuple) if isinstance(field.default, tuple) else one

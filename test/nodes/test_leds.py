@@ -29,8 +29,8 @@ class Around(EolNode):
 
     NAME = 'motion'
 
-    def __init__(self, settings):
-        super().__init__(settings)
+    def __init__(self, settings, table):
+        super().__init__(settings, scene=Scene('around', {}, table=table))
         self.commands, self.taps, self.states = [], [], []
         self.slips = self.publisher('slips')
         self.results = []
@@ -53,7 +53,7 @@ class Around(EolNode):
 class Rig(Nodes):
     def __init__(self, scene=None, **settings):
         self.leds = LedsNode(LedsSettings(**settings), scene=scene)
-        self.around = Around(MotionSettings())
+        self.around = Around(MotionSettings(), self.leds.scene.table)
         super().__init__(self.leds, self.around)
         self.meet()
 

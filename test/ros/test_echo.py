@@ -31,9 +31,9 @@ def test_long_arrays_end_in_dots_unless_all_is_asked_for():
     assert yaml.safe_load(to_yaml(message, full=True))['wave_min'] == message.wave_min.tolist()
 
 
-def test_fixed_arrays_bytes_and_nested_messages():
+def test_arrays_bytes_and_nested_messages():
     truth = Truth()
-    truth.moving[3] = True
+    truth.moving = [block == 3 for block in range(25)]
     assert plain(truth)['moving'][:5] == [False, False, False, True, False]
     status = DiagnosticStatus(level=b'\2', values=[KeyValue(key='a', value='ü')])
     assert plain(status)['level'] == '\2'

@@ -125,7 +125,7 @@ def _websocket(_folder: Path) -> Target:
 
     def feed(data: bytes) -> None:
         routes = SimpleNamespace(
-            settings=PanelSettings(), pin=PinGate('471147'), hub=Hub(),
+            settings=PanelSettings(), pin=PinGate('471147'), hub=Hub(), lattice={},
             bridge=SimpleNamespace(rim=_sane_rim), flipped=lambda *_: None,
             pin_state=lambda request, given: 'ok' if given == '471147' else 'wrong',
         )  # fmt: skip
