@@ -208,10 +208,21 @@ class Follower:
 
     def _seek(self, stamp_s: float, image: np.ndarray, block: int, good: np.ndarray) -> None:
         """Search for a block where its neighbours predict it; set whether it is there in good."""
-        one = np.array([block])
+        near, found, one = self._near[block], self.found[block : block + 1], np.array([block])
+        if near[3] < 3:
+            return
+        reach = self._places.shape[0] // 2 * self.lengths.cell
+        find.respond(
+            image, self.packed, self.lengths, near[0] - reach, near[1] - reach, self.quiet,
+            near[2] + self.blocks['yaw_offset'][block] - 0.4, 5, 0.2, self._places, self._angles,
+        )  # fmt: skip
+        i, j = np.unravel_index(self._places.argmax(), self._places.shape)
+        if self._places[i, j] < model.MIN_RESPONSE:
+            return
+        place = near[0] - reach + j * self.lengths.cell, near[1] - reach + i * self.lengths.cell
         for fresh in (False, True):
-            if not self._start_at_square(image, block):
-                return
+            found['x'], found['y'], found['yaw'] = *place, self._angles[i, j]
+            found['start_px'] = model.LOST_PX
             self._register(image, one, fresh)
             good[block] = self._judge(one, fresh)[block]
             if good[block] or not self.blocks['known'][block]:
@@ -223,29 +234,11 @@ class Follower:
         else:
             good[block] = False
 
-    def _start_at_square(self, image: np.ndarray, block: int) -> bool:
-        """Start a block where a square stands out most, near where its neighbours put it."""
-        near, found, cell = self._near[block], self.found, self.lengths.cell
-        if near[3] < 3:
-            return False
-        reach = self._places.shape[0] // 2 * cell
-        find.respond(
-            image, self.packed, self.lengths, near[0] - reach, near[1] - reach, self.quiet,
-            near[2] + self.blocks['yaw_offset'][block] - 0.4, 5, 0.2, self._places, self._angles,
-        )  # fmt: skip
-        i, j = np.unravel_index(self._places.argmax(), self._places.shape)
-        found['x'][block], found['y'][block] = (
-            near[0] - reach + j * cell,
-            near[1] - reach + i * cell,
-        )
-        found['yaw'][block], found['start_px'][block] = self._angles[i, j], model.LOST_PX
-        return bool(self._places[i, j] >= model.MIN_RESPONSE)
-
     def _doubt(self, image: np.ndarray, good: np.ndarray) -> None:
-        """Try one block with an unexplained side elsewhere, or without its face.
+        """Try one block whose face leaves a side unexplained without it.
 
-        An arm that moves may take a block along. A face that was learned while an arm lay beside
-        the block is wrong, and would place it wrongly for ever.
+        A face that was learned while an arm lay beside the block is wrong, and would place it
+        wrongly for ever.
         """
         blocks, found = self.blocks, self.found
         odd = blocks['known'] & found['close'] & (found['weakest'] < model.WEAKEST_NATS)
@@ -253,19 +246,11 @@ class Follower:
         odd = np.flatnonzero(odd & good)
         if not len(odd):
             return
-        block = int(odd[self._images // 2 % len(odd)])
-        was, one = found[block].copy(), np.array([block])
-        if self._images % 2:
-            if self._start_at_square(image, block):
-                self._register(image, one)
-                nats = was['nats'] + model.ACCEPT_NATS
-                if self._judge(one)[block] and found['nats'][block] > nats:
-                    return
-            found[block] = was
-            return
+        block = int(odd[self._images % len(odd)])
+        was = found[block].copy()
         found['start_px'][block] = model.LOST_PX
-        self._register(image, one, fresh=True)
-        better = self._judge(one, fresh=True)[block]
+        self._register(image, np.array([block]), fresh=True)
+        better = self._judge(np.array([block]), fresh=True)[block]
         if not (better and found['nats'][block] >= 4 * model.SIDE_NATS[1]):  # all sides are clear
             blocks['fresh'][block] = 0
         elif self._relearn(block):
