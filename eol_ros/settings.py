@@ -9,7 +9,7 @@ import dataclasses
 import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Self, get_args
+from typing import Any, TypeVar, get_args
 
 
 def setting(
@@ -47,7 +47,8 @@ def setting(
 live = functools.partial(setting, live=True)  # a setting that may change while the node runs
 
 
-LEAST_BLOCKS, MOST_BLOCKS = 4, 225  # of a table: two by two, 15 by 15
+Size = TypeVar('Size', bound='TableSettings')
+LEAST_BLOCKS = 4  # of a table: two by two
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class TableSettings:
         object.__setattr__(self, 'absent', tuple(sorted(set(self.absent))))  # as one compares them
 
     @classmethod
-    def parsed(cls, values: Any) -> Self:
+    def parsed(cls: type[Size], values: Any) -> Size:
         """Return the table of a mapping, as files have it; raise ValueError where it is none."""
         if not isinstance(values, Mapping):
             raise ValueError(f'{values!r} is not a mapping, such as {{rows: 4, columns: 6}}')
