@@ -155,13 +155,10 @@ def _refused(scene: Scene, checks: Iterator[Check]) -> list[Mistake]:
 def _settings(scene: Scene) -> Iterator[Check]:
     """Yield what the nodes check when they start, without any device or graph."""
     for name, settings in scene.nodes.items():
-        if name == 'twin':
-            yield from _twin(settings, scene.table)
+        if name in _SEEING:
+            yield from _SEEING[name](settings, scene.table)
         elif name in _NODES:
             yield from _NODES[name](settings)
-    tables = {n: s.calibration for n, s in scene.nodes.items() if getattr(s, 'calibration', '')}
-    for name, path in tables.items():
-        yield f'{name}.calibration', functools.partial(_same_table, path, scene)
     if scene.notify:
         from eol_ros.bringup import notify
 
@@ -179,12 +176,13 @@ def _refuse(what: str) -> None:
     raise ConfigError(what)
 
 
-def _calibration(settings: Any, name: str) -> Iterator[Check]:
+def _calibration(settings: Any, name: str, table: TableSettings) -> Iterator[Check]:
     if path := settings.calibration:
+        from eol_ros.core.table import Table
         from eol_ros.devices.files import calibration_file
 
         mirror = getattr(settings, 'mirror', False)
-        yield f'{name}.calibration', lambda: calibration_file.load(path, mirror)
+        yield f'{name}.calibration', lambda: calibration_file.load(path, mirror, Table.of(table))
 
 
 def _twin(settings: Any, table: TableSettings) -> Iterator[Check]:
@@ -199,16 +197,16 @@ def _twin(settings: Any, table: TableSettings) -> Iterator[Check]:
         yield 'twin.calibration', lambda: twin_camera(settings, Table.of(table))
 
 
-def _camera(settings: Any) -> Iterator[Check]:
+def _camera(settings: Any, table: TableSettings) -> Iterator[Check]:
     from eol_ros.devices.camera.sources import VideoFile, is_file
 
-    yield from _calibration(settings, 'camera')
+    yield from _calibration(settings, 'camera', table)
     if is_file(settings.device):
         yield 'camera.device', lambda: VideoFile(settings).open()
 
 
-def _tracker(settings: Any) -> Iterator[Check]:
-    yield from _calibration(settings, 'tracker')
+def _tracker(settings: Any, table: TableSettings) -> Iterator[Check]:
+    yield from _calibration(settings, 'tracker', table)
     if settings.background:
         from eol_ros.devices.files import background_file
 
@@ -310,9 +308,13 @@ def _recorder(settings: Any) -> Iterator[Check]:
     yield 'recorder.folder', lambda: _writable(Path(settings.folder))
 
 
-_NODES: dict[str, Callable[[Any], Iterator[Check]]] = {
+# Of those that have a calibration, which is of one table
+_SEEING: dict[str, Callable[[Any, TableSettings], Iterator[Check]]] = {
+    'twin': _twin,
     'camera': _camera,
     'tracker': _tracker,
+}
+_NODES: dict[str, Callable[[Any], Iterator[Check]]] = {
     'leds': _leds,
     'grains': _grains,
     'sound': _sound,
@@ -335,17 +337,6 @@ def _writable(folder: Path, remedy: str = 'name') -> None:
         raise EolError(
             f'nothing can be written in {there} ({error.strerror}); {remedy} another folder'
         ) from None
-
-
-def _same_table(path: str, scene: Scene) -> None:
-    from eol_ros.core.table import Table
-    from eol_ros.devices.files import calibration_file
-
-    try:
-        found = calibration_file.load(path)
-    except EolError:
-        return  # another check reports it
-    calibration_file.check_table(path, found, Table.of(scene.table))
 
 
 def _same_size(path: str, name: str, settings: Any) -> None:

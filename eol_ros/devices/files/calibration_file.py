@@ -96,18 +96,12 @@ def load(path: str | Path, mirror: bool = False, table: Table | None = None) -> 
         ConfigError: not YAML, or a field absent or wrong; all are named at once.
     """
     found = loads(_read(path), path, mirror)
-    if table is not None:
-        check_table(path, found, table)
-    return found
-
-
-def check_table(path: str | Path, calibration: Calibration, table: Table) -> None:
-    """Raise ConfigError if a calibration is of another table than that of the scene."""
-    if calibration.table != table:
+    if table is not None and found.table != table:
         raise ConfigError(
-            f'{path}: is of {_words(calibration.table)}; the scene has {_words(table)}: '
+            f'{path}: is of {_words(found.table)}; the scene has {_words(table)}: '
             'calibrate with `eol calibrate --scene SCENE`, or set `table` in the scene'
         )
+    return found
 
 
 def _read(path: str | Path) -> bytes:
