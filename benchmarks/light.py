@@ -32,7 +32,7 @@ from eol_ros.analysis.bag import Bag
 from eol_ros.analysis.recorded_settings import recorded_settings
 from eol_ros.core.light.flash import FlashField
 from eol_ros.core.light.frames import FELT_NS
-from eol_ros.core.light.local import BLOCK_FALLS, PERIOD_S, SQUARE_FALLS, LocalField, squares
+from eol_ros.core.light.local import BLOCK_FALLS, SQUARE_FALLS, LocalField, squares
 from eol_ros.core.light.looks import LOOKS, REST_S, Look, spread
 from eol_ros.core.motion.slips import START, STOP
 from eol_ros.core.table import Table
@@ -235,7 +235,7 @@ def optimum(lit: list[tuple[float, int, bool]]) -> dict[str, Any]:
     falls = np.array(sorted(field.log, key=lambda fall: fall[2]))
     block, asked_s, begin_s, end_s = falls.T
     lasts_s = end_s - begin_s
-    before, after = [], []  # the second of a pair begins PERIOD_S after the end of the first
+    before, after = [], []  # the second of a pair begins `window_s` after the end of the first
     for members, most in [
         *(([b], BLOCK_FALLS) for b in range(N_BLOCKS)),
         *((s, SQUARE_FALLS) for s in squares(Table())),
@@ -252,7 +252,7 @@ def optimum(lit: list[tuple[float, int, bool]]) -> dict[str, Any]:
     )
     began = time.perf_counter()
     bounds = [(at_s, None) for at_s in asked_s]
-    least = linprog(np.ones(len(falls)), rules, -lasts_s[before] - PERIOD_S, bounds=bounds)
+    least = linprog(np.ones(len(falls)), rules, -lasts_s[before] - field.window_s, bounds=bounds)
     return {
         'falls': len(falls), 'delayed': int((begin_s > asked_s).sum()),
         'limiter_wait_s': float((begin_s - asked_s).sum()),

@@ -19,7 +19,7 @@
 
 enum {
     EOL_VERSION = 2,
-    EOL_BLOCKS = 25,
+    EOL_BLOCKS = 225, /* of a table, at most */
     EOL_MAX_BODY = 48,
     EOL_MAX_ENCODED = EOL_MAX_BODY + 5, /* kind, sequence, crc, one byte of COBS */
     EOL_MAX_WIRE = EOL_MAX_ENCODED + 2

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
  * What blocks and bridge say to each other by radio, docs/serial.md: frames of one size, little-endian.
+ * A word is for one group of blocks, group 0 the first 25; the bridge says the groups in turn.
  * The radio (nRF24L01+, nrf24.h) adds address and checksum, and lets nothing through that is damaged.
  */
 #ifndef EOL_LINK_H
@@ -12,6 +13,8 @@ enum {
     EOL_FRAME = 18, /* bytes of every frame; those that a kind does not use are 0 */
     EOL_CHANNEL = 76, /* 2.476 GHz, above WLAN */
     EOL_WORD_MS = 2,  /* from word to word of the bridge */
+    EOL_GROUP = 25,   /* blocks of a word */
+    EOL_GROUPS = 9,
     EOL_AIR_US = 550  /* from when a knock's age is taken to the end of its frame: SPI, 130 us, air */
 };
 
@@ -20,7 +23,8 @@ enum {
 #define EOL_TO_BLOCKS {0xC2, 0x4C, 0x6F, 0x45, 0xB1}
 
 enum { /* first byte of a frame */
-    EOL_FRAME_WORD = 0x57,    /* bridge to all: flags, peak, decay_ms u16, infrared u32, light u32, count, test, falls u24 */
+    EOL_FRAME_WORD = 0x57,    /* and as many more as groups: bridge to all: flags, peak, decay_ms u16, infrared u32 with the
+                               * number of groups, less 1, in its upper four bits, light u32, count, test, falls u24 */
     EOL_FRAME_FEELS = 0x46,   /* bridge to all: the body of EOL_DETECTOR */
     EOL_FRAME_KNOCK = 0x4B,   /* block: block, flags, age_us u16, strength u16, lit_us u16, number */
     EOL_FRAME_LIT = 0x4C,     /* block: it lit itself, as at a knock that is not told: block, 7 unused, number */
@@ -28,8 +32,14 @@ enum { /* first byte of a frame */
     EOL_FRAME_TESTED = 0x54   /* block: the body of EOL_SELF_TESTED */
 };
 
-/* Flags of a word. FALLS: the light of all may fall. EACH: those may of `falls`, and block 24 with LAST. */
-enum { EOL_WORD_BY_ITSELF = 1, EOL_WORD_FALLS = 4, EOL_WORD_EACH = 8, EOL_WORD_LAST = 16 };
+/* Flags of a word. FALLS: the light of all may fall. EACH: those may of `falls`, and the 25th of the group with LAST. */
+enum { EOL_WORD_BY_ITSELF = 1, EOL_WORD_FALLS = 4, EOL_WORD_EACH = 8, EOL_WORD_LAST = 16, EOL_WORD_GROUPS_BIT = 28 };
+
+/* How often an order is repeated, and for how long a block takes it for the same: the more, the rarer its words. */
+static inline uint8_t eol_link_orders(uint8_t groups)
+{
+    return groups < 3 ? groups : 3;
+}
 
 static inline uint16_t eol_link_get16(const uint8_t *from)
 {

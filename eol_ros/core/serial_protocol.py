@@ -20,8 +20,8 @@ VERSION = 2
 MAX_BODY = 48
 MAX_PACKET = MAX_BODY + 4  # kind, sequence, body, crc
 MAX_ENCODED = MAX_PACKET + 1  # COBS adds one byte to fewer than 255
-FIRMWARE_BLOCKS = 25  # that a bridge of firmware/ drives, row * 5 + column
-MOST_BLOCKS = 225  # of any board
+MOST_BLOCKS = 225  # of any board, row * columns + column
+GROUP = 25  # blocks for which a word of the bridge is (firmware/link.h)
 ALL_BLOCKS = (1 << MOST_BLOCKS) - 1
 STRENGTH_UNIT = 0.01  # m/s^2 for each count of the strength in a Knock
 BRIDGE = 255  # as the block of a BlockStatus
@@ -30,8 +30,8 @@ WOKE = 1  # flag of Knock
 LINKED, SENSOR_DEAD, ASLEEP, RADIO_DEAD, TWICE = 1, 2, 4, 8, 16  # flags of BlockStatus
 ANSWERS = 1  # flag of SelfTested
 NOT_LIT = 0xFFFF  # as Knock.lit_us
-FIRMWARE = (2, 4)  # of firmware/: major and minor; from 2.1 on blocks test themselves
-LATTICE_FROM = (2, 4)  # the firmware of the bridge that knows Lattice
+FIRMWARE = (2, 5)  # of firmware/: major and minor; from 2.1 on blocks test themselves
+LATTICE_FROM = (2, 5)  # the firmware of the bridge that knows Lattice
 EACH_FIELD_FROM = (2, 3)  # the firmware of bridge and blocks that knows EACH_FIELD
 
 MASK_BYTES = (MOST_BLOCKS - 32 + 7) // 8  # of a mask at most, beyond its first four
@@ -71,10 +71,13 @@ class Hello(Message, kind=0x01, form='<B'):
 
 
 @dataclass(frozen=True)
-class Levels(Message, kind=0x02, form=f'<I{FIRMWARE_BLOCKS}s'):
-    """Level of each white LED, from emulated blocks to the twin. No board receives it."""
+class Levels(Message, kind=0x02, form=f'<B{GROUP}s'):
+    """Levels of the white LEDs of a group, from emulated blocks to the twin. No board receives it.
 
-    stamp_us: int
+    `first`: number of the first of them.
+    """
+
+    first: int
     white: bytes
 
 
@@ -137,14 +140,16 @@ class SelfTest(Message, kind=0x09, form='<B'):
 
 
 @dataclass(frozen=True)
-class Lattice(Message, kind=0x0A, form='<BB'):
-    """Host to bridge, from LATTICE_FROM on: how to limit flashes at a table other than the default.
+class Lattice(Message, kind=0x0A, form='<BBB'):
+    """Host to bridge, from LATTICE_FROM on: the shape of a table other than the default.
 
-    `columns` of the table; `falls` of a block in a second (core/light/local.py). Hello ends it.
+    `columns` of the table; `falls` of a block in a second (core/light/local.py); `places`, rows
+    times columns. Hello ends it.
     """
 
     columns: int
     falls: int
+    places: int
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 
 from eol_ros.cli import within
-from eol_ros.core.serial_protocol import FIRMWARE_BLOCKS, MOST_BLOCKS
+from eol_ros.core.serial_protocol import MOST_BLOCKS
 from eol_ros.core.verdict import Verdict
 from eol_ros.errors import DeviceMissing, UsageError
 
@@ -167,7 +167,7 @@ def _flash(args) -> int:
     version = '' if args.program else f' {".".join(map(str, FIRMWARE))}'
     if args.flash == 'bridge':
         return _flash_bridge(args, version)
-    number = _number('--flash', args.flash, FIRMWARE_BLOCKS)
+    number = _number('--flash', args.flash, MOST_BLOCKS)
     program = Path(args.program) if args.program else PROGRAM
     words = (number, program, args.programmer, args.programmer_port, args.new)
     if args.dry_run:

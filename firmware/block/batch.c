@@ -61,16 +61,16 @@ void eol_blocks_feel(eol_block *block, double first_us, double period_us, const 
     }
 }
 
-/* All hear a frame but those of the mask `deaf`. */
-void eol_blocks_heard(eol_block *blocks, size_t count, const uint8_t *frame, uint32_t deaf)
+/* All hear a frame but those that are deaf, a byte each. */
+void eol_blocks_heard(eol_block *blocks, size_t count, const uint8_t *frame, const uint8_t *deaf)
 {
     for (size_t k = 0; k < count; k++)
-        if (!(deaf >> k & 1)) eol_block_heard(&blocks[k], frame);
+        if (!deaf[k]) eol_block_heard(&blocks[k], frame);
 }
 
 /* `ms` milliseconds have passed for all; write their levels and what they say, EOL_FRAME bytes each.
- * Bit k of `heard`: whether the bridge hears block k. Returns how many frames it heard. */
-size_t eol_blocks_tick(eol_block *blocks, size_t count, uint32_t ms, double now_us, uint32_t heard,
+ * `lost`, a byte each: the bridge does not hear that block. Returns how many frames it heard. */
+size_t eol_blocks_tick(eol_block *blocks, size_t count, uint32_t ms, double now_us, const uint8_t *lost,
                        uint8_t *levels, uint8_t *frames)
 {
     size_t said = 0;
@@ -80,8 +80,8 @@ size_t eol_blocks_tick(eol_block *blocks, size_t count, uint32_t ms, double now_
         if (blocks[k].testing) eol_block_tested(&blocks[k], &WHOLE);
         levels[k] = eol_block_level(&blocks[k]);
         if (!eol_block_says(&blocks[k], (uint32_t)(uint64_t)now_us, frame)) continue;
-        eol_block_told(&blocks[k], heard >> k & 1);
-        said += heard >> k & 1;
+        eol_block_told(&blocks[k], !lost[k]);
+        said += !lost[k];
     }
     return said;
 }

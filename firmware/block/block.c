@@ -9,6 +9,11 @@ void eol_block_begin(eol_block *b, uint8_t number)
 {
     memset(b, 0, sizeof *b);
     b->number = number;
+    b->groups = 1;
+    if (number < EOL_BLOCK_NUMBERS) {
+        b->group = number / EOL_GROUP;
+        b->own = (uint32_t)1 << number % EOL_GROUP;
+    }
     b->infrared = 1;
     b->by_itself = 1;
     b->peak = 255;
@@ -17,7 +22,7 @@ void eol_block_begin(eol_block *b, uint8_t number)
     b->due = 1;
     b->test_ms = EOL_BLOCK_TEST_MS;
     eol_knock_begin(&b->knock, &EOL_KNOCK_DEFAULTS);
-    eol_light_begin(&b->light, b->by_itself, b->peak, b->decay_ms, b->each);
+    eol_light_begin(&b->light, b->by_itself, b->peak, b->decay_ms, b->each, b->groups);
 }
 
 static void tell(eol_block *b, uint8_t only_lit)
@@ -69,40 +74,45 @@ void eol_block_shines(eol_block *b, uint32_t now_us)
 static void relight(eol_block *b)
 {
     uint32_t level = b->light.level;
-    eol_light_begin(&b->light, b->by_itself, b->peak, b->decay_ms, b->each);
+    eol_light_begin(&b->light, b->by_itself, b->peak, b->decay_ms, b->each, b->groups);
     b->light.level = level;
 }
 
-static void take_word(eol_block *b, const uint8_t *frame)
+/* Take a word for the group of blocks; what is true of all blocks, of any group. */
+static void take_word(eol_block *b, const uint8_t *frame, uint8_t group)
 {
     uint8_t by_itself = frame[1] & EOL_WORD_BY_ITSELF ? 1 : 0, peak = frame[2], count = frame[13];
     uint8_t each = frame[1] & EOL_WORD_EACH ? 1 : 0, falls = (frame[1] & EOL_WORD_FALLS) != 0;
     uint16_t decay_ms = eol_link_get16(frame + 3);
-    uint32_t own = b->number < EOL_BLOCK_NUMBERS ? (uint32_t)1 << b->number : 0;
+    uint32_t infrared = eol_link_get32(frame + 5);
+    uint8_t groups = (uint8_t)((frame[8] >> (EOL_WORD_GROUPS_BIT - 24)) + 1);
+    if (groups > EOL_GROUPS) groups = EOL_GROUPS;
     if (each) {
-        falls = b->number < EOL_BLOCK_NUMBERS - 1 ? frame[15 + b->number / 8] >> b->number % 8 & 1
-                                                  : own && frame[1] & EOL_WORD_LAST;
-        if (b->uncounted || b->settle_ms) falls = 0;
+        uint32_t falling = eol_link_get16(frame + 15) | (uint32_t)frame[17] << 16;
+        if (frame[1] & EOL_WORD_LAST) falling |= (uint32_t)1 << (EOL_GROUP - 1);
+        falls = (falling & b->own) && !b->uncounted && !b->settle_ms;
     }
-    if (by_itself != b->by_itself || peak != b->peak || decay_ms != b->decay_ms || each != b->each) {
+    if (by_itself != b->by_itself || peak != b->peak || decay_ms != b->decay_ms || each != b->each || groups != b->groups) {
+        b->groups = groups;
         b->each = each;
         b->by_itself = by_itself;
         b->peak = peak;
         b->decay_ms = decay_ms;
         relight(b);
     }
-    b->infrared = own ? (eol_link_get32(frame + 5) & own) != 0 : 1;
-    eol_light_told(&b->light, falls);
+    b->silent_ms = 0;
+    if (b->own && frame[14] == b->number + 1 && !b->test_tries && b->test_ms >= EOL_BLOCK_TEST_MS) b->testing = 1;
+    if (group == b->group || !each) eol_light_told(&b->light, falls);
+    if (group != b->group) return;
+    b->infrared = b->own ? (infrared & b->own) != 0 : 1;
     /* the order is in every word until the next one; to a block that has just come it is old */
-    if (b->words && count != b->light_count && (eol_link_get32(frame + 9) & own) && !b->order_ms) {
-        b->order_ms = EOL_BLOCK_ORDER_MS;
+    if (b->words && count != b->light_count && (eol_link_get32(frame + 9) & b->own) && !b->order_ms) {
+        b->order_ms = (uint8_t)(EOL_BLOCK_ORDER_MS * eol_link_orders(groups));
         eol_light_flash(&b->light);
         if (each) eol_light_told(&b->light, falls); /* this word knows of the flash */
     }
     b->light_count = count;
     b->words = 1;
-    b->silent_ms = 0;
-    if (own && frame[14] == b->number + 1 && !b->test_tries && b->test_ms >= EOL_BLOCK_TEST_MS) b->testing = 1;
 }
 
 static void take_detector(eol_knock_config *to, const uint8_t *body)
@@ -117,7 +127,8 @@ static void take_detector(eol_knock_config *to, const uint8_t *body)
 
 void eol_block_heard(eol_block *b, const uint8_t *frame)
 {
-    if (frame[0] == EOL_FRAME_WORD) take_word(b, frame);
+    uint8_t group = (uint8_t)(frame[0] - EOL_FRAME_WORD);
+    if (group < EOL_GROUPS) take_word(b, frame, group);
     if (frame[0] == EOL_FRAME_FEELS) take_detector(&b->knock.config, frame + 1);
 }
 
@@ -173,7 +184,7 @@ void eol_block_told(eol_block *b, uint8_t heard)
     } else {
         b->due = 0; /* the next one comes anyway */
         if (heard && b->uncounted) b->untold = 1; /* it was told in vain */
-        b->status_ms = 0;
+        b->status_ms = !heard; /* a word every 2 ms made the bridge deaf: the next one comes between them */
     }
     /* two blocks that spoke at once must not do so again: each waits its own way */
     if (!heard) b->pause_ms = (uint8_t)(1 + (b->number * 5 + b->tries * 3 + (uint8_t)b->lit_us) % 4);
@@ -202,7 +213,7 @@ void eol_block_tick(eol_block *b)
     if (b->order_ms) b->order_ms--;
     if (b->test_ms < EOL_BLOCK_TEST_MS) b->test_ms++;
     if (b->silent_ms < EOL_BLOCK_ALONE_MS) b->silent_ms++;
-    if (++b->status_ms >= EOL_BLOCK_STATUS_MS) {
+    if (++b->status_ms >= (uint16_t)(EOL_BLOCK_STATUS_MS * b->groups)) {
         b->status_ms = 0;
         b->due = 1;
     }

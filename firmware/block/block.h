@@ -20,13 +20,13 @@ extern "C" {
 
 enum {
     EOL_BLOCK_MAJOR = 2,
-    EOL_BLOCK_MINOR = 4,
-    EOL_BLOCK_NUMBERS = 25,
+    EOL_BLOCK_MINOR = 5,
+    EOL_BLOCK_NUMBERS = EOL_GROUP * EOL_GROUPS,
     EOL_BLOCK_TRIES = 12,          /* of one knock, until somebody has heard it */
-    EOL_BLOCK_STATUS_MS = 1000,    /* from status to status; the bridge misses a block after three */
+    EOL_BLOCK_STATUS_MS = 1000,    /* from status to status, for each group; the bridge misses a block after three */
     EOL_BLOCK_PERIOD_US = 744,     /* from sample to sample: 1344 Hz */
     EOL_BLOCK_WAKE_LATE_US = 5000, /* half of the time between two looks of a sensor that sleeps */
-    EOL_BLOCK_ORDER_MS = 25,       /* an order that comes sooner is the last one, told again */
+    EOL_BLOCK_ORDER_MS = 25,       /* an order that comes sooner is the last one, told again; eol_link_orders times that */
     EOL_BLOCK_SETTLE_MS = 4,       /* a word that comes later was written when the bridge knew the flash */
     EOL_BLOCK_ALONE_MS = 250,      /* without a word of the bridge */
     EOL_BLOCK_TEST_MS = 1000       /* from self-test to self-test: the order stays in the words for a while */
@@ -44,14 +44,16 @@ typedef struct {
 typedef struct {
     eol_knock knock;
     eol_light light;
-    uint8_t number;      /* row * 5 + column; more: it has none, and says nothing */
+    uint8_t number;      /* row * columns + column; more: it has none, and says nothing */
+    uint8_t group, groups; /* its own; of the table, as the bridge says */
+    uint32_t own;        /* its bit in the masks of its group; 0: it has no number */
     uint8_t infrared;    /* 1: its infrared LED shines */
     uint8_t by_itself, peak, each;
     uint16_t decay_ms;
     uint16_t millivolts; /* of the battery; 0: none */
     int8_t celsius;
     uint8_t asleep;
-    uint8_t light_count, words; /* of the last order to light up; 1 when one was heard */
+    uint8_t light_count, words; /* of the last order to light up; 1 when a word of its group was heard */
     uint8_t tries;       /* left of the knock that is to be told */
     uint8_t pause_ms;    /* until the next try */
     uint8_t uncounted;   /* 1: it has flashed, and the bridge may not know: it holds */

@@ -3,7 +3,7 @@
 
 enum {
     LEASE = 11, /* thousandths of the decay time */
-    LEASE_EACH_MS = 20
+    LEASE_EACH_MS = 20 /* for each group */
 };
 
 /* What is lost in a millisecond, 1 - exp(-1 / tau), in 1 / 2^32; tau in ms. */
@@ -14,18 +14,21 @@ enum {
 /* a division takes longer than a millisecond */
 static const uint32_t HELD = SHARE(EOL_LIGHT_HOLD_MS), HELD_EACH = SHARE(EOL_LIGHT_HOLD_EACH_MS);
 
-void eol_light_begin(eol_light *light, uint8_t by_itself, uint8_t peak, uint16_t decay_ms, uint8_t each)
+void eol_light_begin(eol_light *light, uint8_t by_itself, uint8_t peak, uint16_t decay_ms, uint8_t each,
+                     uint8_t groups)
 {
     uint16_t shortest_ms = each ? EOL_LIGHT_SHORTEST_EACH_MS : EOL_LIGHT_SHORTEST_MS;
     uint32_t lease_ms;
     if (decay_ms < shortest_ms) decay_ms = shortest_ms;
-    lease_ms = each ? LEASE_EACH_MS : (uint32_t)decay_ms * LEASE / 1000;
+    lease_ms = (uint32_t)decay_ms * LEASE / 1000;
+    if (lease_ms > 100) lease_ms = 100;
+    if (each) lease_ms = (uint32_t)LEASE_EACH_MS * groups;
     light->level = 0;
     light->each = each;
     light->fall = SHARE((uint32_t)decay_ms);
     light->peak = peak;
     light->by_itself = by_itself;
-    light->lease_ms = (uint8_t)(lease_ms > 100 ? 100 : lease_ms);
+    light->lease_ms = (uint8_t)lease_ms;
     light->left_ms = 0;
 }
 

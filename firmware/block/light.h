@@ -12,7 +12,7 @@
  *
  * With `each` the bridge says so of this block alone (firmware/bridge/local.h), and nothing but its
  * own flash ends a fall: no lease and no link can be late. It holds by 6 % in 1.07 s (tau 17 s), and
- * may obey a word for 20 ms, in which nine of ten may be lost.
+ * may obey a word for 20 ms for each group of blocks, in which nine of ten may be lost.
  */
 #ifndef EOL_LIGHT_H
 #define EOL_LIGHT_H
@@ -40,8 +40,9 @@ typedef struct {
     uint8_t left_ms;
 } eol_light;
 
-/* Begin in the dark. */
-void eol_light_begin(eol_light *light, uint8_t by_itself, uint8_t peak, uint16_t decay_ms, uint8_t each);
+/* Begin in the dark, one of a table of so many groups. */
+void eol_light_begin(eol_light *light, uint8_t by_itself, uint8_t peak, uint16_t decay_ms, uint8_t each,
+                     uint8_t groups);
 
 /* The detector felt a knock. Returns 1 when that lit the block. */
 uint8_t eol_light_felt(eol_light *light);

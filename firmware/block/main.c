@@ -23,7 +23,7 @@ enum {
     TICK_US = 1000,
     SENSOR_MS = 50, /* without a sample until it is set up again */
     RADIO_MS = 20,  /* until a frame is taken for lost */
-    LOOK_MS = 8,    /* for a word, of a block that sleeps */
+    LOOK_MS = 8,    /* for a word, of a block that sleeps; for each group */
     CELSIUS_0 = 289, /* mV of the controller's own sensor, some 10 K wrong */
     REFERENCE = (1 << REFS1) | (1 << REFS0), /* 1.1 V */
     CONVERT = (1 << ADEN) | (1 << ADSC) | (1 << ADPS2) | (1 << ADPS1)
@@ -237,9 +237,9 @@ static void look(void)
     uint32_t until_us;
     start_time();
     nrf24_begin(NRF24_BLOCK);
-    until_us = clock_us() + LOOK_MS * 1000ul;
-    block.silent_ms = EOL_BLOCK_ALONE_MS;
-    while ((int32_t)(until_us - clock_us()) > 0 && block.silent_ms) talk();
+    until_us = clock_us() + block.groups * (LOOK_MS * 1000ul);
+    block.words = 0;
+    while ((int32_t)(until_us - clock_us()) > 0 && !block.words) talk();
     nrf24_sleep();
     show(eol_block_level(&block));
 }

@@ -2,18 +2,28 @@
 #include "bridge.h"
 
 static const double HOLD_AT_FIRST_S = 1.001 / 3;
-static const double HANDOVER_S = 1.07; /* from one limit to another */
 static const double FOR_EVER_S = 1e30;
 enum {
     EACH = EOL_LIMITED | EOL_EACH_FIELD,
     SHORTEST_MS = 182, SHORTEST_EACH_MS = 20, /* as in a block */
-    OLD_ORDER_US = 100000, /* who has not heard it by then is not to flash */
-    VERSION = 4, FLAGS = 6 /* in the body of a status */
+    OLD_ORDER_MS = 100, /* who has not heard it by then is not to flash */
+    VERSION = 4, FLAGS = 6, /* in the body of a status */
+    ALL = (1 << EOL_GROUP) - 1
 };
 
 static double seconds(uint64_t us)
 {
     return (double)us * 1e-6;
+}
+
+static uint32_t to_ms(uint64_t us)
+{
+    return (uint32_t)(us / 1000);
+}
+
+static uint8_t groups(const eol_bridge *b)
+{
+    return (uint8_t)((b->places + EOL_GROUP - 1) / EOL_GROUP);
 }
 
 /* A packet that does not fit is dropped whole. */
@@ -46,19 +56,23 @@ static uint8_t each_field(const eol_bridge *b)
 /* Begin with the limit of `flags`; what shines is not known. */
 static void limit(eol_bridge *b, uint64_t now_us)
 {
-    eol_local_begin(&b->local, b->decay_ms * 1e-3, b->peak / 255.0);
-    eol_local_shape(&b->local, b->columns, b->most);
-    for (uint8_t k = 0; k < EOL_BLOCKS; k++) eol_local_unknown(&b->local, seconds(now_us), k);
-    eol_flash_begin(&b->field, b->decay_ms * 1e-3, b->peak / 255.0, (b->flags & EOL_LIMITED) != 0);
-    eol_flash_hold(&b->field, seconds(now_us), seconds(now_us) + HANDOVER_S);
+    double decay_s = b->decay_ms * 1e-3, peak = b->peak / 255.0, now_s = seconds(now_us);
+    if (each_field(b)) {
+        eol_local_begin(&b->light.local, decay_s, peak);
+        eol_local_shape(&b->light.local, b->columns, b->most, b->places);
+        eol_local_unknown_all(&b->light.local, now_s);
+    } else {
+        eol_flash_begin(&b->light.field, decay_s, peak, (b->flags & EOL_LIMITED) != 0, b->places);
+        eol_flash_hold(&b->light.field, now_s, now_s + eol_local_period(b->places)); /* until what fell is over */
+    }
 }
 
 static void lit(eol_bridge *b, uint64_t now_us, uint8_t number)
 {
     if (each_field(b))
-        eol_local_slip(&b->local, seconds(now_us), number);
+        eol_local_slip(&b->light.local, seconds(now_us), number);
     else
-        eol_flash_slip(&b->field, seconds(now_us), number);
+        eol_flash_slip(&b->light.field, seconds(now_us), number);
 }
 
 void eol_bridge_begin(eol_bridge *b, uint64_t now_us)
@@ -69,7 +83,8 @@ void eol_bridge_begin(eol_bridge *b, uint64_t now_us)
     b->decay_ms = 100;
     b->columns = EOL_LOCAL_COLUMNS;
     b->most = EOL_LOCAL_FALLS;
-    b->infrared = ((uint32_t)1 << EOL_BLOCKS) - 1;
+    b->reported = b->places = EOL_LOCAL_BLOCKS;
+    for (int k = 0; k < EOL_GROUPS; k++) b->groups[k].infrared = ALL;
     limit(b, now_us);
     b->word_us = now_us;
 }
@@ -79,7 +94,7 @@ static void report(eol_bridge *b, uint64_t now_us, uint8_t number)
     eol_bridge_block *one = &b->blocks[number];
     one->body[0] = number;
     one->body[FLAGS] = (uint8_t)(one->linked ? one->body[FLAGS] | EOL_LINKED : one->body[FLAGS] & ~EOL_LINKED);
-    one->said_us = now_us;
+    one->said_ms = to_ms(now_us);
     uint8_t body[sizeof one->body];
     memcpy(body, one->body, sizeof body);
     body[FLAGS] = (uint8_t)(body[FLAGS] | (one->twice ? EOL_TWICE : 0));
@@ -100,18 +115,25 @@ void eol_bridge_radio(eol_bridge *b, uint8_t works)
     report_self(b);
 }
 
+/* Tell all statuses, as far as there is room; half of it is for what happens meanwhile. */
+static void report_all(eol_bridge *b, uint64_t now_us)
+{
+    while (b->reported < b->places && b->count < EOL_BRIDGE_ROOM / 2) report(b, now_us, b->reported++);
+}
+
 /* A block has said a status. Returns 1 where it is news that others have its number, or no longer. */
-static uint8_t counted(eol_bridge_block *one, uint64_t now_us)
+static uint8_t counted(const eol_bridge *b, eol_bridge_block *one, uint64_t now_us)
 {
     uint8_t was = one->twice;
+    uint32_t span_ms = (uint32_t)EOL_BRIDGE_COUNT_MS * groups(b), since_ms = to_ms(now_us) - one->count_ms;
     if (one->says < UINT8_MAX) one->says++;
     if (one->says > EOL_BRIDGE_ONE_SAYS) one->twice = 1;
-    if (now_us - one->count_us >= EOL_BRIDGE_COUNT_US) {
+    if (since_ms >= span_ms) {
         /* of one that was away, or slept, nothing is known */
-        uint8_t whole = now_us - one->count_us < EOL_BRIDGE_COUNT_US + 2000000;
+        uint8_t whole = since_ms < span_ms + 2000 * groups(b);
         if (whole && one->says <= EOL_BRIDGE_ONE_SAYS) one->twice = 0;
         one->says = 0;
-        one->count_us = now_us;
+        one->count_ms = to_ms(now_us);
     }
     return one->twice != was;
 }
@@ -121,32 +143,69 @@ static uint8_t counted(eol_bridge_block *one, uint64_t now_us)
 static void relink(eol_bridge *b, uint64_t now_us, uint8_t number)
 {
     if (each_field(b)) {
-        eol_local_unknown(&b->local, seconds(now_us), number);
-        if (!b->blocks[number].linked) eol_local_hold(&b->local, seconds(now_us), FOR_EVER_S, number);
+        eol_local_unknown(&b->light.local, seconds(now_us), number);
+        if (!b->blocks[number].linked) eol_local_hold(&b->light.local, seconds(now_us), FOR_EVER_S, number);
         return;
     }
     double until_s = seconds(now_us) + HOLD_AT_FIRST_S;
-    for (int k = 0; k < EOL_BLOCKS; k++)
+    for (int k = 0; k < b->places; k++)
         if (b->blocks[k].heard && !b->blocks[k].linked) until_s = FOR_EVER_S;
-    eol_flash_hold(&b->field, seconds(now_us), until_s);
+    eol_flash_hold(&b->light.field, seconds(now_us), until_s);
 }
 
 /* Begin with the limit of `flags` while blocks are heard, or are not. */
 static void relimit(eol_bridge *b, uint64_t now_us)
 {
     limit(b, now_us);
-    for (uint8_t k = 0; k < EOL_BLOCKS; k++)
-        if (b->blocks[k].heard && !b->blocks[k].linked) relink(b, now_us, k);
+    for (uint8_t k = 0; k < b->places; k++) {
+        if (!b->blocks[k].heard || b->blocks[k].linked) continue;
+        if (!each_field(b)) {
+            relink(b, now_us, k); /* one is as good as all */
+            return;
+        }
+        b->light.local.block[k].fall_s = FOR_EVER_S; /* of 225, relink takes too long */
+    }
 }
 
-/* Take the table: squares of so many columns, and most falls of a block. */
-static void lattice(eol_bridge *b, uint64_t now_us, uint8_t columns, uint8_t most)
+/* Take the table: squares of so many columns, most falls of a block, and how many places it has. */
+static void lattice(eol_bridge *b, uint64_t now_us, uint8_t columns, uint8_t most, uint8_t count)
 {
-    uint8_t other = columns != b->columns || most != b->most;
-    if (!other || columns < 2 || columns > EOL_BLOCKS || most < 1 || most > EOL_LOCAL_FALLS) return;
+    uint8_t other = columns != b->columns || most != b->most || count != b->places;
+    if (!other || columns < 2 || columns > count || count > EOL_BLOCKS || most < 1 || most > EOL_LOCAL_FALLS) return;
     b->columns = columns;
     b->most = most;
+    b->reported = b->places = count;
     relimit(b, now_us);
+}
+
+/* Bit k of a mask of `size` bytes. */
+static uint8_t bit(const uint8_t *mask, size_t size, uint8_t k)
+{
+    return k / 8u < size && (mask[k / 8] >> k % 8 & 1);
+}
+
+/* Let the blocks of a mask flash. */
+static void order(eol_bridge *b, uint64_t now_us, const uint8_t *mask, size_t size)
+{
+    uint16_t again_ms = (uint16_t)(EOL_BRIDGE_ORDER_MS * eol_link_orders(groups(b)));
+    uint32_t now_ms = to_ms(now_us);
+    for (uint8_t g = 0; g < groups(b); g++) {
+        eol_bridge_group *group = &b->groups[g];
+        uint32_t kept = group->order, fresh = 0;
+        for (uint8_t n = 0; n < EOL_GROUP; n++) {
+            eol_bridge_block *one = &b->blocks[g * EOL_GROUP + n];
+            if ((uint16_t)(now_ms - one->ordered_ms) >= again_ms) kept &= ~((uint32_t)1 << n);
+            if (g * EOL_GROUP + n >= b->places || !bit(mask, size, (uint8_t)(g * EOL_GROUP + n))) continue;
+            fresh |= (uint32_t)1 << n;
+            one->ordered_ms = (uint16_t)now_ms;
+        }
+        if (!fresh) continue;
+        group->order = kept | fresh;
+        group->order_ms = now_ms;
+        group->orders++;
+        group->due |= fresh;
+        b->word_us = now_us;
+    }
 }
 
 static void take(eol_bridge *b, uint64_t now_us, uint8_t kind, const uint8_t *body, size_t size)
@@ -155,16 +214,19 @@ static void take(eol_bridge *b, uint64_t now_us, uint8_t kind, const uint8_t *bo
     if (kind == EOL_HELLO && size == 1) {
         out[0] = EOL_VERSION;
         out[1] = EOL_BLOCKS;
-        memcpy(out + 2, "eol bridge 2.4", 14);
-        lattice(b, now_us, EOL_LOCAL_COLUMNS, EOL_LOCAL_FALLS); /* until this host says another */
+        memcpy(out + 2, "eol bridge 2.5", 14);
+        lattice(b, now_us, EOL_LOCAL_COLUMNS, EOL_LOCAL_FALLS, EOL_LOCAL_BLOCKS); /* until this host says another */
         if (body[0] == EOL_VERSION) {
             send(b, EOL_WELCOME, out, 18);
         } else {
             out[1] = body[0];
             send(b, EOL_REFUSED, out, 2);
         }
-    } else if (kind == EOL_INFRARED && size == 4) {
-        b->infrared = eol_get32(body);
+    } else if (kind == EOL_INFRARED && size >= 4) {
+        for (uint8_t k = 0; k < EOL_BLOCKS; k++) {
+            uint32_t own = (uint32_t)1 << k % EOL_GROUP, *all = &b->groups[k / EOL_GROUP].infrared;
+            *all = bit(body, size, k) ? *all | own : *all & ~own;
+        }
     } else if (kind == EOL_PING && size == 4) {
         memcpy(out, body, 4);
         eol_put32(out + 4, (uint32_t)now_us);
@@ -178,34 +240,29 @@ static void take(eol_bridge *b, uint64_t now_us, uint8_t kind, const uint8_t *bo
         b->peak = body[1];
         shortest_ms = each_field(b) ? SHORTEST_EACH_MS : SHORTEST_MS;
         b->decay_ms = decay_ms < shortest_ms ? shortest_ms : decay_ms;
-        if (other) relimit(b, now_us);
-        eol_local_set(&b->local, seconds(now_us), b->decay_ms * 1e-3, b->peak / 255.0);
-        eol_flash_hold(&b->field, seconds(now_us), b->field.fall_at_s); /* until now as it was */
-        b->field.decay_s = b->decay_ms * 1e-3;
-        b->field.peak = b->peak / 255.0;
+        if (other) {
+            relimit(b, now_us);
+        } else if (each_field(b)) {
+            eol_local_set(&b->light.local, seconds(now_us), b->decay_ms * 1e-3, b->peak / 255.0);
+        } else {
+            eol_flash_hold(&b->light.field, seconds(now_us), b->light.field.fall_at_s); /* until now as it was */
+            b->light.field.decay_s = b->decay_ms * 1e-3;
+            b->light.field.peak = b->peak / 255.0;
+        }
         report_self(b);
-        for (uint8_t k = 0; k < EOL_BLOCKS; k++) report(b, now_us, k);
+        b->reported = 0;
+        report_all(b, now_us);
     } else if (kind == EOL_DETECTOR && size == 16) {
         memcpy(b->detector, body, 16);
         b->feels = 1;
         b->feels_us = now_us;
-    } else if (kind == EOL_LATTICE && size == 2) {
-        lattice(b, now_us, body[0], body[1]);
-    } else if (kind == EOL_SELF_TEST && size == 1 && body[0] < EOL_BLOCKS) {
+    } else if (kind == EOL_LATTICE && size == 3) {
+        lattice(b, now_us, body[0], body[1], body[2]);
+    } else if (kind == EOL_SELF_TEST && size == 1 && body[0] < b->places) {
         b->test = (uint8_t)(body[0] + 1);
         b->test_us = now_us;
-    } else if (kind == EOL_LIGHT && size == 8) {
-        uint32_t mask = eol_get32(body + 4);
-        for (uint8_t k = 0; k < EOL_BLOCKS; k++) {
-            if (now_us - b->ordered_us[k] >= EOL_BRIDGE_ORDER_US) b->order &= ~((uint32_t)1 << k);
-            if (mask >> k & 1) b->ordered_us[k] = now_us;
-        }
-        b->order |= mask;
-        b->order_us = now_us;
-        b->orders++;
-        b->word_us = now_us;
-        for (uint8_t k = 0; k < EOL_BLOCKS; k++)
-            if (mask >> k & 1) lit(b, now_us, k);
+    } else if (kind == EOL_LIGHT && size >= 8) {
+        order(b, now_us, body + 4, size - 4);
     }
 }
 
@@ -220,23 +277,23 @@ void eol_bridge_byte(eol_bridge *b, uint64_t now_us, uint8_t byte)
 void eol_bridge_heard(eol_bridge *b, uint64_t now_us, const uint8_t *frame)
 {
     uint8_t number = frame[1], body[10];
-    eol_bridge_block *one = &b->blocks[number % EOL_BLOCKS];
+    eol_bridge_block *one = &b->blocks[number < EOL_BLOCKS ? number : 0];
     if ((frame[0] != EOL_FRAME_KNOCK && frame[0] != EOL_FRAME_LIT && frame[0] != EOL_FRAME_STATUS &&
          frame[0] != EOL_FRAME_TESTED) ||
-        number >= EOL_BLOCKS)
+        number >= b->places)
         return;
-    one->heard_us = now_us;
+    one->heard_ms = to_ms(now_us);
     if (!one->linked) {
         uint8_t was = one->heard;
         one->linked = one->heard = 1;
         if (was) relink(b, now_us, number);
-        one->said_us = now_us - EOL_BRIDGE_SAID_US; /* with its next status */
+        one->said_ms = to_ms(now_us) - EOL_BRIDGE_SAID_MS; /* with its next status */
     }
     if (frame[0] == EOL_FRAME_STATUS) {
         uint8_t changed = memcmp(one->body + VERSION, frame + 1 + VERSION, 3) != 0; /* and flags */
         memcpy(one->body, frame + 1, sizeof one->body);
-        changed |= counted(one, now_us);
-        if (changed || now_us - one->said_us >= EOL_BRIDGE_SAID_US)
+        changed |= counted(b, one, now_us);
+        if (changed || to_ms(now_us) - one->said_ms >= EOL_BRIDGE_SAID_MS)
             report(b, now_us, number);
         return;
     }
@@ -250,7 +307,7 @@ void eol_bridge_heard(eol_bridge *b, uint64_t now_us, const uint8_t *frame)
     one->knocks = frame[9];
     if (frame[0] == EOL_FRAME_LIT || eol_link_get16(frame + 7) != EOL_NOT_LIT) {
         lit(b, now_us, number);
-        if (!each_field(b) && b->decided && eol_flash_holds(&b->field, seconds(now_us))) b->word_us = now_us; /* at once */
+        if (!each_field(b) && b->decided && eol_flash_holds(&b->light.field, seconds(now_us))) b->word_us = now_us; /* at once */
     }
     if (frame[0] == EOL_FRAME_LIT) return;
     eol_put32(body, (uint32_t)now_us - eol_link_get16(frame + 3) - EOL_AIR_US);
@@ -263,10 +320,10 @@ void eol_bridge_heard(eol_bridge *b, uint64_t now_us, const uint8_t *frame)
 /* Blocks that have fallen silent. */
 static void miss(eol_bridge *b, uint64_t now_us)
 {
-    for (uint8_t k = 0; k < EOL_BLOCKS; k++) {
+    const uint32_t now_ms = to_ms(now_us), longest_ms = (uint32_t)EOL_BRIDGE_SILENT_MS * groups(b);
+    for (uint8_t k = 0; k < b->places; k++) {
         eol_bridge_block *one = &b->blocks[k];
-        uint64_t longest = one->body[FLAGS] & EOL_ASLEEP ? UINT64_MAX : EOL_BRIDGE_SILENT_US;
-        if (one->linked && now_us - one->heard_us > longest) {
+        if (one->linked && !(one->body[FLAGS] & EOL_ASLEEP) && now_ms - one->heard_ms > longest_ms) {
             one->linked = 0;
             relink(b, now_us, k);
             report(b, now_us, k);
@@ -274,18 +331,32 @@ static void miss(eol_bridge *b, uint64_t now_us)
     }
 }
 
+/* The group whose word is next: one with a new order, or the next one. */
+static uint8_t next_group(eol_bridge *b)
+{
+    for (uint8_t k = 0; k < groups(b); k++) {
+        b->group = (uint8_t)((b->group + 1) % groups(b));
+        if (b->groups[b->group].due) return b->group;
+    }
+    return b->group = (uint8_t)((b->group + 1) % groups(b));
+}
+
 uint8_t eol_bridge_says(eol_bridge *b, uint64_t now_us, uint8_t *frame)
 {
     memset(frame, 0, EOL_FRAME);
     if (now_us >= b->word_us) {
+        eol_bridge_group *group = &b->groups[next_group(b)];
         miss(b, now_us);
+        report_all(b, now_us);
         b->word_us = now_us + EOL_WORD_MS * 1000;
-        if (now_us - b->order_us > OLD_ORDER_US) b->order = 0;
-        b->decided = !eol_flash_holds(&b->field, seconds(now_us));
-        frame[0] = EOL_FRAME_WORD;
+        for (uint8_t n = 0; group->due; n++, group->due >>= 1) /* of all groups at once it takes too long */
+            if (group->due & 1) lit(b, now_us, (uint8_t)(b->group * EOL_GROUP + n));
+        if (to_ms(now_us) - group->order_ms > OLD_ORDER_MS) group->order = 0;
+        b->decided = !each_field(b) && !eol_flash_holds(&b->light.field, seconds(now_us));
+        frame[0] = (uint8_t)(EOL_FRAME_WORD + b->group);
         frame[1] = (uint8_t)(b->flags & EOL_BY_ITSELF);
         if (each_field(b)) {
-            uint32_t falls = eol_local_falls(&b->local, seconds(now_us));
+            uint32_t falls = eol_local_falls(&b->light.local, seconds(now_us), b->group);
             frame[1] = (uint8_t)(frame[1] | EOL_WORD_EACH | (falls >> 24 ? EOL_WORD_LAST : 0));
             frame[15] = (uint8_t)falls;
             frame[16] = (uint8_t)(falls >> 8);
@@ -295,9 +366,9 @@ uint8_t eol_bridge_says(eol_bridge *b, uint64_t now_us, uint8_t *frame)
         }
         frame[2] = b->peak;
         eol_link_put16(frame + 3, b->decay_ms);
-        eol_link_put32(frame + 5, b->infrared);
-        eol_link_put32(frame + 9, b->order);
-        frame[13] = b->orders;
+        eol_link_put32(frame + 5, group->infrared | (uint32_t)(groups(b) - 1) << EOL_WORD_GROUPS_BIT);
+        eol_link_put32(frame + 9, group->order);
+        frame[13] = group->orders;
         if (now_us - b->test_us > EOL_BRIDGE_TEST_US) b->test = 0;
         frame[14] = b->test;
         return 1;

@@ -26,43 +26,55 @@ extern "C" {
 
 enum {
     EOL_BRIDGE_MAJOR = 2,
-    EOL_BRIDGE_MINOR = 4,
+    EOL_BRIDGE_MINOR = 5,
     EOL_BRIDGE_ROOM = 1024,           /* bytes that wait for the host; a power of two */
-    EOL_BRIDGE_SILENT_US = 3000000,   /* a block that was heard and now is not */
-    EOL_BRIDGE_ORDER_US = 20000,      /* an order is told again with one that follows so soon */
+    EOL_BRIDGE_SILENT_MS = 3000,      /* a block that was heard and now is not; for each group */
+    EOL_BRIDGE_ORDER_MS = 20,         /* an order is told again with one that follows so soon; eol_link_orders times that */
     EOL_BRIDGE_DETECTOR_US = 1000000, /* from one telling of the detector's numbers to the next */
-    EOL_BRIDGE_SAID_US = 10000000,    /* a status is told again after that, changed or not */
-    EOL_BRIDGE_COUNT_US = 10000000,   /* statuses are counted for so long */
-    EOL_BRIDGE_ONE_SAYS = 13,         /* a block says one a second, and a few more where it changes; two say 20 */
+    EOL_BRIDGE_SAID_MS = 10000,       /* a status is told again after that, changed or not */
+    EOL_BRIDGE_COUNT_MS = 10000,      /* statuses are counted for so long; for each group */
+    EOL_BRIDGE_ONE_SAYS = 13,         /* a block says ten meanwhile, and a few more where it changes; two say 20 */
     EOL_BRIDGE_TEST_US = 10000000     /* so long a block is asked to test itself: one that sleeps looks every 4 s */
 };
 
+/* Times in ms wrap; they are looked at long before that. */
 typedef struct {
-    uint8_t body[7]; /* of its last status */
-    uint8_t heard;   /* 1: ever */
-    uint8_t linked;
-    uint8_t knocks;  /* number of its last knock */
-    uint8_t knocked; /* 1: there was one */
-    uint8_t says;    /* statuses since count_us */
-    uint8_t twice;   /* 1: more than one block has this number */
-    uint64_t heard_us, said_us, count_us;
+    uint32_t heard_ms, said_ms, count_ms;
+    uint16_t ordered_ms;
+    uint8_t body[7];     /* of its last status */
+    uint8_t knocks;      /* number of its last knock */
+    uint8_t says;        /* statuses since count_ms */
+    uint8_t heard : 1;   /* ever */
+    uint8_t linked : 1;
+    uint8_t knocked : 1; /* there was a knock */
+    uint8_t twice : 1;   /* more than one block has this number */
 } eol_bridge_block;
+
+/* What is in the words of a group. */
+typedef struct {
+    uint32_t infrared, order; /* masks */
+    uint32_t due;             /* of the order: what is not counted, for no word has said it */
+    uint32_t order_ms;
+    uint8_t orders;
+} eol_bridge_group;
 
 typedef struct {
     eol_decoder line;
-    eol_flash_field field;        /* of both the one that `flags` says */
-    eol_local_field local;
+    union {
+        eol_flash_field field;
+        eol_local_field local;
+    } light;                      /* which, `flags` says */
     eol_bridge_block blocks[EOL_BLOCKS];
-    uint8_t columns, most;        /* of Lattice */
+    eol_bridge_group groups[EOL_GROUPS];
+    uint8_t columns, most, places; /* of Lattice */
+    uint8_t group;                /* of the last word */
+    uint8_t reported;             /* blocks whose status is told since the last Lighting */
     uint8_t flags, peak, decided; /* of Lighting; `decided`: light may fall, as it was said last */
     uint16_t decay_ms;
-    uint32_t infrared, order;     /* masks */
-    uint8_t orders;
     uint8_t detector[16], feels;  /* as the host has set it; 1: it has */
     uint8_t mute;                 /* 1: its radio does not work */
     uint8_t test;                 /* number of the block that is to test itself, plus 1; 0: none */
-    uint64_t word_us, order_us, feels_us, test_us;
-    uint64_t ordered_us[EOL_BLOCKS];
+    uint64_t word_us, feels_us, test_us;
     uint8_t sequence;
     uint16_t begin, count;        /* of the ring */
     uint8_t ring[EOL_BRIDGE_ROOM];

@@ -17,13 +17,13 @@ static double hold_rate(void)
 static double brightest(const eol_flash_field *field)
 {
     double most = 0.0;
-    for (int b = 0; b < EOL_FLASH_BLOCKS; b++) most = field->level[b] > most ? field->level[b] : most;
+    for (int b = 0; b < field->count; b++) most = field->level[b] > most ? field->level[b] : most;
     return most;
 }
 
 static void scale(eol_flash_field *field, double share)
 {
-    for (int b = 0; b < EOL_FLASH_BLOCKS; b++) field->level[b] *= share;
+    for (int b = 0; b < field->count; b++) field->level[b] *= share;
 }
 
 double eol_flash_share(const eol_flash_field *field, double span_s, uint8_t holds)
@@ -49,24 +49,25 @@ static void advance(eol_flash_field *field, double now_s)
             field->fell_s = fall_from_s + (fell_s < visible_s ? fell_s : visible_s);
             scale(field, eol_flash_share(field, fell_s, 0));
         }
-        for (int b = 0; b < EOL_FLASH_BLOCKS; b++)
+        for (int b = 0; b < field->count; b++)
             if (field->level[b] < DARK) field->level[b] = 0.0;
     }
     field->now_s = now_s;
 }
 
-void eol_flash_begin(eol_flash_field *field, double decay_s, double peak, uint8_t limited)
+void eol_flash_begin(eol_flash_field *field, double decay_s, double peak, uint8_t limited, uint8_t count)
 {
     memset(field, 0, sizeof *field);
     field->decay_s = decay_s;
     field->peak = peak;
     field->limited = limited;
+    field->count = count;
     field->now_s = field->fall_at_s = field->fell_s = LONG_AGO_S;
 }
 
 void eol_flash_slip(eol_flash_field *field, double now_s, uint8_t block)
 {
-    if (block >= EOL_FLASH_BLOCKS) return;
+    if (block >= field->count) return;
     advance(field, now_s);
     if (field->level[block] < field->peak) field->level[block] = field->peak;
     if (field->limited && field->fall_at_s < field->now_s) { /* not in hold already */
@@ -76,10 +77,10 @@ void eol_flash_slip(eol_flash_field *field, double now_s, uint8_t block)
     }
 }
 
-void eol_flash_levels(eol_flash_field *field, double now_s, uint8_t levels[EOL_FLASH_BLOCKS])
+void eol_flash_levels(eol_flash_field *field, double now_s, uint8_t *levels)
 {
     advance(field, now_s);
-    for (int b = 0; b < EOL_FLASH_BLOCKS; b++) levels[b] = (uint8_t)rint(field->level[b] * 255.0);
+    for (int b = 0; b < field->count; b++) levels[b] = (uint8_t)rint(field->level[b] * 255.0);
 }
 
 void eol_flash_hold(eol_flash_field *field, double now_s, double until_s)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * The light of the 25 blocks and its limit of three flashes a second: eol_ros/core/light/flash.py
+ * The light of all blocks and its limit of three flashes a second: eol_ros/core/light/flash.py
  * in C99, which says what the limit is and why it holds.
  *
  * It lives in the bridge. A block flashes by itself and cannot know what the others do; the host
@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-enum { EOL_FLASH_BLOCKS = 25 };
+enum { EOL_FLASH_BLOCKS = 225 }; /* at most */
 
 typedef struct {
     double decay_s, peak;
@@ -27,17 +27,17 @@ typedef struct {
     double fell_s;    /* when light was last seen falling */
     double level[EOL_FLASH_BLOCKS];
     uint32_t lengthened; /* falls that had to wait */
-    uint8_t limited;
+    uint8_t limited, count; /* of blocks */
 } eol_flash_field;
 
-/* Begin in the dark. `decay_s` > 0: time constant of a fall; `peak` 0..1: what a slip sets. */
-void eol_flash_begin(eol_flash_field *field, double decay_s, double peak, uint8_t limited);
+/* Begin with `count` blocks in the dark. `decay_s` > 0: time constant of a fall; `peak` 0..1: what a slip sets. */
+void eol_flash_begin(eol_flash_field *field, double decay_s, double peak, uint8_t limited, uint8_t count);
 
 /* Light `block` at `now_s`; nothing falls until the limit allows it again. */
 void eol_flash_slip(eol_flash_field *field, double now_s, uint8_t block);
 
 /* Write the level 0..255 of each block at `now_s`. */
-void eol_flash_levels(eol_flash_field *field, double now_s, uint8_t levels[EOL_FLASH_BLOCKS]);
+void eol_flash_levels(eol_flash_field *field, double now_s, uint8_t *levels);
 
 /* Let nothing fall before `until_s`, whatever the limit says. */
 void eol_flash_hold(eol_flash_field *field, double now_s, double until_s);

@@ -12,7 +12,7 @@ enum {
 
 void eol_radio_begin(eol_radio *r, uint64_t now_us)
 {
-    r->sending = 0;
+    r->sending = r->ready = 0;
     r->looked_us = now_us;
     r->answers = nrf24_begin(NRF24_BRIDGE);
 }
@@ -48,11 +48,13 @@ void eol_radio_turn(eol_radio *r, eol_bridge *bridge, uint64_t now_us)
         eol_bridge_says(bridge, now_us, frame); /* so that it misses its blocks */
         return;
     }
+    if (!r->sending && !r->ready) r->ready = eol_bridge_says(bridge, now_us, r->frame); /* takes a while */
     look(r, bridge, now_us);
     if (fails(r, now_us)) {
         r->answers = 0;
-    } else if (!r->sending && now_us - r->heard_us >= ANSWERED_US && eol_bridge_says(bridge, now_us, frame)) {
-        nrf24_send(frame);
+    } else if (!r->sending && r->ready && now_us - r->heard_us >= ANSWERED_US) {
+        nrf24_send(r->frame);
+        r->ready = 0;
         r->sending = 1;
         r->sent_us = now_us;
     }

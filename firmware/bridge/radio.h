@@ -9,7 +9,8 @@
 #include "bridge.h"
 
 typedef struct {
-    uint8_t answers, sending;
+    uint8_t answers, sending, ready; /* ready: `frame` is to be sent */
+    uint8_t frame[EOL_FRAME];
     uint64_t sent_us, heard_us, looked_us;
 } eol_radio;
 

@@ -44,7 +44,7 @@ def host(fake):
 
 
 def test_meets_the_board(host, fake):
-    assert host.board.state.text == f'board fake on {fake.link}, 25 blocks'
+    assert host.board.state.text == f'board fake on {fake.link}, up to 25 blocks'
     assert host.board.sent >= 1
 
 
@@ -127,6 +127,18 @@ def test_an_unplugged_board_is_met_again_and_shown_what_it_missed(host, fake):
     assert kinds[0] == 'ready' and kinds[-1] == 'ready'
     assert {'lost', 'looking'} >= set(kinds[1:-1]) != set()
     assert all('trying again in' in s.text for s in host.states[1:-1])
+
+
+def test_a_board_that_started_again_is_told_again(host, fake):
+    """Its watchdog bit; the line stays open."""
+    host.board.infrared(False)
+    wait_until(lambda: fake.infrared_mask == 0)
+    before = host.board.connections
+    fake.fault('reboot')
+    assert fake.infrared_mask
+
+    wait_until(lambda: fake.infrared_mask == 0)
+    assert host.board.connections == before
 
 
 def test_a_silent_board_counts_as_lost(host, fake, monkeypatch):

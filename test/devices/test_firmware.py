@@ -36,7 +36,7 @@ uint32_t round_trip(uint32_t v) { uint8_t b[4]; eol_put32(b, v); return eol_get3
 MESSAGES = [
     p.Hello(),
     p.Levels(0, bytes(25)),
-    p.Levels(2**32 - 1, bytes(range(25))),
+    p.Levels(200, bytes(range(25))),
     p.Infrared(2**25 - 1),
     p.Ping(1),
     p.Welcome(1, 25, b'c board'.ljust(16, b'\0')),
@@ -45,7 +45,7 @@ MESSAGES = [
     p.Lighting(p.BY_ITSELF | p.LIMITED, 255, 350),
     p.Detector(256, 13, 40, 7000, 67, 2016, 80640),
     p.Light(2**32 - 1, 2**25 - 1),
-    p.Lattice(4, 1),
+    p.Lattice(4, 1, 12),
     p.Knock(99, 24, 65535, p.NOT_LIT, p.WOKE),
     p.BlockStatus(p.BRIDGE, 3000, -5, 2, 0, p.LINKED | p.SENSOR_DEAD),
 ]
@@ -231,18 +231,19 @@ int main(void)
         size_t size = any() % (EOL_MAX_BODY + 1), length;
         now += any() * 40u;
         for (size_t k = 0; k < size; k++) body[k] = any();
-        size = n % 2 ? size : (const size_t[]){1, 4, 4, 4, 16, 8}[n / 2 % 6];
-        length = eol_encode(wire, (const uint8_t[]){1, 4, 5, 6, 7, 8}[n / 2 % 6], 0, body, size);
+        size = n % 2 ? size : (const size_t[]){1, 4, 4, 4, 16, 8, 3}[n / 2 % 7];
+        uint8_t kind = (const uint8_t[]){1, 4, 5, 6, 7, 8, 10}[n / 2 % 7];
+        length = eol_encode(wire, kind, 0, body, size);
         if (n % 5 == 0) wire[any() % length] = any();
         for (size_t k = 0; k < length; k++) eol_bridge_byte(&bridge, now, wire[k]);
         for (int k = 0; k < EOL_FRAME; k++) frame[k] = any();
         if (n % 4) {
             frame[0] = n % 3 ? EOL_FRAME_KNOCK : EOL_FRAME_STATUS;
-            frame[1] %= 32;
+            frame[1] %= n % 8 > 4 ? 255 : 32;
         }
         eol_bridge_heard(&bridge, now, frame);
         for (int k = 0; k < 4 && eol_bridge_says(&bridge, now, frame); k++) said++;
-        for (int k = 0; k < 30 && eol_bridge_sends(&bridge, &byte); k++) sent++;
+        for (int k = 0; k < (n & 1024 ? 2 : 60) && eol_bridge_sends(&bridge, &byte); k++) sent++;
         if (bridge.count > EOL_BRIDGE_ROOM) return 2;
     }
     printf("%u %u %u\\n", sent, said, bridge.dropped);

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """firmware/bridge/flash.c and local.c against core/light/flash.py and local.py, to the level.
 
-And with the firmware of blocks: 25 that flash by themselves, and the bridge that holds them.
+And with the firmware of blocks: those of a table that flash by themselves, and the bridge that
+holds them.
 """
 
 import ctypes
@@ -11,14 +12,20 @@ import pytest
 from support.fields_of_view import RATE_HZ, fields, most_in_a_second
 from support.flashes import most_flashes_in_a_second
 from support.native import library
-from support.paper import N_BLOCKS, rest_lattice
+from support.paper import N_BLOCKS
 
 from eol_ros.core.light.bridge import Bridge
 from eol_ros.core.light.flash import FLASHES_PER_S, HOLD_RATE, MIN_PERIOD_S, FlashField
 from eol_ros.core.light.local import LocalField, block_falls
+from eol_ros.core.serial_protocol import GROUP
 from eol_ros.core.table import Table
 
-OTHERS = [Table(rows=3, columns=4), Table(rows=3, columns=7, block_side_m=0.03, gap_m=0.02)]
+OTHERS = [
+    Table(rows=3, columns=4),
+    Table(rows=3, columns=7, block_side_m=0.03, gap_m=0.02),
+    Table(rows=8, columns=8, platform_m=(2.4, 2.4)),
+]
+LARGEST = Table(rows=15, columns=15, platform_m=(3.6, 3.6))
 GLUE = """
 #include <stdlib.h>
 #include "block.h"
@@ -26,7 +33,8 @@ GLUE = """
 size_t flash_size(void) { return sizeof(eol_flash_field); }
 size_t local_size(void) { return sizeof(eol_local_field); }
 
-enum { B = EOL_FLASH_BLOCKS };
+enum { MOST = EOL_BLOCKS };
+static int B = EOL_LOCAL_BLOCKS;
 
 /* Light at `hz` under the limit of each field of view: of slips at `at_s`; or of an adversary, who
  * lights a block of `mask` when it has lost `depth`, in `often` of 1000 looks. */
@@ -47,7 +55,7 @@ void adversary(double decay_s, uint32_t mask, int depth, int often, int seed, in
                double hz, uint8_t *shown)
 {
     eol_local_field field;
-    uint8_t now[B], peak[B] = {0};
+    uint8_t now[MOST], peak[MOST] = {0};
     int frame = 0;
     srand((unsigned)seed);
     eol_local_begin(&field, decay_s, 1.0);
@@ -84,16 +92,20 @@ static void host(eol_bridge *bridge, int t, uint8_t kind, uint8_t *body, size_t 
 }
 
 /* What the host says before each Lighting, where it is not all zeros. */
-static uint8_t lattice[2];
-void shape(uint8_t columns, uint8_t most) { lattice[0] = columns, lattice[1] = most; }
+static uint8_t lattice[3];
+void shape(uint8_t columns, uint8_t most, uint8_t places)
+{
+    lattice[0] = columns, lattice[1] = most, lattice[2] = places;
+    B = places ? places : EOL_LOCAL_BLOCKS;
+}
 
 static void say_lighting(eol_bridge *bridge, int t, uint8_t *lighting)
 {
-    if (lattice[0]) host(bridge, t, EOL_LATTICE, lattice, 2);
+    if (lattice[0]) host(bridge, t, EOL_LATTICE, lattice, 3);
     host(bridge, t, EOL_LIGHTING, lighting, 4);
 }
 
-/* `ms` milliseconds of the whole firmware of 25 blocks and their bridge. felt[t * B + b]: block b
+/* `ms` milliseconds of the whole firmware of all blocks and their bridge. felt[t * B + b]: block b
  * feels a knock (1) or a weak one (2), or the host lights it (3). `flags` are those of Lighting. Of
  * 1000 frames `lost` are lost either way, and so many answers. The bridge is started again at
  * `gone_ms`, after 0.1 s, and block 12 at `reset_ms`. shown[t * B + b]: the light of a block. */
@@ -101,8 +113,8 @@ void table(int ms, const uint8_t *felt, int flags, int decay_ms, int lost, int g
            int reset_ms, uint8_t *shown)
 {
     static eol_bridge bridge;
-    static eol_block block[B];
-    static int measured[B];
+    static eol_block block[MOST];
+    static int measured[MOST];
     uint8_t frame[EOL_FRAME], word[EOL_FRAME] = {0}, byte;
     uint8_t lighting[4] = {(uint8_t)flags, 255, (uint8_t)decay_ms, (uint8_t)(decay_ms >> 8)};
     srand(1);
@@ -110,7 +122,8 @@ void table(int ms, const uint8_t *felt, int flags, int decay_ms, int lost, int g
     say_lighting(&bridge, 0, lighting);
     for (int b = 0; b < B; b++) eol_block_begin(&block[b], (uint8_t)b), measured[b] = -1;
     for (int t = 0; t < ms; t++) {
-        uint32_t now_us = 1000u * (uint32_t)t, mask = 0;
+        uint32_t now_us = 1000u * (uint32_t)t;
+        uint8_t light[33] = {0}, lights = 0;
         int there = t < gone_ms || t >= gone_ms + 100;
         if (t == gone_ms + 100) eol_bridge_begin(&bridge, now_us);
         if (t == gone_ms + 300) say_lighting(&bridge, t, lighting);
@@ -119,7 +132,7 @@ void table(int ms, const uint8_t *felt, int flags, int decay_ms, int lost, int g
             uint8_t kind = felt[t * B + b];
             int busy = measured[b] >= 0;
             if (word[0] && rand() % 1000 >= lost) eol_block_heard(&block[b], word);
-            if (kind == 3) mask |= (uint32_t)1 << b;
+            if (kind == 3) light[4 + b / 8] |= (uint8_t)(1 << b % 8), lights = 1;
             if ((kind == 1 || kind == 2) && !busy && t > reset_ms + (b == 12 ? 380 : 0)) {
                 eol_block_sample(&block[b], now_us, 1, 0);
                 measured[b] = 3 + 100 * kind;
@@ -137,12 +150,8 @@ void table(int ms, const uint8_t *felt, int flags, int decay_ms, int lost, int g
         }
         word[0] = 0;
         if (!there) continue;
-        if (mask) {
-            uint8_t light[8] = {0};
-            for (int k = 0; k < 4; k++) light[4 + k] = (uint8_t)(mask >> 8 * k);
-            host(&bridge, t, EOL_LIGHT, light, 8);
-        }
-        if (eol_bridge_says(&bridge, now_us, frame) && frame[0] == EOL_FRAME_WORD)
+        if (lights) host(&bridge, t, EOL_LIGHT, light, B > 32 ? sizeof light : 8);
+        if (eol_bridge_says(&bridge, now_us, frame) && frame[0] >= EOL_FRAME_WORD)
             memcpy(word, frame, EOL_FRAME);
         while (eol_bridge_sends(&bridge, &byte)) {}
     }
@@ -166,13 +175,13 @@ def bridge(tmp_path_factory):
     lib.storm.argtypes = [number, ctypes.c_int, memory, memory, ctypes.c_int, number, memory]
     lib.adversary.argtypes = [number, ctypes.c_uint32, *[ctypes.c_int] * 4, number, memory]
     lib.eol_local_begin.argtypes = [memory, number, number]
-    lib.eol_local_shape.argtypes = [memory, ctypes.c_uint8, ctypes.c_uint8]
+    lib.eol_local_shape.argtypes = [memory, *[ctypes.c_uint8] * 3]
     lib.eol_local_slip.argtypes = [memory, number, ctypes.c_uint8]
     lib.eol_local_hold.argtypes = [memory, number, number, ctypes.c_uint8]
     lib.eol_local_levels.argtypes = [memory, number, memory]
-    lib.eol_local_falls.argtypes = [memory, number]
+    lib.eol_local_falls.argtypes = [memory, number, ctypes.c_uint8]
     lib.eol_local_falls.restype = ctypes.c_uint32
-    lib.eol_flash_begin.argtypes = [memory, number, number, ctypes.c_uint8]
+    lib.eol_flash_begin.argtypes = [memory, number, number, *[ctypes.c_uint8] * 2]
     lib.eol_flash_slip.argtypes = [memory, number, ctypes.c_uint8]
     lib.eol_flash_levels.argtypes = [memory, number, memory]
     lib.eol_flash_hold.argtypes = [memory, number, number]
@@ -188,12 +197,12 @@ class Field:
 
     KIND = 'flash'
 
-    def __init__(self, lib, *settings):
+    def __init__(self, lib, *settings, count=N_BLOCKS):
         for name in ('slip', 'hold', 'levels'):
             setattr(self, f'_{name}', getattr(lib, f'eol_{self.KIND}_{name}'))
         self.lib = lib
         self.memory = ctypes.create_string_buffer(getattr(lib, f'{self.KIND}_size')())
-        self.out = ctypes.create_string_buffer(N_BLOCKS)
+        self.out = ctypes.create_string_buffer(count)
         getattr(lib, f'eol_{self.KIND}_begin')(self.memory, *settings)
 
     def slip(self, now_s, block):
@@ -213,12 +222,13 @@ class Local(Field):
     KIND = 'local'
 
     def __init__(self, lib, decay_s, peak, table):
-        super().__init__(lib, decay_s, peak)
-        lib.eol_local_shape(self.memory, table.columns, block_falls(table))
+        super().__init__(lib, decay_s, peak, count=table.cells)
+        lib.eol_local_shape(self.memory, table.columns, block_falls(table), table.cells)
+        self.groups = -(-table.cells // GROUP)
 
     def falls(self, now_s):
-        mask = self.lib.eol_local_falls(self.memory, now_s)
-        return (mask >> np.arange(N_BLOCKS) & 1).astype(bool)
+        masks = [self.lib.eol_local_falls(self.memory, now_s, g) for g in range(self.groups)]
+        return (np.array(masks)[:, None] >> np.arange(GROUP) & 1).astype(bool).ravel()
 
 
 def furthest_local(lib, seed, sequences, table=Table()):
@@ -254,7 +264,8 @@ def furthest(lib, seed, sequences):
     for _ in range(sequences):
         decay_s, peak = 10 ** random.uniform(-1.7, 1), random.uniform(0, 1)
         limited = bool(random.uniform() < 0.9)
-        ours, theirs = Field(lib, decay_s, peak, limited), FlashField(decay_s, peak, limited)
+        ours = Field(lib, decay_s, peak, limited, N_BLOCKS)
+        theirs = FlashField(decay_s, peak, limited)
         now_s = random.uniform(0, 1e6)
         for step in random.exponential(10 ** random.uniform(-3, 0), random.integers(2, 30)):
             now_s += step if random.uniform() < 0.95 else -step  # a clock may go back
@@ -277,7 +288,9 @@ def test_the_bridge_limits_as_the_host_does(bridge):
     assert furthest_local(bridge, 1, 200) <= 1
 
 
-@pytest.mark.parametrize('table', [*OTHERS, Table(absent=(6, 7, 8, 11, 12, 13, 16, 17, 18))])
+@pytest.mark.parametrize(
+    'table', [*OTHERS, LARGEST, Table(absent=(6, 7, 8, 11, 12, 13, 16, 17, 18))]
+)
 def test_the_bridge_limits_as_the_host_does_at_another_table(bridge, table):
     assert furthest_local(bridge, 1, 100, table) <= 1
 
@@ -289,7 +302,7 @@ def test_the_bridge_limits_as_the_host_does_in_1e5_sequences(bridge):
 
 
 def test_it_says_when_blocks_must_hold_and_how_they_fall(bridge):
-    field = Field(bridge, 0.2, 1.0, True)
+    field = Field(bridge, 0.2, 1.0, True, N_BLOCKS)
     holds = lambda t: field.lib.eol_flash_holds(field.memory, t)  # noqa: E731
     field.slip(10.0, 3)
     assert not holds(10.0)  # the first flash falls at once
@@ -301,14 +314,14 @@ def test_it_says_when_blocks_must_hold_and_how_they_fall(bridge):
         np.exp(-HOLD_RATE * 0.3)
     )
     assert field.lib.eol_flash_share(field.memory, 0.3, 0) == pytest.approx(np.exp(-0.3 / 0.2))
-    free = Field(bridge, 0.2, 1.0, False)
+    free = Field(bridge, 0.2, 1.0, False, N_BLOCKS)
     free.slip(1.0, 0)
     free.slip(1.1, 1)
     assert not free.lib.eol_flash_holds(free.memory, 1.1)
 
 
 def test_a_block_that_is_none_lights_nothing(bridge):
-    field = Field(bridge, 0.2, 1.0, True)
+    field = Field(bridge, 0.2, 1.0, True, N_BLOCKS)
     field.slip(1.0, 25)
     field.slip(1.0, 255)
     assert field.level_bytes(1.0) == bytes(25)
@@ -330,11 +343,11 @@ def shown(bridge, felt, decay_ms=100, lost=0, gone_ms=PLENTY - 1000, reset_ms=NE
     return out / 255
 
 
-def storm(seed, hz):
-    """Knocks (ms, 25) of some blocks, `hz` times a second in all, now and then in volleys."""
+def storm(seed, hz, count=N_BLOCKS):
+    """Knocks (ms, count) of some blocks, `hz` times a second in all, now and then in volleys."""
     random = np.random.default_rng(seed)
-    felt = np.zeros((MS, N_BLOCKS), bool)
-    some = random.permutation(N_BLOCKS)[: random.integers(1, N_BLOCKS)]
+    felt = np.zeros((MS, count), bool)
+    some = random.permutation(count)[: random.integers(1, count)]
     at = np.cumsum(random.exponential(1000 / hz, 4 * MS)).astype(int)
     at = at[at < MS]
     felt[at, random.choice(some, len(at))] = True
@@ -366,7 +379,7 @@ def test_blocks_that_flash_by_themselves_are_no_strobe(bridge, decay_ms):
 @pytest.mark.parametrize('decay_ms', [20, 182, 350, 2000])
 def test_a_block_that_no_word_reaches_falls_by_1_1_percent_and_then_holds(bridge, decay_ms):
     light = ctypes.create_string_buffer(64)
-    bridge.eol_light_begin(light, 1, 255, ctypes.c_uint16(decay_ms), 0)
+    bridge.eol_light_begin(light, 1, 255, ctypes.c_uint16(decay_ms), 0, 1)
     assert bridge.eol_light_felt(light) == 1
     level = lambda: int.from_bytes(light.raw[:4], 'little') / (255 << 16)  # noqa: E731
     bridge.eol_light_told(light, 1)
@@ -381,18 +394,22 @@ def test_a_block_that_no_word_reaches_falls_by_1_1_percent_and_then_holds(bridge
     assert level() > before and level() > 0.999
 
 
-def of_all_kinds(seed, hz):
+def of_all_kinds(seed, hz, count=N_BLOCKS):
     """A storm of knocks, of weak ones, and of orders by the host."""
-    felt = storm(seed, hz).astype(np.uint8)
+    felt = storm(seed, hz, count).astype(np.uint8)
     felt[felt > 0] = np.random.default_rng(seed).choice([1, 1, 2, 3], int(felt.sum()))
     return felt
 
 
-@pytest.fixture(scope='module')
-def areas_sr():
+def areas_of(table):
     near = (0.0, 0.0, 0.8), (0.0, -0.9, 0.6), (0.0, -1.0, 1.1), (1.0, -1.0, 0.9)
     eyes = *near, (0.0, 0.0, 2.2), (0.0, -2.0, 1.5)  # the farthest: test_local.py
-    return np.concatenate([fields(rest_lattice(), eye) for eye in eyes])
+    return np.concatenate([fields(table.rest, eye) for eye in eyes])
+
+
+@pytest.fixture(scope='module')
+def areas_sr():
+    return areas_of(Table())
 
 
 SECONDS = 4
@@ -437,14 +454,42 @@ def test_no_field_of_view_of_the_firmware_flashes_four_times(bridge, areas_sr, d
         assert most_in_a_second(levels[at], areas_sr) <= 3, (hz, lost, gone_ms)
 
 
-@pytest.mark.parametrize(
-    ('hz', 'seed', 'table'),
-    [(6, 1, Table()), (6, 2, Table()), (40, 3, Table()), *((12, 4, table) for table in OTHERS)],
-)
-def test_each_block_of_the_firmware_shines_as_that_of_the_model(bridge, hz, seed, table):
-    felt, model = of_all_kinds(seed, hz), Bridge(table)
-    felt[:, table.cells :] = 0
-    begin = 1100 if block_falls(table) > 1 else 2700  # a fall after that time counts
+@pytest.fixture
+def of_largest(bridge):
+    """The firmware of a table of 225 blocks."""
+    bridge.shape(LARGEST.columns, block_falls(LARGEST), LARGEST.cells)
+    yield bridge
+    bridge.shape(0, 0, 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('decay_ms', [20, 100, 350])
+def test_no_field_of_view_of_225_blocks_flashes_four_times(of_largest, decay_ms):
+    """Words of nine groups take turns, and many are lost."""
+    areas_sr = areas_of(LARGEST)
+    at = np.round(np.arange(MS * RATE_HZ / 1000 - 1) * 1000 / RATE_HZ).astype(int)
+    for seed, (hz, lost) in enumerate([(60, 0), (600, 0), (600, 300), (1500, 300), (600, 600)]):
+        levels = shown(of_largest, of_all_kinds(seed, hz, LARGEST.cells), decay_ms, lost)
+        assert most_in_a_second(levels[at], areas_sr) <= 3, (hz, lost)
+
+
+def test_an_order_of_225_blocks_is_obeyed_within_the_time_of_30_a_second(of_largest):
+    """All are ordered at once; then groups by themselves, 30 orders a second."""
+    felt = np.zeros((MS, LARGEST.cells), np.uint8)
+    felt[1500] = 3
+    light = shown(of_largest, felt)
+    assert (light[1499] < 0.05).all() and (light[1500 + 33] > 0.4).all()
+    felt[:] = 0
+    ordered = [(1500 + round(k * 1000 / 30), 7 * k % LARGEST.cells) for k in range(60)]
+    for at_ms, block in ordered:
+        felt[at_ms, block] = 3
+    light = shown(of_largest, felt)
+    assert all(light[at_ms + 5, block] > 0.5 for at_ms, block in ordered)
+
+
+def both(bridge, hz, seed, table, begin):
+    """Light of the firmware and of the model (ms, cells) of the same storm from `begin` on."""
+    felt, model = of_all_kinds(seed, hz, table.cells), Bridge(table)
     felt[:begin] = 0  # while the bridge does not know what shines
     theirs = np.zeros((MS, table.cells))
     for ms in range(MS):
@@ -452,15 +497,31 @@ def test_each_block_of_the_firmware_shines_as_that_of_the_model(bridge, hz, seed
             model.felt(ms * 1e-3, block)
         theirs[ms] = model.levels((ms + 1) * 1e-3)
     if table != Table():
-        bridge.shape(table.columns, block_falls(table))
-    ours = shown(bridge, felt)[:, : table.cells]
-    bridge.shape(0, 0)
+        bridge.shape(table.columns, block_falls(table), table.cells)
+    ours = shown(bridge, felt)
+    bridge.shape(0, 0, 0)
+    return ours, theirs
+
+
+@pytest.mark.parametrize(('hz', 'seed'), [(6, 1), (6, 2), (40, 3)])
+def test_each_block_of_the_firmware_shines_as_that_of_the_model(bridge, hz, seed):
+    begin = 1100
+    ours, theirs = both(bridge, hz, seed, Table(), begin)
     # it falls some 10 ms later, when the bridge is known to know
     late = np.abs(ours[10:] - theirs[:-10])
     if hz < 10:  # in a storm 10 ms decide which flash is the one that waits
         assert np.quantile(late[theirs[:-10] > 0.1], 0.9) < 0.06
     shines, should = (light[begin + 100 :] > 0.1 for light in (ours, theirs))
     assert shines.mean() == pytest.approx(should.mean(), rel=0.06) and should.any()
+
+
+@pytest.mark.parametrize('table', OTHERS)
+def test_blocks_of_another_table_shine_as_those_of_the_model(bridge, table):
+    """Over six storms, in each of which some ms decide which flash waits."""
+    begin = 1100 if block_falls(table) > 1 else 2700  # a fall after that time counts
+    storms = [both(bridge, table.cells // 2, seed, table, begin) for seed in range(3, 9)]
+    shines, should = (np.mean([one[k][begin + 100 :] > 0.1 for one in storms]) for k in (0, 1))
+    assert shines == pytest.approx(should, rel=0.15) and should > 0.01
 
 
 def test_a_block_that_the_bridge_does_not_hear_holds_and_falls_when_it_is_heard(bridge):

@@ -266,21 +266,19 @@ def test_what_the_table_has_beyond_the_numbers_of_the_board_is_dark_and_told(fak
     assert lights.slip(27, time.time_ns(), time.time_ns()) is None
     seen(lights, 7, time.time_ns())
     wait_until(lambda: fake.levels()[7])
-    assert fake.bridge.limit == lights.values()['flash_limit'] == 'field_of_view'
-    assert fake.lattice is None
+    assert fake.bridge.limit == lights.values()['flash_limit'] == 'field'
 
 
 @pytest.mark.parametrize(
-    ('version', 'limit', 'told'),
-    [((2, 3), 'field', None), (protocol.LATTICE_FROM, 'field_of_view', protocol.Lattice(4, 3))],
+    ('version', 'limit'),
+    [((2, 4), 'field'), (protocol.LATTICE_FROM, 'field_of_view')],
 )
-def test_a_bridge_that_knows_other_tables_limits_fields_of_view(
-    fake, make_lights, version, limit, told
-):
+def test_a_bridge_that_knows_other_tables_limits_fields_of_view(fake, make_lights, version, limit):
     fake.firmware = version
     lights = make_lights(port=fake.port, table=Table(rows=3, columns=4))
     lights.follow_firmware()
 
+    told = protocol.Lattice(4, 3, 12)
     wait_until(lambda: (fake.bridge.limit, fake.lattice) == (limit, told))
     assert lights.values()['flash_limit'] == limit
 

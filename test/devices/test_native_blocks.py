@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(
     not block.compiled(), reason='in a checkout: python setup.py build_ext --inplace'
 )
 PERIOD_S = 1 / 1344
-ALL, NONE = 2**N_BLOCKS - 1, 0
+ALL = 2**N_BLOCKS - 1
 WORD, FALLS, BY_ITSELF = 0x57, 4, 1
 ONSET_S = 0.5
 
@@ -43,13 +43,13 @@ def blocks():
     return made
 
 
-def run(blocks, begin_ms, end_ms, heard=ALL, say=None):
+def run(blocks, begin_ms, end_ms, heard=True, say=None):
     """Return (when, frame) of what is heard, and the levels of block 7."""
     said, levels = [], []
     for ms in range(begin_ms, end_ms):
         if say is not None and ms % 2 == 0:
-            blocks.hear(say, NONE)
-        shown, frames = blocks.run(ms * 1e-3, heard)
+            blocks.hear(say, bytes(N_BLOCKS))
+        shown, frames = blocks.run(ms * 1e-3, bytes([not heard]) * N_BLOCKS)
         said += [(ms * 1e-3, frame) for frame in frames]
         levels.append(shown[7])
     return said, levels
@@ -71,7 +71,7 @@ def test_a_block_lights_itself_and_says_when_it_was_let_go(blocks):
 
 
 def test_it_says_so_until_it_is_heard_and_the_age_grows(blocks):
-    said, _ = run(blocks, 1, 520, heard=NONE)
+    said, _ = run(blocks, 1, 520, heard=False)
     assert said == []
     [(at, (_, _, _, age_us, *_))] = knocks(run(blocks, 520, 700)[0])
     assert at - (age_us + AIR_US) * 1e-6 == pytest.approx(ONSET_S, abs=1e-3)

@@ -121,7 +121,7 @@ def alone(pill, us):
 
 def test_it_says_who_it_is_and_refuses_another_version(host):
     name = b'eol bridge %d.%d\0\0' % FIRMWARE
-    assert host.ask(protocol.Hello(), protocol.Welcome) == [protocol.Welcome(2, 25, name)]
+    assert host.ask(protocol.Hello(), protocol.Welcome) == [protocol.Welcome(2, 225, name)]
     assert host.ask(protocol.Hello(1), protocol.Refused) == [protocol.Refused(2, 1)]
 
 
@@ -191,6 +191,39 @@ def test_while_a_block_is_silent_nothing_falls(pill, host):
     assert {s.block for s in gone} == {5}  # who sleeps is silent and all the same there
     say(pill, status(5))
     words(pill, falls)
+
+
+def test_it_serves_225_blocks(pill, host):
+    """Words of nine groups take turns; orders go first; knocks of all come through; it has room."""
+    everyone = (1 << 225) - 1
+    host.send(protocol.Lattice(15, 3, 225))
+    host.send(protocol.Lighting(protocol.LIMITED | protocol.EACH_FIELD, 255, 100))
+    host.send(protocol.Infrared(everyone & ~(1 << 224)))
+    rng, knocks = random.Random(5), 0
+    for number in range(225):
+        say(pill, status(number))
+    for number in range(600):  # some 170 a second, and 30 orders a second to all
+        say(pill, knock(number & 255, block=rng.randrange(225)))
+        knocks += 1
+        if number % 5 == 0:
+            host.send(protocol.Light(0, everyone))
+        pill.run(5000)
+    statuses = {s.block: s.flags for s in host.look(protocol.BlockStatus)}
+    assert statuses == dict.fromkeys([*range(225), BRIDGE], LINKED)
+    assert len(host.look(protocol.Knock)) == knocks
+    pill.run(300_000)  # the last order is over
+    said = [one.frame for one in pill.run(18_000)]
+    assert sorted(w[0] - WORD for w in said) == [*range(9)]
+    infrared = [struct.unpack_from('<I', w, 5)[0] for w in sorted(said)]
+    assert infrared == [8 << 28 | 2**25 - 1] * 8 + [8 << 28 | 2**24 - 1]
+    host.send(protocol.Light(0, 1 << 30 | 1 << 200))
+    first = [one.frame for one in pill.run(4500)][-2:]
+    orders = {w[0] - WORD: struct.unpack_from('<I', w, 9)[0] for w in first}
+    assert orders == {1: 1 << 5, 8: 1 << 0}
+    counts, sections = pill.counts, dict(sizes())
+    ram, busy = sections['data'] + sections['bss'], 1 - counts.asleep / counts.cycles
+    print(f'225 blocks: RAM {ram + counts.stack} of {RAM} bytes, awake {busy:.1%}')
+    assert ram + counts.stack < RAM - 512 and busy < 0.9
 
 
 def test_it_says_a_word_every_2_ms_to_the_address_of_the_blocks(pill):

@@ -21,14 +21,23 @@ import math
 import numpy as np
 
 from eol_ros.core import elementary
+from eol_ros.core.serial_protocol import GROUP
 from eol_ros.core.table import Table
 
 FLASHES_PER_S = 3
 FLASH_DEPTH = 0.1  # of the greatest luminance: what counts as a change (WCAG 2.2)
 MIN_PERIOD_S = 1.001 / FLASHES_PER_S  # the thousandth keeps four falls out of a closed second
 HOLD_RATE = -elementary.log(1.0 - 0.8 * FLASH_DEPTH) / MIN_PERIOD_S  # 1/s, 8 % in a period
-HANDOVER_S = 1.07  # from one limit to another: a second in which neither knows what fell
 DARK = 0.5 / 255  # rounds to level 0 on the wire
+
+
+def window_s(table: Table) -> float:
+    """Return how long a fall of light counts after its end, in s.
+
+    A closed second, 50 ms within which changes are concurrent, and the time for which a block obeys
+    a word of the bridge, 20 ms for each group of blocks, since words of groups take turns.
+    """
+    return 1.05 + 0.02 * -(-table.cells // GROUP)
 
 
 class FlashField:
@@ -90,13 +99,14 @@ class FlashField:
         self._fall_at_s = until_s
 
     def take_over(self, other: 'FlashField', now_s: float | None = None) -> None:
-        """Shine as `other` at `now_s`, whose limit was another one; hold for HANDOVER_S.
+        """Shine as `other` at `now_s`, whose limit was another one; hold for `window_s`, in which
+        neither knows what fell.
 
         Without `now_s` at the last time that `other` was asked for.
         """
         self._now_s = other._now_s if now_s is None else now_s
         self._level, self.lengthened = other.levels(self._now_s), other.lengthened
-        self.hold(self._now_s, self._now_s + HANDOVER_S)
+        self.hold(self._now_s, self._now_s + window_s(self.table))
 
     def levels(self, now_s: float) -> np.ndarray:
         """Return the light of each block at `now_s`, (cells,), 0..1 of full luminance."""

@@ -9,9 +9,9 @@ of every viewer to three (derived from the geometry of the table in `test/suppor
     a square of 2 x 2     at most SQUARE_FALLS falls of its blocks in any second
 
 A slip always lights its block at once. It reserves the next fall of that light, and the light is
-held until both rules allow the fall. Held light loses 6 % in PERIOD_S, no opposing change of 10 %.
-So each such change of a block shares some moment with a fall, and a closed second contains moments
-of at most three falls of a block: the fourth begins PERIOD_S after the end of the first.
+held until both rules allow the fall. Held light loses 6 to 7 % in `window_s`, no opposing change of
+10 %. So each such change of a block shares some moment with a fall, and a closed second contains
+moments of at most three falls of a block: the fourth begins `window_s` after the end of the first.
 
 Where blocks stand closer than `block_falls` says, each makes one fall in a second. The flashes of a
 field in a second then have no block in common. Each covers more than 0.006 sr, and the field has
@@ -23,14 +23,12 @@ import math
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.light.flash import DARK, FlashField
+from eol_ros.core.light.flash import DARK, FlashField, window_s
 from eol_ros.core.table import Table
 
 BLOCK_FALLS, SQUARE_FALLS = 3, 11
 APART = 1.3  # gap over side from which blocks of any size may make BLOCK_FALLS
-# A closed second, 50 ms within which changes are concurrent, 20 ms of lost words of the bridge.
-PERIOD_S = 1.07
-HOLD_RATE = -elementary.log(0.94) / PERIOD_S  # 1/s
+HOLD_RATE = -elementary.log(0.94) / 1.07  # 1/s, 6 % in `window_s` of the default table
 FIELD_OF_VIEW, FIELD, OFF = LIMITS = ('field_of_view', 'field', 'false')
 FIRST = 0.75  # of `peak`, the level of a slip after rest; one that meets light adds the rest
 
@@ -83,6 +81,7 @@ class LocalField(FlashField):
         super().__init__(decay_s, peak, limited, table)
         n, all_squares = table.cells, squares(table)
         self._squares = [all_squares[(all_squares == b).any(axis=1)] for b in range(n)]
+        self.window_s = window_s(table)
         self._fall_s = np.full(n, -math.inf)  # when its fall began, or the next one may
         self._ends_s = np.full((n, block_falls(table)), -math.inf)  # of its last falls, rising
 
@@ -102,13 +101,13 @@ class LocalField(FlashField):
             self.lengthened += self._fall_s[block] > self._now_s
 
     def hold(self, now_s: float, until_s: float, block: int | None = None) -> None:
-        """Let `block`, or none, fall before `until_s`, nor within PERIOD_S, whatever the limit
-        says."""
+        """Let `block`, or none, fall before `until_s`, nor within `window_s`, whatever the
+        limit says."""
         self._advance(now_s)
         for one in range(self.table.cells) if block is None else (block,):
             if self._level[one] > 0 and self._fall_s[one] < self._now_s:
                 self._ended(one, self._now_s)
-            self._fall_s[one] = self._allowed_s(one, max(until_s, self._now_s + PERIOD_S))
+            self._fall_s[one] = self._allowed_s(one, max(until_s, self._now_s + self.window_s))
 
     def shift(self, by_s: float) -> None:
         """Count from now on in times that are `by_s` greater: the clock was set."""
@@ -126,7 +125,7 @@ class LocalField(FlashField):
 
     def _allowed_s(self, block: int, from_s: float) -> float:
         """Return the first time from `from_s` on when both rules allow one fall more of `block`."""
-        at_s = max(from_s, float(self._ends_s[block, 0]) + PERIOD_S)
+        at_s = max(from_s, float(self._ends_s[block, 0]) + self.window_s)
         before_s = -math.inf
         while before_s < at_s:  # until all squares agree
             before_s = at_s
@@ -143,9 +142,9 @@ class LocalField(FlashField):
         begins_s = [float(self._fall_s[k]) for k in square if k != block and self._level[k] > 0]
         ends_s = sorted(self._ends_s[square].ravel().tolist())
         for moment_s in sorted({at_s, *(t for t in begins_s if t > at_s)}, reverse=True):
-            recent_s = [t for t in ends_s if t + PERIOD_S > moment_s]
+            recent_s = [t for t in ends_s if t + self.window_s > moment_s]
             if len(recent_s) + sum(t <= moment_s for t in begins_s) >= SQUARE_FALLS:
-                return self._square_allows_s(square, block, recent_s[0] + PERIOD_S)
+                return self._square_allows_s(square, block, recent_s[0] + self.window_s)
         return at_s
 
     def _advance(self, now_s: float) -> None:

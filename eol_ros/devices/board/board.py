@@ -90,6 +90,7 @@ class Board:
         self.blocks: dict[int, protocol.BlockStatus] = {}  # as they were last reported
         self.tests: dict[int, protocol.SelfTested] = {}  # the last of each block
         self.reported_bad = 0  # damaged packets that the board itself counted
+        self._good = 0  # packets that it counted since it started
         self.rejected = 0  # reports of blocks that it does not drive, or of knocks at another time
         self.round_trip_ms: deque[float] = deque(maxlen=64)
         self._port, self._baud, self._line = port, baud, line
@@ -215,6 +216,7 @@ class Board:
             opened.callback(self._put_down)
             self.sync, self.decoder = ClockSync(), protocol.Decoder()
             self._asked.clear()
+            self._good = 0
             welcome = self._shake_hands(path)
             self.version, self.count, self.blocks = welcome.version, welcome.blocks, {}
             name = welcome.name.rstrip(b'\0').decode('ascii', 'replace')
@@ -222,10 +224,14 @@ class Board:
             self.connections += 1
             board = said('board', name=name, path=path, count=welcome.blocks)
             self._set_state('ready', board)
-            self.infrared(self._infrared)
-            for message in self._configuration:
-                self._send(message)
+            self._tell()
             self._serve()
+
+    def _tell(self) -> None:
+        """Say what the board should show, and how."""
+        self.infrared(self._infrared)
+        for message in self._configuration:
+            self._send(message)
 
     def _put_down(self) -> None:
         with self._lock:
@@ -277,7 +283,9 @@ class Board:
                 self.sync.add(asked, message.board_us, now)
                 self.round_trip_ms.append((now - asked) * 1e3)
                 self._asked = {k: t for k, t in self._asked.items() if now - t < 10}
-            self.reported_bad = message.bad
+            if message.good < self._good:  # it has started again by itself, and knows nothing
+                self._tell()
+            self._good, self.reported_bad = message.good, message.bad
         elif isinstance(message, protocol.BlockStatus):
             self.blocks[message.block] = message
         elif isinstance(message, protocol.SelfTested):

@@ -204,7 +204,7 @@ class FakeBoard:
             self._unplug()
         elif what == 'reboot':
             self._boot, self._clock_us, self._sequence = time.monotonic(), 0, 0
-            self._decoder = protocol.Decoder()
+            self._decoder, self.infrared_mask = protocol.Decoder(), (1 << self.count) - 1
         else:
             raise UsageError(f'fault {what!r} is not known; there are {", ".join(FAULTS)}')
 

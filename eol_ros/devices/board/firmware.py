@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The twin's blocks and their bridge, each with its own firmware; the bridge is emulated.
 
-The samples of the twin's accelerometers go to 25 blocks, whose firmware is compiled for this
+The samples of the twin's accelerometers go to the blocks, whose firmware is compiled for this
 machine. Their frames go through the bridge's program on an emulated STM32F103, whose line is a
 pty. It needs a checkout in which `make firmware` has run.
 
@@ -24,7 +24,7 @@ import numpy as np
 
 from eol_ros import parent_death
 from eol_ros.core import serial_protocol as protocol
-from eol_ros.core.serial_protocol import FIRMWARE_BLOCKS
+from eol_ros.core.serial_protocol import GROUP
 from eol_ros.devices.board.block import library
 from eol_ros.devices.board.bluepill import BUILT, FRAME, Bridge
 from eol_ros.devices.board.twin import REST, WOKEN, Chunk, board_address, sent, unix_socket
@@ -44,23 +44,22 @@ def needed() -> None:
 
 
 class NativeBlocks:
-    """The firmware of all blocks, compiled for this machine; times are in s."""
+    """The firmware of `count` blocks, compiled for this machine; times are in s."""
 
-    def __init__(self) -> None:
-        lib = self._lib = library()
+    def __init__(self, count: int = 25) -> None:
+        lib, self.count = library(), count
+        self._lib = lib
         size = lib.eol_block_size()
-        self._memory = ctypes.create_string_buffer(size * FIRMWARE_BLOCKS)
-        self._at = [ctypes.addressof(self._memory) + k * size for k in range(FIRMWARE_BLOCKS)]
-        self._levels = (ctypes.c_uint8 * FIRMWARE_BLOCKS)()
-        self._frames = ctypes.create_string_buffer(FRAME * FIRMWARE_BLOCKS)
+        self._memory = ctypes.create_string_buffer(size * count)
+        self._at = [ctypes.addressof(self._memory) + k * size for k in range(count)]
+        self._levels = (ctypes.c_uint8 * count)()
+        self._frames = ctypes.create_string_buffer(FRAME * count)
         self._ticked_ms = 0
-        self._chunks: list[deque[tuple[Chunk, float]]] = [deque() for _ in range(FIRMWARE_BLOCKS)]
-        lib.eol_blocks_begin(self._memory, ctypes.c_size_t(FIRMWARE_BLOCKS))
+        self._chunks: list[deque[tuple[Chunk, float]]] = [deque() for _ in range(count)]
+        lib.eol_blocks_begin(self._memory, ctypes.c_size_t(count))
 
     def feel(self, chunk: Chunk, first_s: float) -> None:
-        """Give a block samples to come; what the firmware has no number for feels nothing."""
-        if chunk.block >= FIRMWARE_BLOCKS:
-            return
+        """Give a block samples to come."""
         if chunk.kind == REST:
             self._give(chunk.block, 0.0, chunk.period_s, chunk.xy, False)
         else:
@@ -76,8 +75,8 @@ class NativeBlocks:
             ctypes.c_size_t(len(xy)), ctypes.c_uint8(woken),
         )  # fmt: skip
 
-    def run(self, now_s: float, heard: int) -> tuple[bytes, list[bytes]]:
-        """Go on to `now_s`; return the levels, and the frames that were heard."""
+    def run(self, now_s: float, lost: bytes) -> tuple[bytes, list[bytes]]:
+        """Go on to `now_s`; return the levels, and the frames but of blocks that are `lost`."""
         for block, chunks in enumerate(self._chunks):
             while chunks:
                 chunk, first_s = chunks[0]
@@ -94,25 +93,23 @@ class NativeBlocks:
                 break
         ms, self._ticked_ms = int(now_s * 1e3) - self._ticked_ms, int(now_s * 1e3)
         count = self._lib.eol_blocks_tick(
-            self._memory, ctypes.c_size_t(FIRMWARE_BLOCKS), ctypes.c_uint32(ms),
-            ctypes.c_double(now_s * 1e6 - AIR_US), ctypes.c_uint32(heard), self._levels,
-            self._frames,
+            self._memory, ctypes.c_size_t(self.count), ctypes.c_uint32(ms),
+            ctypes.c_double(now_s * 1e6 - AIR_US), lost, self._levels, self._frames,
         )  # fmt: skip
         raw = self._frames.raw
         return bytes(self._levels), [raw[k * FRAME : (k + 1) * FRAME] for k in range(count)]
 
-    def hear(self, frame: bytes, deaf: int) -> None:
-        """The bridge sends, to all but those of the mask."""
-        count = ctypes.c_size_t(FIRMWARE_BLOCKS)
-        self._lib.eol_blocks_heard(self._memory, count, frame, ctypes.c_uint32(deaf))
+    def hear(self, frame: bytes, deaf: bytes) -> None:
+        """The bridge sends, to all but those that are `deaf`, a byte each."""
+        self._lib.eol_blocks_heard(self._memory, ctypes.c_size_t(self.count), frame, deaf)
 
 
 class Table:
     """Blocks, bridge and the air between them, in real time, until `close`."""
 
-    def __init__(self, namespace: str = NAMESPACE, loss: float = 0.0):
+    def __init__(self, namespace: str = NAMESPACE, loss: float = 0.0, count: int = 25):
         needed()
-        self.bridge, self.blocks = Bridge(), NativeBlocks()
+        self.bridge, self.blocks = Bridge(), NativeBlocks(count)
         self._random, self._loss = random.Random(1), loss
         self._samples = unix_socket(board_address(namespace, 'firmware'))
         self._twin = board_address(namespace, 'blocks')
@@ -125,21 +122,21 @@ class Table:
         """The pty of the bridge's host line."""
         return self.bridge.port
 
-    def _lost(self) -> int:
-        """Return a mask of blocks whose frame is lost."""
+    def _lost(self) -> bytes:
+        """Return for each block whether its frame is lost."""
         if not self._loss:
-            return 0
-        return sum(1 << k for k in range(FIRMWARE_BLOCKS) if self._random.random() < self._loss)
+            return bytes(self.blocks.count)
+        return bytes(self._random.random() < self._loss for _ in range(self.blocks.count))
 
     def turn(self, now_s: float) -> bytes:
-        """Go on to `now_s`, since the start; return the levels of all 25."""
+        """Go on to `now_s`, since the start; return the levels of all."""
         ahead_s = self._begun_s - (time.monotonic() - time.time())
         while self._packets:
             for chunk in Chunk.unpack(self._packets.popleft()):
                 self.blocks.feel(chunk, chunk.first_ns * 1e-9 - ahead_s)
         while self.bridge.frames:
             self.blocks.hear(self.bridge.frames.popleft(), self._lost())
-        levels, frames = self.blocks.run(now_s, ~self._lost())
+        levels, frames = self.blocks.run(now_s, self._lost())
         for frame in frames:
             self.bridge.say(frame)
         return levels
@@ -161,7 +158,11 @@ class Table:
             levels = self.turn(now_s)
             if now_s - told_s >= TOLD_S:
                 told_s = now_s
-                sent(self._samples, protocol.encode(protocol.Levels(0, levels), 0), self._twin)
+                packets = [
+                    protocol.encode(protocol.Levels(k, levels[k : k + GROUP]), 0)
+                    for k in range(0, len(levels), GROUP)
+                ]
+                sent(self._samples, b''.join(packets), self._twin)
 
     def close(self) -> None:
         """Cut the power."""
@@ -172,9 +173,9 @@ class Table:
 class FirmwareBoard:
     """A process with such a table; `port` is the pty of its bridge."""
 
-    def __init__(self, namespace: str = NAMESPACE, loss: float = 0.0):
+    def __init__(self, namespace: str = NAMESPACE, loss: float = 0.0, count: int = 25):
         needed()
-        words = ['--namespace', namespace, '--loss', str(loss)]
+        words = ['--namespace', namespace, '--loss', str(loss), '--blocks', str(count)]
         self._process = subprocess.Popen(
             [sys.executable, '-m', 'eol_ros.devices.board.firmware', *words],
             stdout=subprocess.PIPE, text=True, preexec_fn=parent_death.following(),
@@ -195,12 +196,13 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--namespace', default=NAMESPACE, help='of the graph whose twin it serves')
     parser.add_argument('--loss', type=float, default=0.0, help='share of lost frames of the radio')
+    parser.add_argument('--blocks', type=int, default=25, help='number of places of the table')
     args = parser.parse_args(argv)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     try:
-        table = Table(args.namespace, args.loss)
+        table = Table(args.namespace, args.loss, args.blocks)
     except EolError as error:
         print(f'firmware: {error}', file=sys.stderr)
         return error.exit_code

@@ -44,7 +44,7 @@ SET_S = 0.02  # the system clock departs from steady time by more only where som
 FOREIGN_NS = 1_000_000_000  # a stamp so old, or of the future, is of another clock
 
 
-DEFAULT_LATTICE = protocol.Lattice(5, BLOCK_FALLS)  # what a bridge begins with
+DEFAULT_LATTICE = protocol.Lattice(5, BLOCK_FALLS, 25)  # what a bridge begins with
 
 
 class Sent(NamedTuple):
@@ -140,7 +140,7 @@ class Lights:
         check_settings(s)
         self._settings, self._played, self.table = settings, played, table
         self._ids = frozenset(table.ids.tolist())
-        self._lattice = protocol.Lattice(table.columns, block_falls(table))
+        self._lattice = protocol.Lattice(table.columns, block_falls(table), table.cells)
         self._limit = self._kept_limit({})  # as the board can keep it
         self.frames = self._new_frames()
         self._clock = StampWatch(SET_S, SET_S)
@@ -163,7 +163,7 @@ class Lights:
         if s.port == 'firmware':
             from eol_ros.devices.board.firmware import FirmwareBoard
 
-            self.firmware = FirmwareBoard(namespace, s.radio_loss)
+            self.firmware = FirmwareBoard(namespace, s.radio_loss, table.cells)
         board = self.twin or self.firmware
         line = self.twin.fake.open_line if self.twin else None
         port = board.port if board else s.port
@@ -370,9 +370,8 @@ class Lights:
         flags |= protocol.EACH_FIELD * (self._limit == FIELD_OF_VIEW)
         if s.trigger != 'slips' and not self._asleep and self._played is None:
             flags |= protocol.BY_ITSELF
-        lattice = [self._lattice] if self._limit == FIELD_OF_VIEW else []
         self.board.configure(
-            *(lattice if self._lattice != DEFAULT_LATTICE else []),
+            *([self._lattice] if self._lattice != DEFAULT_LATTICE else []),
             protocol.Lighting(flags, round(255 * s.peak), round(1000 * self._look.decay_s)),
             protocol.Detector(threshold=round(16 * s.tap_threshold_mg)),
         )

@@ -160,9 +160,10 @@ class Lamps:
             if isinstance(message, protocol.Detector):
                 detector = message
             elif isinstance(message, protocol.Levels):
-                known = np.frombuffer(message.white, np.uint8)[: self._bridge.table.cells]
-                self._shown = np.zeros(self._bridge.table.cells)
-                self._shown[: len(known)] = known / 255
+                if self._shown is None:
+                    self._shown = np.zeros(self._bridge.table.cells)
+                shown = self._shown[message.first : message.first + protocol.GROUP]
+                shown[:] = np.frombuffer(message.white, np.uint8)[: len(shown)] / 255
         if not self._radio.linked:
             self._shown = None
         for time_s, block in felt:

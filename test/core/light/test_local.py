@@ -11,11 +11,11 @@ from support.fields_of_view import RATE_HZ, fields, most_in_a_second
 from support.flashes import render
 from support.paper import N_BLOCKS, rest_lattice
 
+from eol_ros.core.light.flash import window_s
 from eol_ros.core.light.local import (
     BLOCK_FALLS,
     FIRST,
     HOLD_RATE,
-    PERIOD_S,
     SQUARE_FALLS,
     LocalField,
     block_falls,
@@ -25,6 +25,7 @@ from eol_ros.core.table import Table
 EYES = [(0.0, 0.0, 0.8), (0.0, -0.9, 0.6), (0.0, -1.0, 1.1), (1.0, -1.0, 0.9)]
 FARTHEST = [(0.0, 0.0, 2.2), (0.0, -2.0, 1.5)]  # whose fields hold 0.006 sr
 SECONDS = 3.0
+WINDOW_S = window_s(Table())
 
 
 @pytest.fixture(scope='module')
@@ -88,7 +89,7 @@ def test_blocks_that_stand_closer_fall_once_a_second(side_m, gap_m):
         field.slip(0.5 * k, 7)
     held = field.levels(1.5)[7]
 
-    assert field.levels(0.5 + PERIOD_S - 0.01)[7] > 0.9 * held > 0.6
+    assert field.levels(0.5 + WINDOW_S - 0.01)[7] > 0.9 * held > 0.6
     assert field.lengthened == 1
     whole_sr = 2 * math.pi * (1 - math.cos(math.radians(sight.HALF_FIELD_DEG)))
     assert whole_sr < 4 * sight.FIELD_SR  # so four flashes without a common block do not fit
@@ -171,14 +172,14 @@ def test_the_fourth_flash_of_a_block_is_held_for_a_second_after_the_first():
     field = LocalField(0.1)
     for k in range(4):
         field.slip(k * 0.25, 3)
-    held = field.levels(0.25 + PERIOD_S)[3]
+    held = field.levels(0.25 + WINDOW_S)[3]
 
     assert held == pytest.approx(field.peak * FIRST * math.exp(-HOLD_RATE * 0.5), rel=0.05)
-    assert field.levels(0.25 + PERIOD_S + 0.1)[3] == pytest.approx(held * math.exp(-1))
+    assert field.levels(0.25 + WINDOW_S + 0.1)[3] == pytest.approx(held * math.exp(-1))
     assert field.lengthened == 1
 
 
-@pytest.mark.parametrize(('until_s', 'from_s'), [(5.0, 5.0), (0.3, 0.2 + PERIOD_S)])
+@pytest.mark.parametrize(('until_s', 'from_s'), [(5.0, 5.0), (0.3, 0.2 + WINDOW_S)])
 def test_a_hold_keeps_light_at_least_for_the_period(until_s, from_s):
     field = LocalField(0.1)
     field.slip(0.0, 3)
