@@ -30,8 +30,10 @@ lint: setup-test  ## ruff, mypy and the terms that are not used
 	$(PY) -m mypy
 	$(PY) tools/check_words.py
 
-docs: setup-test  ## rewrite the generated parts of the docs
+docs: setup-test  ## rewrite the generated pages, and build the site in build/docs
 	$(PY) tools/generate_docs.py
+	$(PY) -m sphinx -q -W --keep-going -b html docs build/docs
+	@echo build/docs/index.html
 
 kit: setup-test  ## draw schematics, tables and drawings of docs/build again
 	$(PY) -m assets.kit

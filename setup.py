@@ -32,6 +32,7 @@ MIDI = ['python-rtmidi>=1.5']
 METRICS = ['prometheus-client>=0.20']
 TLS = ['cryptography>=42']
 KIT = ['schemdraw>=0.19', 'ezdxf>=1.3']  # drawings of docs/build, see `make kit`
+DOCS = ['sphinx>=8', 'furo>=2024.8', 'myst-parser>=4']  # the site, see `make docs`
 COLCON = [  # what a ROS workspace needs to build the messages, as wheels
     'colcon-common-extensions',
     'setuptools<80',
@@ -78,6 +79,7 @@ TEST = [
     *METRICS,
     *TLS,
     *KIT,
+    *DOCS,
     'python-rtmidi>=1.5; python_version < "3.13"',  # as in MIDI; it has no wheel for 3.13
 ]
 BENCH = [*TEST, 'mujoco', 'pymunk', 'trackpy']  # peers, measured in the same run

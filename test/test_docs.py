@@ -49,6 +49,21 @@ def anchors(page):
     return {re.sub(r'[^\w\- ]', '', title.lower()).replace(' ', '-') for title in titles}
 
 
+def test_the_site_builds_without_a_warning_and_asks_no_other_server(tmp_path):
+    """Broken links and pages that no menu names are warnings."""
+    words = ['-m', 'sphinx', '-q', '-E', '-W', '--keep-going', '-b', 'html']
+    done = subprocess.run(
+        [sys.executable, *words, ROOT / 'docs', tmp_path], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / 'searchindex.js').stat().st_size > 100_000
+    for page in tmp_path.rglob('*.html'):
+        fetched = re.findall(
+            r'<(?:script|img|link|iframe)[^>]*?(?:src|href)="([^"]+)"', page.read_text()
+        )
+        assert not [url for url in fetched if '//' in url], page
+
+
 @each_page
 def test_links_lead_somewhere(page):
     for target, _, anchor in re.findall(r'\]\(([^)#]*)(#([^)]*))?\)', page.read_text()):

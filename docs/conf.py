@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The site that `make docs` builds from these pages, with Sphinx."""
+
+import os
+
+os.environ['DOCUTILSCONFIG'] = ''  # a machine's own settings do not change the site
+
+project = 'eol_ros'
+copyright = 'the authors of eol_ros'
+extensions = ['myst_parser']
+myst_heading_anchors = 4  # links to headings, as on a forge
+html_theme = 'furo'
+html_title = 'eol_ros'
+html_theme_options = {'source_edit_link': '', 'top_of_page_buttons': []}
+html_copy_source = False
+html_show_sourcelink = False
