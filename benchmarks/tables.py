@@ -19,10 +19,12 @@ shows the whole platform, so blocks of a larger table are smaller in the image. 
 import argparse
 import time
 from collections import defaultdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks import plots
 from benchmarks.machine import tell
 from eol_ros.core.light.local import LocalField
 from eol_ros.core.motion.motion import Motion
@@ -42,7 +44,10 @@ from eol_ros.streams import blocks
 from eol_ros.verbs.progress import track
 
 HELP = 'Cost of each part, and errors of tracker and slips, for tables of 3 x 3 to 15 x 15 blocks.'
-EXAMPLES = ['eol bench tables', 'eol bench tables --sides 3,5,8 --seconds 60 --json']
+EXAMPLES = [
+    'eol bench tables --plot docs/img/tables.png',
+    'eol bench tables --sides 3,5,8 --seconds 60 --json',
+]
 FPS = 60
 REST_S, NEAR_S, LEAST_M = 0.2, 0.1, 1e-3
 PARTS = ('twin', 'tracker', 'motion', 'grains', 'light', 'bag')
@@ -53,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--sides', default='3,5,8,12,15', help='blocks along a side, with commas')
     parser.add_argument('--seconds', type=float, default=20.0, help='of each table')
     parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--plot', metavar='FILE.png', help='draw time against blocks there')
     parser.add_argument('--json', action='store_true')
 
 
@@ -63,6 +69,10 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f'--sides {args.sides}: numbers from 2 to 15, with commas')
     rows = [measure(int(side), args.seconds, args.seed) for side in track(sides, 'tables')]
     tell({'rows': rows}, args.json, table_of)
+    if args.plot:
+        curves = {n: [(row['blocks'], row[n], 0.0, '') for row in rows] for n in PARTS}
+        title, axes = 'processor time of each part', ('blocks', 'ms an image')
+        plots.draw(Path(args.plot), {title: curves}, *axes)
     return 0
 
 
