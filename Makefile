@@ -58,6 +58,9 @@ lock:  ## renew the versions and hashes of all wheels (ARGS=--upgrade: the newes
 film: setup-test  ## the film that the README opens with, and its sound (needs Chromium)
 	$(PY) -m assets.film $(ARGS)
 
+screens: setup-test  ## every page at every size, in both languages and four states (needs Chromium)
+	$(PY) -m assets.screens $(ARGS)
+
 films: setup-test  ## path-trace printed covers for `eol bench vision --films films` (needs LLVM 19)
 	$(PY) -m pip install -q 'mitsuba>=3.9'
 	$(PY) -m eol_ros bench films --output films $(ARGS)
@@ -72,4 +75,4 @@ setup-test:
 setup-core:
 	@tools/setup_env.sh core
 
-.PHONY: help setup setup-test setup-core run test bare quick lint docs kit firmware soak bench lock film films clean
+.PHONY: help setup setup-test setup-core run test bare quick lint docs kit firmware soak bench lock film films screens clean

@@ -171,7 +171,8 @@ function tell() {
   $('limit').hidden = !limit;
   if (limit) write($('limit'), say(limit));
   const lonely = performance.now() - hands.heldAt > 1000 * IDLE_S;
-  drawing.hint = lonely && link.mayPush && !stale && Boolean(state?.rim) && link.age('truth') < STALE_S;
+  const asleep = Boolean(link.work.code?.startsWith('asleep'));
+  drawing.hint = lonely && !asleep && link.mayPush && !stale && Boolean(state?.rim) && link.age('truth') < STALE_S;
   $('invite').hidden = !drawing.hint;
   const touch = fingers.matches;
   if (drawing.hint) write($('invite'), say(touch ? 'invite_touch' : 'invite'));

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every page at every size, in both languages and in each state of the work, on sheets to look at.
+
+    python -m assets.screens            about five minutes; writes build/screens/STATE-LANGUAGE.png
+
+A row of a sheet is a page, a column a size. What a machine can see is printed, with exit code 1:
+small text, small controls on a touch screen, text that is cut off, a page wider than its screen.
+Needs chromium and chromedriver.
+"""
+
+import argparse
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from benchmarks.web_browser import start as start_browser
+from eol_ros.verbs.progress import track
+from eol_ros.web.routes import PAGES
+
+ROOT = Path(__file__).resolve().parents[1]
+SIZES = (1920, 1080), (1440, 800), (1280, 720), (820, 1180), (390, 844), (360, 740)
+TOUCH_PX = 820  # screens up to this width are touched
+LANGUAGES = ('en', 'zh-Hant')
+STATES = {  # with the requests that lead there from the one before
+    'awake': ['wake', 'unmute'],
+    'test': ['test'],
+    'muted': ['mute'],
+    'asleep': ['unmute', 'sleep'],
+}
+HIGH = 300  # of a picture on a sheet, px
+READY = {
+    '/': '#camera canvas',
+    '/table': 'canvas',
+    '/about': 'dd',
+    '/wall/left': '#wall',
+    '/wall/right': '#wall',
+}
+# What is wrong with a page, by kind: texts smaller than `least` px, controls smaller than 44 px ...
+LOOK = """
+const [least, touch] = arguments;
+const style = (e) => getComputedStyle(e);
+const all = (what) => [...document.querySelectorAll(what)].filter((e) =>
+  e.getClientRects().length && style(e).visibility !== 'hidden' && !e.matches('.unseen, .skip'));
+const texts = all('body *:not(script, style)').filter((e) =>
+  [...e.childNodes].some((n) => n.nodeType === Node.TEXT_NODE && n.data.trim()));
+const controls = touch ? all('a, button, input, select') : [];
+const names = (found) => found.map((e) => (e.id || e.textContent).trim().slice(0, 40));
+const wide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
+return {
+  'small text': names(texts.filter((e) => parseFloat(style(e).fontSize) < least)),
+  'cut off': names(texts.filter((e) => style(e).overflowX !== 'visible' && e.clientWidth
+    && style(e).textOverflow !== 'ellipsis' && e.scrollWidth > e.clientWidth + 1)),
+  'small control': names(controls.filter((e) => {
+    const {width, height} = e.getBoundingClientRect();
+    return width < 44 || height < 44;
+  })),
+  'wider than the screen': wide > 0 ? [`${wide} px`] : [],
+};
+"""
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the work, look at it; return 1 where anything is wrong."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--output', type=Path, default=ROOT / 'build' / 'screens')
+    parser.add_argument('--states', default=','.join(STATES), help='parted by commas')
+    args = parser.parse_args(argv)
+    args.output.mkdir(parents=True, exist_ok=True)
+    wrong: dict[str, set[str]] = {}
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        work, address = begin(Path(folder))
+        browser = start_browser(Path(folder) / 'profile')
+        try:
+            jobs = [(s, one) for s in args.states.split(',') for one in LANGUAGES]
+            for state, language in track(jobs, 'sheets'):
+                lead_to(address, state)
+                sheet = [
+                    np.hstack(list(row_of(browser, address, path, state, language, wrong)))
+                    for path in PAGES
+                ]
+                cv2.imwrite(str(args.output / f'{state}-{language}.png'), np.vstack(sheet))
+        finally:
+            browser.quit()
+            work.send_signal(signal.SIGINT)
+            work.wait(60)
+    for what, where in sorted(wrong.items()):
+        print(f'{what}: {"; ".join(sorted(where))}')
+    print(args.output)
+    return bool(wrong)
+
+
+def begin(folder: Path) -> tuple[subprocess.Popen, str]:
+    """Start a rehearsal that nobody touches; return it and the address of its panel."""
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        port = probe.getsockname()[1]
+    scene = folder / 'screens.yaml'
+    nodes = {'panel': {'port': port}, 'recorder': 'off', 'sound': {'card_needed': False}}
+    scene.write_text(json.dumps({'scene': 'screens', 'include': 'rehearsal', 'nodes': nodes}))
+    work = subprocess.Popen(
+        [sys.executable, '-m', 'eol_ros.bringup', str(scene)], cwd=folder,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        env=os.environ | {'EOL_STATE': str(folder / 'state')},
+    )  # fmt: skip
+    address, end = f'http://127.0.0.1:{port}', time.monotonic() + 120
+    while not {'tracker', 'sound', 'montage'} <= {
+        n for n, s in status(address).items() if s['level'] in ('ok', 'warn')
+    }:
+        if work.poll() is not None or time.monotonic() > end:
+            raise SystemExit('the rehearsal did not start: try `eol run rehearsal`')
+        time.sleep(0.5)
+    return work, address
+
+
+def status(address: str) -> dict[str, Any]:
+    """Return the states of the nodes; empty while no panel answers."""
+    try:
+        with urllib.request.urlopen(f'{address}/status', timeout=5) as answer:
+            found: dict[str, Any] = json.load(answer)
+            return found
+    except OSError:
+        return {}
+
+
+def lead_to(address: str, state: str) -> None:
+    """Bring the work into a state, from that before."""
+    for control in STATES[state]:
+        request = urllib.request.Request(
+            f'{address}/control/{control}', b'{}', {'Content-Type': 'application/json'}
+        )
+        urllib.request.urlopen(request, timeout=20).read()
+    time.sleep(4)
+
+
+def row_of(
+    browser: Any, address: str, path: str, state: str, language: str, wrong: dict[str, set[str]]
+) -> Iterator[np.ndarray]:
+    """Yield a page at each size, as pictures of one height; note what is wrong with it."""
+    for width, height in SIZES:
+        touch = width <= TOUCH_PX
+        metrics = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': touch}
+        browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', metrics)
+        browser.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': touch})
+        browser.get(address + path)
+        browser.execute_script(f"localStorage.setItem('language', '{language}')")
+        if browser.execute_script('return document.documentElement.lang') != language:
+            browser.refresh()
+        end = time.monotonic() + 10
+        while not browser.execute_script(
+            f"return Boolean(window.eol && document.querySelector('{READY[path]}'))"
+        ):
+            if time.monotonic() > end:
+                break
+            time.sleep(0.1)
+        time.sleep(0.7)  # pictures and figures come
+        for what, names in browser.execute_script(
+            LOOK, 14 if path == '/table' else 12, touch
+        ).items():
+            for name in names:
+                wrong.setdefault(f'{what}, {path}', set()).add(f'{name} ({state}, {width})')
+        png = np.frombuffer(browser.get_screenshot_as_png(), np.uint8)
+        shot = cv2.imdecode(png, cv2.IMREAD_COLOR)
+        yield cv2.resize(shot, (round(HIGH * width / height), HIGH), interpolation=cv2.INTER_AREA)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
