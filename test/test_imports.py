@@ -131,7 +131,6 @@ BELOW = {
         'core',
         'yaml_text',
         'lab',
-        'analysis',  # its digests of sources
         'devices',
         'settings',
         'errors',

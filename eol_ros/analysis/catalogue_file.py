@@ -13,6 +13,7 @@ from eol_ros.analysis.bag import Bag, Table
 from eol_ros.analysis.recorded_settings import recorded_settings, recorded_table
 from eol_ros.core.physics.builders import GRAVITY
 from eol_ros.devices.files.names import shown
+from eol_ros.lab.sweeps.table import Column, Csv, Parquet, has_parquet
 from eol_ros.settings import TwinSettings
 
 # name: type, unit, what it is
@@ -107,26 +108,12 @@ def write(out: Path, rows: np.ndarray, provenance: dict[str, Any]) -> list[Path]
         },
     }  # fmt: skip
     (out / 'catalogue.json').write_text(json.dumps(about, indent=2) + '\n', encoding='utf-8')
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError:
-        plain = out / 'catalogue.csv'
-        with open(plain, 'w', newline='', encoding='utf-8') as file:
-            table = csv.writer(file, lineterminator='\n')
-            table.writerow(COLUMNS)
-            table.writerows(rows.tolist())
-        return [zmap, plain, out / 'catalogue.json']
-    fields = [
-        pa.field(n, pa.from_numpy_dtype(rows.dtype[n]) if kind[0] != 'U' else pa.string(),
-                 metadata={'unit': unit, 'description': text})
-        for n, (kind, unit, text) in COLUMNS.items()
-    ]  # fmt: skip
-    schema = pa.schema(fields, metadata={'eol_ros': json.dumps(about['provenance'])})
-    arrays = [pa.array(rows[n].tolist() if rows.dtype[n].kind == 'U' else rows[n]) for n in COLUMNS]
-    with open(out / 'catalogue.parquet', 'wb') as binary:  # pyarrow takes no names that are bytes
-        pq.write_table(pa.Table.from_arrays(arrays, schema=schema), binary)
-    return [zmap, out / 'catalogue.parquet', out / 'catalogue.json']
+    kinds: dict[str, type] = {'i': int, 'f': float, 'U': str}
+    columns = {n: Column(kinds[kind[0]], unit, text) for n, (kind, unit, text) in COLUMNS.items()}
+    form, name = (Parquet, 'catalogue.parquet') if has_parquet() else (Csv, 'catalogue.csv')
+    told = (dict(zip(COLUMNS, row, strict=True)) for row in rows.tolist())
+    form.write(out / name, told, columns, provenance)
+    return [zmap, out / name, out / 'catalogue.json']
 
 
 def _zmap_rows(rows: np.ndarray) -> Any:

@@ -112,7 +112,6 @@ class Reading:
 
     path: str
     made_by: dict[str, str]
-    computes = (__name__,)
 
     @property
     def title(self) -> str:
@@ -126,8 +125,7 @@ class Reading:
 
 def read(paths: Iterable[Path], crew: Crew) -> Iterator[Digest | str]:
     """Let a crew read the bags; yield what is kept of each, in the order in which they are done."""
-    made_by = work.version(Reading.computes)
-    readings = [Reading(str(path.resolve()), made_by) for path in paths]
+    readings = [Reading(str(path.resolve()), work.version()) for path in paths]
     for rows, _ in work_through(crew, readings, ahead=2):
         yield from rows
 

@@ -48,12 +48,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=('auto', 'fixed', 'exact'),
         help='auto: exact with a fraction or a start file, else fixed point',
     )
-    parser.add_argument(
-        '--queue',
-        default='bucket',
-        choices=('bucket', 'sweep'),
-        help='event queue: the same events, at another speed',
-    )
     parser.add_argument('--fit', default='', metavar='FROM:TO', help='sizes that tau is fitted on')
     parser.add_argument(
         '-o', '--output', metavar='FILE.npz', help='write size, area, duration, first'
@@ -143,8 +137,8 @@ def _lattice(args):
             numerators = rng.integers(0, DENOMINATOR, (side, side))
         return ExactAutomaton(numerators, DENOMINATOR, alpha), True
     if numerators is not None:
-        return Automaton(numerators / DENOMINATOR, float(alpha), args.queue), False
-    return Automaton.random(side, float(alpha), args.seed, args.queue), False
+        return Automaton(numerators / DENOMINATOR, float(alpha)), False
+    return Automaton.random(side, float(alpha), args.seed), False
 
 
 def _smallest(args):
@@ -153,7 +147,7 @@ def _smallest(args):
     from eol_ros.lab.automaton.ofc import Automaton
     from eol_ros.lab.automaton.oslo import OsloPile
 
-    return OsloPile(1, 1) if args.model == 'oslo' else Automaton(np.zeros((1, 1)), 0.2, args.queue)
+    return OsloPile(1, 1) if args.model == 'oslo' else Automaton(np.zeros((1, 1)), 0.2)
 
 
 def _start(path: str):

@@ -84,15 +84,6 @@ def test_warm_up_is_part_of_the_same_run(capsys, tmp_path):
     np.testing.assert_array_equal(sizes[0][2000:], sizes[1])
 
 
-def test_the_queues_agree(capsys):
-    texts = []
-    for queue in ('bucket', 'sweep'):
-        words = ('--size', 20, '--events', 5000, '--queue', queue, '--json')
-        texts.append(json.loads(lattice(capsys, *words)[1])['ccdf'])
-
-    assert texts[0] == texts[1]
-
-
 def test_the_rice_pile(capsys):
     words = ('--model', 'oslo', '--size', 16, '--events', 40_000, '--warmup', 5000, '--json')
     code, out, _ = lattice(capsys, *words)

@@ -140,15 +140,6 @@ def rotation_series(phi, degree, order, cc, cs):
 
 
 @uncounted
-def value(c, degree, x):
-    """Return the polynomial at x."""
-    g = c[degree]
-    for k in range(degree - 1, -1, -1):
-        g = g * x + c[k]
-    return g
-
-
-@uncounted
 def first_root(c, degree, h):
     """Return (x, found): the first root in (0, h] of a polynomial that is positive at 0.
 

@@ -25,7 +25,6 @@ from eol_ros.lab.automaton.ofc_kernel import OK, SHARE_BITS, SINK, topple
 
 ONE = 1 << 50  # the threshold in fixed point: a step is 9e-16
 LARGEST_SIDE = 4096
-QUEUES = ('bucket', 'sweep')
 
 
 @dataclass(frozen=True)
@@ -83,24 +82,21 @@ class Automaton:
 
     arithmetic = 'fixed point, 2^-50'
 
-    def __init__(self, stress: np.ndarray, alpha: float, queue: str = 'bucket'):
+    def __init__(self, stress: np.ndarray, alpha: float):
         self.side = len(stress)
         check(self.side, alpha)
         if stress.shape != (self.side, self.side):
             raise ConfigError(f'the lattice is square; this start has shape {stress.shape}')
         if not (np.isfinite(stress).all() and stress.min() >= 0 and stress.max() < 1):
             raise ConfigError('stress at the start lies in [0, 1), each site below its threshold')
-        if queue not in QUEUES:
-            raise ConfigError(f'queue {queue!r} is not known; there are {", ".join(QUEUES)}')
-        self.queue = queue
         self._share = round(alpha * (1 << SHARE_BITS))
         self._stress = padded((np.asarray(stress, float) * ONE).astype(np.int64))
 
     @classmethod
-    def random(cls, side: int, alpha: float, seed: int, queue: str = 'bucket') -> 'Automaton':
+    def random(cls, side: int, alpha: float, seed: int) -> 'Automaton':
         """Return an automaton with stress evenly spread over [0, 1)."""
         check(side, alpha)
-        return cls(np.random.default_rng(seed).random((side, side)), alpha, queue)
+        return cls(np.random.default_rng(seed).random((side, side)), alpha)
 
     @property
     def stress(self) -> np.ndarray:
@@ -116,7 +112,6 @@ class Automaton:
             ONE,
             self._share,
             None,
-            self.queue == 'bucket',
             events.size,
             events.area,
             events.duration,
@@ -174,7 +169,7 @@ class ExactAutomaton:
     def _topple(self, part: Events) -> tuple[int, int]:
         """Fill `part` with the next events of the lattice in 64 bits; return what `topple` does."""
         return topple(
-            self._whole, self.side, self.one, self.alpha.numerator, self.alpha.denominator, True,
+            self._whole, self.side, self.one, self.alpha.numerator, self.alpha.denominator,
             part.size, part.area, part.duration, part.first,
         )  # fmt: skip
 
@@ -208,7 +203,6 @@ class LongLattice:
 
     GROW = 16  # powers of alpha's denominator that the common denominator grows by at a time
     NEAR = 1e-9  # of the threshold: doubles sort the sites, integers decide among those this close
-    FOLD = 64  # thresholds of drive after which it is folded into the sites
 
     def __init__(self, side: int, alpha: Fraction, sites: np.ndarray, one: int):
         self.side, self.alpha, self.one = side, alpha, one
@@ -251,10 +245,6 @@ class LongLattice:
             duration += 1
             touched.update(layer)
             layer = self._layer(layer)
-        if self._drive > self.FOLD * self.one:
-            self._value = [v + self._drive for v in self._value]
-            self._drive = 0
-            self._rough = np.array([v / self.one for v in self._value])
         return size, len(touched), duration, first
 
     def _layer(self, layer: list[int]) -> list[int]:

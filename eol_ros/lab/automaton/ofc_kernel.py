@@ -89,15 +89,14 @@ def _give(stress, site, gift, floor, near, candidates):
 
 
 @njit(cache=True)
-def topple(stress, side, one, share, divisor, bucketed, sizes, areas, durations, firsts):
+def topple(stress, side, one, share, divisor, sizes, areas, durations, firsts):
     """Run `sizes.size` events on `stress` in place; return (status, events done).
 
     stress: (n,) int64, padded as the module says, in units in which the threshold is `one`.
     A toppling site gives each neighbour floor(stress * share / 2^32) if `divisor` is None, else
     exactly stress / divisor * share; INEXACT is returned before the event in which a remainder
     would be lost, with `stress` in disorder: the caller has kept a copy. sizes: (events,) int64.
-    areas, durations, firsts: the same, or of length 0 where they are not wanted. `bucketed` False
-    looks for the maximum by a sweep each time: the plain way, to check by.
+    areas, durations, firsts: the same, or of length 0 where they are not wanted.
     """
     n, stride = stress.size, side + 1
     near = np.empty(4 * n + 8, np.int32)  # sites that may topple in the next layer, with repeats
@@ -114,64 +113,54 @@ def topple(stress, side, one, share, divisor, bucketed, sizes, areas, durations,
         if event % SINK_EVERY == 0:
             _empty_sinks(stress, side)
         candidates = 0
-        if bucketed:
-            while True:
-                if refill or count == 0:
-                    mean = (toppled_since + 1.0) / (event - filled_at + 1.0)
-                    wanted = min(max(8, int(0.045 * n / np.sqrt(mean))), capacity // 2)
-                    filled_at, toppled_since, refill = event, 0, False
-                    top = _maximum(stress)
-                    while True:
-                        floor = top - depth
-                        found = 0
-                        for k in range(n):
-                            now[uintp(found)] = k
-                            found += stress[k] >= floor
-                        if found <= capacity // 2 or depth <= 1:
-                            break
-                        depth //= 2
-                    if (
-                        2 * found > capacity
-                    ):  # more equals than the bucket holds: take them all, now
-                        floor, refill = top, True
-                        while stress[now[0]] != top:
-                            now[0] += 1
-                        found = 1
-                    if 2 * found < wanted and depth < one:
-                        depth = depth * 3 // 2 + 1
-                    elif found > 2 * wanted:
-                        depth = max(int64(1), depth * 2 // 3)
-                    count = 0
-                    for k in range(found):
-                        _push(keys, sites, count, stress[now[k]], now[k])
-                        count += 1
-                theta, site = keys[0], sites[0]
-                count -= 1
-                _pop(keys, sites, count)
-                if stress[uintp(site)] == theta:
-                    break
-            first = site
-            near[0] = site
-            candidates = 1
-            if refill:
-                candidates, count = 0, 0
-                for k in range(n):
-                    near[uintp(candidates)] = k
-                    candidates += stress[k] == theta
-                first = near[0]
-            while count > 0 and keys[0] == theta:
-                near[uintp(candidates)] = sites[0]
-                first = min(first, sites[0]) if stress[uintp(sites[0])] == theta else first
-                candidates += 1
-                count -= 1
-                _pop(keys, sites, count)
-        else:
-            theta = _maximum(stress)
-            floor = theta
+        while True:
+            if refill or count == 0:
+                mean = (toppled_since + 1.0) / (event - filled_at + 1.0)
+                wanted = min(max(8, int(0.045 * n / np.sqrt(mean))), capacity // 2)
+                filled_at, toppled_since, refill = event, 0, False
+                top = _maximum(stress)
+                while True:
+                    floor = top - depth
+                    found = 0
+                    for k in range(n):
+                        now[uintp(found)] = k
+                        found += stress[k] >= floor
+                    if found <= capacity // 2 or depth <= 1:
+                        break
+                    depth //= 2
+                if 2 * found > capacity:  # more equals than the bucket holds: take them all, now
+                    floor, refill = top, True
+                    while stress[now[0]] != top:
+                        now[0] += 1
+                    found = 1
+                if 2 * found < wanted and depth < one:
+                    depth = depth * 3 // 2 + 1
+                elif found > 2 * wanted:
+                    depth = max(int64(1), depth * 2 // 3)
+                count = 0
+                for k in range(found):
+                    _push(keys, sites, count, stress[now[k]], now[k])
+                    count += 1
+            theta, site = keys[0], sites[0]
+            count -= 1
+            _pop(keys, sites, count)
+            if stress[uintp(site)] == theta:
+                break
+        first = site
+        near[0] = site
+        candidates = 1
+        if refill:
+            candidates, count = 0, 0
             for k in range(n):
                 near[uintp(candidates)] = k
                 candidates += stress[k] == theta
             first = near[0]
+        while count > 0 and keys[0] == theta:
+            near[uintp(candidates)] = sites[0]
+            first = min(first, sites[0]) if stress[uintp(sites[0])] == theta else first
+            candidates += 1
+            count -= 1
+            _pop(keys, sites, count)
         drive = one - theta
         size = area = duration = 0
         while True:
@@ -192,7 +181,7 @@ def topple(stress, side, one, share, divisor, bucketed, sizes, areas, durations,
                         )
                     stress[j] = -drive
                     toppling += 1
-                elif bucketed and value >= floor:
+                elif value >= floor:
                     if count == capacity:
                         count, refill = 0, True
                     _push(keys, sites, count, value, int64(j))

@@ -78,7 +78,6 @@ class OsloPile:
     """A pile of `side` heaps, empty at first; `run` puts on grains. Every grain is an event."""
 
     arithmetic = 'whole numbers'
-    queue = 'none'
 
     def __init__(self, side: int, seed: int):
         if not 1 <= side <= LARGEST_SIDE:

@@ -103,7 +103,8 @@ class Table:
         whole = [self.path] if self.path.exists() else []
         for file in (*whole, *self._part_files()):
             self._check(file)
-            keys.update(bytes.fromhex(key) for key in self._format.keys(file))
+            only = {KEY: self._columns[KEY]}
+            keys.update(bytes.fromhex(row[KEY]) for row in self._format.rows(file, only))
         return keys
 
     def _check(self, file: Path) -> None:
@@ -126,8 +127,8 @@ class Table:
     def _merge(self, path: Path, files: list[Path], parts: list[Path]) -> None:
         rows = [self._format.rows(file, self._columns) for file in files]
         self._write(path, _merged(rows, self._order))
-        for part in parts:
-            self._format.remove(part)
+        for file in (file for part in parts for file in self._format.files(part)):
+            file.unlink(missing_ok=True)
 
     def _order(self, row: Row) -> tuple:
         return tuple(
@@ -157,7 +158,8 @@ class Table:
             self._format.write(half, rows, self._columns, about)
             with open(half, 'rb') as file:
                 os.fsync(file.fileno())
-            self._format.publish(half, path)
+            for made, whole in zip(*map(self._format.files, (half, path)), strict=True):
+                made.replace(whole)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -203,7 +205,7 @@ def _merged(files: list[Iterator[Row]], order: Callable[[Row], tuple]) -> Iterat
             yield row
 
 
-class _Parquet:
+class Parquet:
     """One file that carries its units and its origin in its own metadata."""
 
     @staticmethod
@@ -217,33 +219,21 @@ class _Parquet:
             for n, c in columns.items()
         ]
         schema = pa.schema(fields, metadata={'eol_ros': json.dumps(about)})
-        with pq.ParquetWriter(path, schema) as writer:
+        with open(path, 'wb') as file, pq.ParquetWriter(file, schema) as writer:  # of any name
             while some := list(itertools.islice(rows, ROW_GROUP)):
                 writer.write_table(pa.Table.from_pylist(some, schema))
 
     @staticmethod
-    def publish(half: Path, path: Path) -> None:
-        half.replace(path)
-
-    @staticmethod
-    def remove(path: Path) -> None:
-        path.unlink()
+    def files(path: Path) -> list[Path]:
+        return [path]
 
     @staticmethod
     def rows(path: Path, columns: dict[str, Column]) -> Iterator[Row]:
         import pyarrow.parquet as pq
 
         with pq.ParquetFile(path) as file:
-            for batch in file.iter_batches(BATCH_ROWS):
+            for batch in file.iter_batches(BATCH_ROWS, columns=list(columns)):
                 yield from batch.to_pylist()
-
-    @staticmethod
-    def keys(path: Path) -> Iterator[str]:
-        import pyarrow.parquet as pq
-
-        with pq.ParquetFile(path) as file:
-            for batch in file.iter_batches(columns=[KEY]):
-                yield from batch.column(0).to_pylist()
 
     @staticmethod
     def about(path: Path) -> Row:
@@ -257,7 +247,7 @@ class _Parquet:
         return dict(json.loads(metadata.get(b'eol_ros', b'{}')))
 
 
-class _Csv:
+class Csv:
     """A CSV file, its floats written so that they come back to the bit, and FILE.json about it."""
 
     @staticmethod
@@ -267,17 +257,11 @@ class _Csv:
             writer.writerow(columns)
             for row in rows:
                 writer.writerow([_text(row[name]) for name in columns])
-        path.with_name(path.name + '.json').write_text(json.dumps(about, indent=2) + '\n')
+        Csv.files(path)[0].write_text(json.dumps(about, indent=2) + '\n')
 
     @staticmethod
-    def publish(half: Path, path: Path) -> None:
-        half.with_name(half.name + '.json').replace(path.with_name(path.name + '.json'))
-        half.replace(path)
-
-    @staticmethod
-    def remove(path: Path) -> None:
-        path.unlink()
-        path.with_name(path.name + '.json').unlink(missing_ok=True)
+    def files(path: Path) -> list[Path]:
+        return [path.with_name(path.name + '.json'), path]
 
     @staticmethod
     def rows(path: Path, columns: dict[str, Column]) -> Iterator[Row]:
@@ -286,14 +270,8 @@ class _Csv:
                 yield {n: _value(row[n], c.kind) for n, c in columns.items()}
 
     @staticmethod
-    def keys(path: Path) -> Iterator[str]:
-        with open(path, newline='', encoding='utf-8') as file:
-            for row in csv.DictReader(file):
-                yield row[KEY]
-
-    @staticmethod
     def about(path: Path) -> Row:
-        beside = path.with_name(path.name + '.json')
+        beside = Csv.files(path)[0]
         try:
             return dict(json.loads(beside.read_text()))
         except OSError:
@@ -316,22 +294,9 @@ def _value(text: str, kind: type) -> Any:
     return text == 'true' if kind is bool else kind(text)
 
 
-def rows_of(path: str | Path) -> Iterator[Row]:
-    """Yield the rows of a table as they are: parameters and results by name.
-
-    Raises ConfigError where it is not the table of a sweep.
-    """
-    path = Path(path)
-    form = _format_of(path)
-    model = form.about(path).get('model')
-    if model not in sweep.MODELS:
-        raise ConfigError(f'{path}: not the table of a sweep')
-    return form.rows(path, columns(model))
-
-
-def _format_of(path: Path) -> type[_Parquet] | type[_Csv]:
+def _format_of(path: Path) -> type[Parquet] | type[Csv]:
     if path.suffix == '.csv':
-        return _Csv
+        return Csv
     if path.suffix != '.parquet':
         raise UsageError(f'--output {path}: a name that ends in .parquet or .csv is wanted')
     if not has_parquet():
@@ -339,7 +304,7 @@ def _format_of(path: Path) -> type[_Parquet] | type[_Csv]:
             f'--output {path}: Parquet needs pyarrow: {pip_install("pyarrow")}, or give a name '
             'that ends in .csv'
         )
-    return _Parquet
+    return Parquet
 
 
 def has_parquet() -> bool:

@@ -2,18 +2,19 @@
 """What a worker of a sweep does, in a process of this machine or of a Dask cluster."""
 
 import functools
+import hashlib
 import os
 import platform
 import threading
 import time
 from dataclasses import dataclass
 from importlib import metadata
+from pathlib import Path
 from typing import Any, Protocol
 
-from eol_ros.analysis import sources
 from eol_ros.errors import ConfigError, EolError
 
-COMPUTES = (__name__,)  # and what it rests on, by `sources`
+PACKAGE = Path(__file__).parents[2]
 THREADS = 'OPENBLAS_NUM_THREADS'
 _ONE_AT_A_TIME = threading.Lock()  # the solvers are no more than one thread's
 
@@ -30,7 +31,6 @@ class Batch:
     tasks: list[tuple[str, dict[str, Any]]]
     scenes: dict[str, Any]
     made_by: dict[str, str]
-    computes = COMPUTES
 
     @property
     def title(self) -> str:
@@ -60,10 +60,6 @@ class Work(Protocol):
     made_by: dict[str, str]
 
     @property
-    def computes(self) -> tuple[str, ...]:
-        """What must be the same, with all that it rests on, where it is computed: `sources`."""
-
-    @property
     def title(self) -> str:
         """Tell people which it is."""
 
@@ -72,13 +68,16 @@ class Work(Protocol):
 
 
 @functools.cache
-def version(computes: tuple[str, ...] = COMPUTES) -> dict[str, str]:
-    """Return what must be the same wherever something is computed by this code: `sources`."""
+def version() -> dict[str, str]:
+    """Return the versions that must be the same wherever something is computed by this code."""
     try:
         own = metadata.version('eol_ros')
     except metadata.PackageNotFoundError:  # a checkout on the path
         own = 'of no package'
-    found = {'eol_ros': f'{own} (sources {sources.digest(computes)})'}
+    sources = hashlib.blake2b(digest_size=6)
+    for file in sorted(PACKAGE.rglob('*.py')):
+        sources.update(f'{file.relative_to(PACKAGE)}\n'.encode() + file.read_bytes())
+    found = {'eol_ros': f'{own} (sources {sources.hexdigest()})'}
     return found | {name: metadata.version(name) for name in ('numpy', 'scipy', 'numba')}
 
 
@@ -115,7 +114,7 @@ def check_threads(threads: str, who: str) -> None:
 def compute(batch: Work) -> tuple[list[Any], float]:
     """Return the rows of a batch, and the seconds that they took."""
     who = f'worker {os.getpid()} on {platform.node()}'
-    check(batch.made_by, version(batch.computes), who)
+    check(batch.made_by, version(), who)
     check_threads(where()['threads'], who)
     with _ONE_AT_A_TIME:
         begin_s = time.perf_counter()
