@@ -11,7 +11,7 @@ import csv
 import itertools
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -99,6 +99,22 @@ class Table(np.ndarray):
             csv.writer(file, lineterminator='\n').writerows(self.rows())
 
 
+class Gatherer(Protocol):
+    """Gathers something from messages that do not fit into memory together."""
+
+    def __init__(self, bag: 'Bag'): ...
+
+    @property
+    def fields(self) -> Mapping[str, tuple[str, ...]]:
+        """By topic: fields of a message and (`blocks.x`) of the blocks in it."""
+
+    def add(self, table: Table) -> None:
+        """Take the rows that follow, BATCH at most."""
+
+
+Gathers = TypeVar('Gathers', bound=Gatherer)
+
+
 class Bag(BagReader):
     """A bag whose topics can be read as tables; see BagReader for what else it knows."""
 
@@ -133,10 +149,7 @@ class Bag(BagReader):
         return field and f'{found.name} has another definition of {found.type}: {field}'
 
     def keep(
-        self,
-        topics: Mapping[str, Collection[str]],
-        each: Mapping[str, tuple[Collection[str], Callable[[Table], object]]] | None = None,
-        thin: Mapping[str, float] | None = None,
+        self, topics: Mapping[str, Collection[str]], gatherers: Collection[type['Gatherer']] = ()
     ) -> None:
         """Read the bag once, so that what follows need not; topics without messages are left out.
 
@@ -144,25 +157,33 @@ class Bag(BagReader):
         ----------
         topics : mapping
             What `table` then takes from memory: the fields of each topic, none for all of them.
-        each : mapping
-            For topics too large for memory, fields (`blocks.x` of blocks that are in a message) and
-            what is called with them, BATCH rows at a time; their `stamps` are kept.
-        thin : mapping
-            For each topic the step in s of which the rows are kept that `thinned` returns.
+        gatherers : collection of types
+            What `gathered` then returns, for topics too large for memory; the `stamps` of these
+            topics are kept.
         """
 
-        def there(asked: Mapping[str, Any] | None) -> Iterator[tuple[str, Any]]:
-            return ((self.name(t), value) for t, value in (asked or {}).items() if self.count(t))
+        def there(asked: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+            return ((self.name(t), value) for t, value in asked.items() if self.count(t))
 
         wanted: dict[tuple, _Collector] = {}
         for name, fields in there(topics):
             wanted['table', name] = self._rows(name, fields)
-        for name, (fields, call) in there(each):
-            wanted['each', name] = _Each(self._rows(name, fields, 0), call)
+        calls: dict[tuple, list[Callable[[Table], object]]] = {}
+        for kind in gatherers:
+            one = self._kept['gathered', kind] = kind(self)
+            for name, fields in there(one.fields):
+                calls.setdefault((name, fields), []).append(one.add)
+        for (name, fields), called in calls.items():
+            wanted['each', name, fields] = _Each(self._rows(name, fields, 0), called)
             wanted['stamps', name] = _Stamps()
-        for name, step_s in there(thin):
-            wanted['thin', name, step_s] = self._thinner(name, step_s)
         self._kept |= self._collect(wanted)
+
+    def gathered(self, kind: type[Gathers]) -> Gathers:
+        """Return what a gatherer has found in this bag."""
+        if ('gathered', kind) not in self._kept:
+            self.keep({}, (kind,))
+        found: Gathers = self._kept['gathered', kind]
+        return found
 
     def release(self) -> None:
         """Keep nothing any more: what follows is read from the bag, with all its fields."""
@@ -177,9 +198,6 @@ class Bag(BagReader):
                 if key[1] == name:
                     collector.add(batch)
         return {key: collector.found() for key, collector in wanted.items()}
-
-    def _thinner(self, name: str, step_s: float) -> '_Thinner':
-        return _Thinner(self.start_ns, step_s, self._rows(name))
 
     def _rows(self, name: str, fields: Collection[str] = (), most: int | None = None) -> '_Rows':
         """Return an empty table of a topic that has room for `most` messages, None: for all."""
@@ -218,16 +236,6 @@ class Bag(BagReader):
             self._kept |= self._collect({key: _Stamps()})
         received_at, stamp = self._kept[key]
         return received_at, stamp
-
-    def thinned(self, topic: str, step_s: float) -> Table:
-        """Return the first row of each `step_s` by the stamps, and decode no others.
-
-        The message begins with a header; a row has half a step of distance at least.
-        """
-        key = 'thin', self.find(topic), step_s
-        wanted: dict[tuple, _Collector] = {key: self._thinner(key[1], step_s)}
-        table: Table = self._kept[key] if key in self._kept else self._collect(wanted)[key]
-        return table
 
     def decoder(self, name: str, only: Collection[str] = ()) -> Decoder:
         """Return the decoder of the full topic name; see `Decoder` for `only`."""
@@ -311,14 +319,16 @@ class _Collector(Protocol):
 
 
 class _Each:
-    """Calls a function with the table of each batch."""
+    """Calls functions with the table of each batch."""
 
-    def __init__(self, rows: '_Rows', call: Callable[[Table], object]):
-        self._rows, self._call = rows, call
+    def __init__(self, rows: '_Rows', calls: list[Callable[[Table], object]]):
+        self._rows, self._calls = rows, calls
 
     def add(self, batch: Batch) -> None:
         self._rows.add(batch)
-        self._call(self._rows.found())
+        table = self._rows.found()
+        for call in self._calls:
+            call(table)
 
     def found(self) -> None: ...
 
@@ -335,36 +345,6 @@ class _Stamps:
     def found(self) -> tuple[np.ndarray, np.ndarray]:
         received_at, stamp = np.concatenate(self._parts, axis=1).view('M8[ns]')
         return received_at, stamp
-
-
-class _Thinner:
-    """Picks the first message of each step by the stamps, at least half a step from the last."""
-
-    def __init__(self, start_ns: int, step_s: float, rows: '_Rows'):
-        self._start_ns, self._step_ns = start_ns, round(step_s * 1e9)
-        self._last_ns, self._last_step = -(1 << 62), -(1 << 62)
-        self._picked: list[Batch] = []
-        self._rows = rows
-
-    def add(self, batch: Batch) -> None:
-        at_ns = _stamps_ns(batch.data)
-        step = (at_ns - self._start_ns) // self._step_ns
-        for i in np.flatnonzero(np.diff(step, prepend=self._last_step)).tolist():
-            if at_ns[i] >= self._last_ns + self._step_ns // 2:
-                self._last_ns = int(at_ns[i])
-                self._picked.append(batch.part(i, i + 1))
-        self._last_step = int(step[-1])
-        if len(self._picked) >= BATCH // 4:
-            self._decode()
-
-    def found(self) -> Table:
-        self._decode()
-        return self._rows.found()
-
-    def _decode(self) -> None:
-        if self._picked:
-            self._rows.add(joined(self._picked))
-            self._picked = []
 
 
 def _stamps_ns(messages: Sequence[bytes]) -> np.ndarray:

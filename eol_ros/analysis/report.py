@@ -134,15 +134,10 @@ def _felt(kinds: np.ndarray, duration_s: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def spectra(
-    bag: Bag, energy: series.Series | None = None, rim: uncoupled.RimPath | None = None
-) -> Iterator[Answer]:
-    """Yield the verdict on each series of a bag: is it 1/f?
-
-    energy, rim: where they have been read, see `series.of` and `uncoupled.of`.
-    """
-    control = uncoupled.of(bag, rim)
-    for one in series.of(bag, energy):
+def spectra(bag: Bag) -> Iterator[Answer]:
+    """Yield the verdict on each series of a bag: is it 1/f?"""
+    control = uncoupled.of(bag)
+    for one in series.of(bag):
         yield series.ask(one, control)
 
 
@@ -268,13 +263,8 @@ def write(
     """
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
-    span_s = 0.0 if series.sparse(bag) else bag.duration_s
-    energy = series.KineticEnergy(span_s, bag.start_ns)
-    rim = uncoupled.RimPath(bag.start_ns)
-    each = {'blocks': (energy.fields, energy.add), 'truth': (rim.fields, rim.add)}
-    bag.keep(KEPT, each, exposure.topic_of(bag))
-    asked = spectra(bag, energy.series(), rim)
-    answers = list(_tracked(asked, 'asking for 1/f', track, len(series.NAMES)))
+    bag.keep(KEPT, (series.KineticEnergy, uncoupled.RimPath, exposure.Way))
+    answers = list(_tracked(spectra(bag), 'asking for 1/f', track, len(series.NAMES)))
     found = numbers(bag, answers, measured)
     if retracked is not None:
         found['retracked'] = {

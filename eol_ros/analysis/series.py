@@ -52,8 +52,8 @@ class Absent:
     why: str
 
 
-def of(bag: Bag, energy: Series | None = None) -> Iterator[Series | Absent]:
-    """Yield every series, or why it is absent; `energy`: kinetic, where it has been read."""
+def of(bag: Bag) -> Iterator[Series | Absent]:
+    """Yield every series, or why it is absent."""
     why = f'the bag is of {bag.duration_s:.1f} s' if bag.duration_s < SHORTEST_S else sparse(bag)
     if why:
         for name in NAMES:
@@ -62,7 +62,7 @@ def of(bag: Bag, energy: Series | None = None) -> Iterator[Series | Absent]:
     for name, topic, make in (
         ('triggers', 'grain_triggers', triggers),
         ('light', 'led_commands', light),
-        ('kinetic energy', 'blocks', lambda bag: energy or kinetic_energy(bag)),
+        ('kinetic energy', 'blocks', lambda bag: bag.gathered(KineticEnergy).series()),
     ):
         if bag.count(topic):
             yield make(bag)
@@ -136,11 +136,11 @@ class KineticEnergy:
     not fit into memory.
     """
 
-    fields = ('stamp', 'blocks.x', 'blocks.y')
+    fields = {'blocks': ('stamp', 'blocks.x', 'blocks.y')}
 
-    def __init__(self, duration_s: float, start_ns: int):
-        bins = round(duration_s * RATE_HZ)
-        self._start_ns = start_ns
+    def __init__(self, bag: Bag):
+        bins = 0 if sparse(bag) else round(bag.duration_s * RATE_HZ)
+        self._start_ns = bag.start_ns
         self._total, self._count = np.zeros(bins), np.zeros(bins)
         self._rest_j = REST_J
         self._before: tuple[np.ndarray, np.ndarray] | None = None
@@ -171,13 +171,6 @@ class KineticEnergy:
         if known.any():
             values = np.interp(middle, middle[known], self._total[known] / self._count[known])
         return Series('kinetic energy', values, rest=self._rest_j)
-
-
-def kinetic_energy(bag: Bag) -> Series:
-    """Return the kinetic energy of the blocks of a bag."""
-    energy = KineticEnergy(bag.duration_s, bag.start_ns)
-    bag.keep({}, {'blocks': (energy.fields, energy.add)})
-    return energy.series()
 
 
 def loudness(bag: Bag) -> Iterator[Series]:

@@ -28,16 +28,16 @@ FRAMES = 5  # of light for each value, 100/s
 class RimPath:
     """The poses of the rim that the twin recorded; `add` takes rows of `truth` in pieces."""
 
-    fields = ('stamp', 'rim_x', 'rim_y', 'rim_yaw')
+    fields = {'truth': ('stamp', 'rim_x', 'rim_y', 'rim_yaw')}
 
-    def __init__(self, start_ns: int):
-        self._start_ns = start_ns
+    def __init__(self, bag: Bag):
+        self._start_ns = bag.start_ns
         self._parts = [np.zeros((0, 4))]
 
     def add(self, table: Table) -> None:
         """Take the rows that follow."""
         at_s = (table['stamp'].astype('i8') - self._start_ns) * 1e-9
-        rows = np.column_stack([at_s, *(table[name] for name in self.fields[1:])])
+        rows = np.column_stack([at_s, *(table[name] for name in self.fields['truth'][1:])])
         self._parts.append(rows[(at_s >= 0) & (at_s <= MOST_S)])
 
     def rows(self) -> np.ndarray:
@@ -119,14 +119,11 @@ def there(bag: Bag) -> bool:
     return recorded_settings(bag, 'twin') is not None and bag.count('truth') > 1
 
 
-def of(bag: Bag, rim: RimPath | None = None) -> Uncoupled | None:
+def of(bag: Bag) -> Uncoupled | None:
     """Return the control of a bag; None where there is none."""
     if not there(bag):
         return None
-    if rim is None:
-        rim = RimPath(bag.start_ns)
-        bag.keep({}, {'truth': (rim.fields, rim.add)})
-    rows = rim.rows()
+    rows = bag.gathered(RimPath).rows()
     if len(rows) < 2:
         return None
     twin = recorded_settings(bag, 'twin') or TwinSettings()

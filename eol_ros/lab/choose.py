@@ -86,21 +86,7 @@ def simulate(
     model = model or Model.of(scene)
     limits = limits or Limits()
     times = sample_times(scene.duration_s, sample_s)
-    run = _solved(scene, times, path, tolerance, step_s, limits, ledger, model)
-    return cut_short(run, scene.duration_s, limits)
-
-
-def _solved(
-    scene: Scene,
-    times: np.ndarray,
-    path: str,
-    tolerance: float | None,
-    step_s: float,
-    limits: Limits,
-    ledger: bool,
-    model: Model,
-) -> Run:
-    """Return the run by the path that is asked for, or by the least that is enough."""
+    given = scene, model, times, limits
     chosen = choose_path(scene) if path == 'auto' else path
     if chosen == 'exact':
         if not along_x(scene):
@@ -109,8 +95,8 @@ def _solved(
             )
         from eol_ros.lab.exact.solver import solve as solve_exact
 
-        return solve_exact(scene, model, times, limits, ledger)
-    if chosen == 'event':
+        run = solve_exact(*given, ledger)
+    elif chosen == 'event':
         if scene.weakening_speed > 0:
             raise UsageError(
                 'path event: friction that weakens with speed is on exact and stepping'
@@ -123,13 +109,16 @@ def _solved(
                 f'tolerance {tolerance:g}: {event.TIGHTEST:g} to {event.LOOSEST:g} is wanted; '
                 'looser, events would be lost'
             )
-        if scene.rotation is not None:
+        if scene.rotation is None:
+            run = event.solve(*given, ledger, tolerance)
+        else:
             from eol_ros.core.physics.rotation.solver import solve as solve_rotation
 
-            return solve_rotation(scene, model, times, limits, ledger, tolerance)
-        return event.solve(scene, model, times, limits, ledger, tolerance)
-    if scene.rotation is not None:
-        raise UsageError('path stepping: blocks cannot rotate; use event')
-    from eol_ros.lab.stepping.solver import solve as solve_in_steps
+            run = solve_rotation(*given, ledger, tolerance)
+    else:
+        if scene.rotation is not None:
+            raise UsageError('path stepping: blocks cannot rotate; use event')
+        from eol_ros.lab.stepping.solver import solve as solve_in_steps
 
-    return solve_in_steps(scene, model, times, limits, step_s)
+        run = solve_in_steps(*given, step_s)
+    return cut_short(run, scene.duration_s, limits)

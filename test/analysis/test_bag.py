@@ -171,8 +171,15 @@ def test_what_is_kept_is_what_is_read():
 
 def test_fields_are_kept_and_rows_shown_in_the_only_pass(monkeypatch):
     whole, bag, seen = open_bag(SAMPLE), open_bag(SAMPLE), []
+
+    class Gatherer:
+        fields = {'blocks': ('stamp', 'blocks.x'), 'no_such_topic': ()}
+
+        def __init__(self, bag):
+            self.add = seen.append
+
     kept = {'slips': ('stamp', 'distance'), 'led_commands': ('white',), 'no_such_topic': ()}
-    bag.keep(kept, {'blocks': (('stamp', 'blocks.x'), seen.append)}, {'truth': 0.5, 'blocks': 0.25})
+    bag.keep(kept, (Gatherer, exposure.Way))
     monkeypatch.setattr(bag, 'batches', None)  # the bag is not read again
 
     for topic, fields in (('slips', ('stamp', 'distance')), ('led_commands', ('white',))):
@@ -187,22 +194,7 @@ def test_fields_are_kept_and_rows_shown_in_the_only_pass(monkeypatch):
     np.testing.assert_array_equal(x, blocks['blocks']['x'])
     for times, field in zip(bag.stamps('blocks'), ('log_time', 'stamp'), strict=True):
         np.testing.assert_array_equal(times, blocks[field])
-    same(bag.thinned('truth', 0.5), whole.thinned('truth', 0.5))
-    same(bag.thinned('blocks', 0.25), whole.thinned('blocks', 0.25))
-
-
-def test_stamps_and_thinned_rows_are_those_of_the_table():
-    bag = open_bag(SAMPLE)
-    table = bag.table('blocks')
-    received, stamp = bag.stamps('blocks')
-    thin = bag.thinned('blocks', 0.5)
-    which = np.flatnonzero(np.isin(table['stamp'], thin['stamp']))
-
-    np.testing.assert_array_equal(received, table['log_time'])
-    np.testing.assert_array_equal(stamp, table['stamp'])
-    same(thin, table[which])
-    steps = np.diff(which)  # 60 a second; the bag began before the first image
-    assert which[0] == 0 and steps[0] <= 32 and set(steps[1:]) <= {28, 29, 30, 31, 32}
+    assert exposure.of(bag) == exposure.of(whole)
 
 
 def test_the_exposure_of_the_sample_is_that_of_all_its_poses():

@@ -71,11 +71,12 @@ def test_kinetic_energy_does_not_depend_on_how_the_bag_is_read(tmp_path, monkeyp
         message.header.stamp = to_msg(T0 + k * S // 60)
         messages.append(('blocks', message, k / 60))
     bag = bag_of(tmp_path / 'run', messages)
-    whole = series.kinetic_energy(bag).values
+    whole = bag.gathered(series.KineticEnergy).series().values
+    bag.release()
     monkeypatch.setattr(bag_module, 'BATCH', 7)
 
     assert whole.max() > 0
-    np.testing.assert_array_equal(series.kinetic_energy(bag).values, whole)
+    np.testing.assert_array_equal(bag.gathered(series.KineticEnergy).series().values, whole)
 
 
 def twin_bag(folder, rim_of, seconds=300, table=''):

@@ -68,16 +68,6 @@ def test_exact_arithmetic_is_the_rule_event_for_event(side, alpha, count, seed):
     assert (automaton.stress == rest).all()
 
 
-def test_exact_arithmetic_begins_in_64_bits_and_goes_on_in_long_integers():
-    start = np.random.default_rng(1).integers(0, 100_000, (12, 12))
-    automaton = ExactAutomaton(start, 100_000, Fraction(1, 5))
-    automaton.run(10)
-
-    assert automaton.arithmetic == 'exact, 64 bits'
-    automaton.run(400)
-    assert automaton.arithmetic == 'exact, long integers'
-
-
 def test_exact_ties_topple_together():
     """A symmetric start stays symmetric: four sites start as one."""
     quarter = np.array([[10, 700], [700, 20]])
@@ -97,20 +87,20 @@ def test_a_lattice_of_equals_is_one_event():
     assert (events.area[0], events.first[0]) == (1600, 0)
 
 
-@pytest.mark.parametrize('alpha', [0.25, 0.125])
-def test_fixed_point_is_the_rule_where_it_need_not_round(alpha):
-    """Coarse stress and alpha a power of two: 50 bits hold the first events exactly."""
-    start = np.random.default_rng(2).integers(0, 1024, (20, 20)) / 1024
-    expected, _ = by_the_rule(start, Fraction(alpha), 40)
+@pytest.mark.parametrize(
+    ('start', 'alpha', 'count'),
+    [
+        # coarse stress and alpha a power of two: 50 bits hold the first events exactly
+        (np.random.default_rng(2).integers(0, 1024, (20, 20)) / 1024, '1/4', 40),
+        (np.random.default_rng(2).integers(0, 1024, (20, 20)) / 1024, '1/8', 40),
+        (np.random.default_rng(3).random((10, 10)), '1/5', 400),
+    ],
+)
+def test_fixed_point_follows_the_rule_until_it_rounds_a_tie(start, alpha, count):
+    expected, _ = by_the_rule(start, Fraction(alpha), count)
+    found = Automaton(start, float(Fraction(alpha))).run(count, full=True)
 
-    np.testing.assert_array_equal(table(Automaton(start, alpha).run(40, full=True)), expected)
-
-
-def test_fixed_point_follows_the_rule_until_a_tie():
-    start = np.random.default_rng(3).random((10, 10))
-    expected, _ = by_the_rule(start, Fraction(1, 5), 400)
-
-    np.testing.assert_array_equal(table(Automaton(start, 0.2).run(400, full=True)), expected)
+    np.testing.assert_array_equal(table(found), expected)
 
 
 def by_full_scan(stress, alpha, count):
@@ -140,60 +130,17 @@ def by_full_scan(stress, alpha, count):
         (50, 0.15, 4000),
         (5, 0.25, 4000),
         (3, 0.0, 12_000),  # drives by more than fits into the integers at once
-        (1, 0.2, 20),
+        (1, 0.2, 300),
         (90, 0.2, 1500),
     ],
 )
 def test_the_bucket_finds_what_a_full_scan_finds(side, alpha, count):
     expected, rest = by_full_scan(np.random.default_rng(3).random((side, side)), alpha, count)
     automaton = Automaton.random(side, alpha, 3)
-    found = [table(automaton.run(n, full=True)) for n in (count // 2, count - count // 2)]
+    found = [table(automaton.run(n, full=True)) for n in (1, 255, count - 256)]
 
     np.testing.assert_array_equal(np.vstack(found), expected)
     np.testing.assert_array_equal(automaton.stress, rest)
-
-
-def test_runs_are_the_same_to_the_bit_however_they_are_cut():
-    whole = Automaton.random(30, 0.2, 9)
-    parts = Automaton.random(30, 0.2, 9)
-    expected = whole.run(5000)
-    found = np.concatenate([parts.run(n).size for n in (1, 255, 256, 4488)])
-
-    np.testing.assert_array_equal(found, expected.size)
-    np.testing.assert_array_equal(whole.stress, parts.stress)
-
-
-def test_no_site_is_left_at_its_threshold():
-    automaton = Automaton.random(40, 0.25, 4)
-    for _ in range(20):
-        automaton.run(500)
-        assert automaton.stress.min() >= 0
-        assert automaton.stress.max() < 1
-
-
-def test_stress_is_conserved_but_for_what_the_boundary_takes():
-    """alpha 1/4, exact: the drive puts in L^2 (1 - top) an event, only rim sites lose."""
-    start = np.random.default_rng(8).integers(0, 1000, (9, 9))
-    automaton = ExactAutomaton(start, 1000, Fraction(1, 4))
-    for _ in range(30):
-        before = automaton.stress
-        events = automaton.run(1)
-        gain = automaton.stress.sum() - before.sum() - 81 * (1 - before.max())
-        assert gain <= 0
-        inner = before.copy()
-        inner[1:-1, 1:-1] = 0
-        if events.size[0] == 1 and divmod(events.first[0], 9)[0] in range(1, 8):
-            column = events.first[0] % 9
-            assert gain == (0 if 0 < column < 8 else -Fraction(1, 4))
-
-
-@pytest.mark.parametrize(('side', 'low', 'high'), [(35, 5.0, 5.8), (16, 3.0, 4.2)])
-def test_mean_size_is_the_known_one(side, low, high):
-    """L 35, alpha 0.2: 5.4 (measured by a full scan in floating point, 4e6 events of warm-up)."""
-    automaton = Automaton.random(side, 0.2, 1)
-    automaton.run(3_000_000)
-
-    assert low < automaton.run(1_000_000).size.mean() < high
 
 
 @pytest.mark.parametrize(
@@ -279,11 +226,3 @@ def test_the_law_of_sizes_steepens_as_less_is_passed_on(alpha, warmup, tau):
     counts = powerlaw.histogram(automaton.run(1_000_000).size)
 
     assert powerlaw.fit(counts, 2, 200).tau == pytest.approx(tau, abs=0.06)
-
-
-@pytest.mark.parametrize(('side', 'mean'), [(35, 154), (64, 599)])
-def test_without_loss_only_the_boundary_ends_an_event(side, mean):
-    automaton = Automaton.random(side, 0.25, 1)
-    automaton.run(30_000)
-
-    assert automaton.run(20_000).size.mean() == pytest.approx(mean, rel=0.08)

@@ -6,9 +6,7 @@ every block, how the blocks stand, how the rim lies, the direction of the thread
 kitchen scale is off. `images` yields stamp (s), places (25, 3) and who was seen (25,).
 """
 
-import contextlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -18,8 +16,6 @@ from eol_ros.core.measure.springs import NATURAL_SIGMA_M, RIM_SIGMA_M, outwards
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.twin.live import Coupling, LiveTable
-from eol_ros.core.table import Table
-from eol_ros.errors import EolError
 from eol_ros.lab.choose import simulate
 from support.paper import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 
@@ -176,32 +172,12 @@ class Hung:
         self._u, self._yaw = run.u[-1].copy(), run.yaw[-1].copy()
 
 
-def of_springs(seed: int) -> dict[str, tuple[float, Measured]]:
-    """Return the true stiffness of a twin, and the measured one."""
-    twin = Hung(seed)
-    return {'stiffness': (twin.stiffness, measured_springs(twin).stiffness)}
-
-
 def measured_springs(twin: Hung) -> springs.Springs:
     """Return what weights on a twin say."""
     rests = springs.Rests(twin.block)
     for image in twin.images():
         rests.add(*image)
     return springs.fit(rests.found, twin.weights_kg, twin.block, twin.natural_m)
-
-
-def of_friction(seed: int) -> dict[str, tuple[float, Measured]]:
-    """Return true and measured friction of a twin, and what its nine blocks say, were they known.
-
-    The last is what an interval from nine blocks can do at best: its misses are the draw's.
-    """
-    twin = Pulled(seed)
-    found = measured_friction(twin)
-    return {
-        'mu_static': (twin.coupling.mu_static, found.static),
-        'mu_kinetic': (twin.coupling.mu_kinetic, found.kinetic),
-        'nine, told': (twin.coupling.mu_static, SampleMean(twin.each[friction.inner(Table()), 0])),
-    }
 
 
 def measured_friction(twin: Pulled) -> friction.Friction:
@@ -216,39 +192,17 @@ def tracked(images: Iterable[Image]) -> friction.Track:
     return friction.Track(*(np.array(part) for part in zip(*images, strict=True)))
 
 
-def of_light(seed: int) -> dict[str, tuple[float, Measured]]:
-    """Return true and measured delay of a light, s."""
-    blinks = Blinks(seed)
-    return {'light_seen_s': (blinks.delay_s, measured_light(blinks).delay)}
-
-
 def measured_light(blinks: Blinks) -> light.Light:
     """Return what a camera says of blinks."""
     heard_s = blinks.stamp_s + blinks.heard_s
     return light.fit(blinks.sent_s, blinks.stamp_s, heard_s, blinks.seen, blinks.exposure_s)
 
 
-PARTS: dict[str, Callable[[int], dict[str, tuple[float, Measured]]]] = {
-    'springs': of_springs, 'friction': of_friction, 'light': of_light,
-}  # fmt: skip
-
-
-def study(part: str, seeds: range) -> list[dict[str, Any]]:
-    """Return a row for each value that `part` measures."""
-    found: dict[str, list[tuple[float, Measured]]] = {}
-    for seed in seeds:
-        with contextlib.suppress(EolError):  # the middle of some hardly slips
-            for name, pair in PARTS[part](seed).items():
-                found.setdefault(name, []).append(pair)
-    return [row(name, pairs) for name, pairs in found.items()]
-
-
-def row(name: str, pairs: list[tuple[float, Measured]]) -> dict[str, Any]:
-    """Return how many were measured, and how often their intervals hold the true value."""
-    held = {
-        level: sum(low <= truth <= high for truth, (low, high) in (
-            (truth, e.interval(0.01 * level)) for truth, e in pairs
-        ))
-        for level in (68, 95)
-    }  # fmt: skip
-    return {'value': name, 'measured': len(pairs), 'held_68': held[68], 'held_95': held[95]}
+def held(pairs: Sequence[tuple[float, Measured]]) -> tuple[int, int]:
+    """Return how many intervals of 68 % and of 95 % hold the true values."""
+    counts = []
+    for level in (0.68, 0.95):
+        ends = [measured.interval(level) for _, measured in pairs]
+        inside = [low <= truth <= high for (truth, _), (low, high) in zip(pairs, ends, strict=True)]
+        counts.append(sum(inside))
+    return counts[0], counts[1]

@@ -3,8 +3,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given, settings
-from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from support import physics_oracles, scipy_solver
@@ -16,7 +14,6 @@ from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.science import powerlaw
 from eol_ros.core.table import Table
-from eol_ros.errors import UsageError
 from eol_ros.lab import presets
 from eol_ros.lab.choose import choose_path, simulate
 from eol_ros.lab.science.quiescent import cascades
@@ -125,13 +122,6 @@ def test_the_energy_ledger_closes(name):
     assert energy.friction_J > 0
 
 
-@pytest.mark.parametrize('name', ['S3L', 'S3G', 'S4L', 'S5'])
-def test_repeat_runs_are_identical(name):
-    first, second = solve(presets.scene(name)), solve(presets.scene(name))
-    assert np.array_equal(first.u, second.u)
-    assert np.array_equal(first.event_t, second.event_t)
-
-
 def test_no_friction_keeps_its_energy_for_ever():
     offsets = builders.offsets(25, 0.01, 1, along_x=True)
     scene = from_mapping(builders.table(NONE, 1e8, mu_s=0.0, mu_k=0.0, u0=offsets, dim1=True))
@@ -192,51 +182,16 @@ def test_scipy_event_code_agrees(name, seconds):
 
 
 @pytest.mark.slow
-@settings(
-    max_examples=15,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.too_slow],
-)
-@given(
-    n=st.integers(1, 6),
-    k_plate=st.floats(5, 80),
-    k_between=st.floats(5, 80),
-    mu_k=st.floats(0.3, 0.8),
-    seed=st.integers(0, 1000),
-)
-@example(n=4, k_plate=49.57158843233919, k_between=49.57158843233919, mu_k=1 / 3, seed=59)
-def test_exact_and_event_paths_agree(n, k_plate, k_between, mu_k, seed):
+def test_exact_and_event_paths_agree():
+    """In a train that once parted them; `test_witness` has random scenes."""
     scene = builders.train(
-        {'kind': 'constant_velocity', 'par': [0.05, 0.0]}, 4.0, n=n, k_plate=k_plate,
-        k_between=k_between, mu_k=mu_k, u0=builders.offsets(n, 0.01, seed, along_x=True),
+        {'kind': 'constant_velocity', 'par': [0.05, 0.0]}, 4.0, n=4, k_plate=49.57158843233919,
+        k_between=49.57158843233919, mu_k=1 / 3, u0=builders.offsets(4, 0.01, 59, along_x=True),
     )  # fmt: skip
     exact, event = solve(scene, path='exact'), solve(scene, path='event', tolerance=1e-12)
     assert exact.event_block.tolist() == event.event_block.tolist()
     assert exact.event_start.tolist() == event.event_start.tolist()
     assert np.abs(exact.u - event.u).max() < 1e-8
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('name', ['S3G', 'S4L', 'S4G'])
-def test_no_event_is_lost_at_loose_tolerance(name):
-    scene = presets.scene(name) | {'T': 5.0}
-    fine, loose = solve(scene, tolerance=1e-13), solve(scene, tolerance=1e-4)
-    assert loose.status == 'ok'
-    assert len(loose.event_t) == pytest.approx(len(fine.event_t), abs=0.05 * len(fine.event_t))
-    with pytest.raises(UsageError):
-        solve(scene, tolerance=0.1)
-
-
-@pytest.mark.slow
-def test_stepping_converges_to_the_event_path():
-    scene = builders.table(PULL, 4.0, geometric=True, u0=builders.offsets(25, 0.005, 3))
-    reference = solve(scene)
-    errors = [
-        np.abs(solve(scene, path='stepping', step_s=h).u - reference.u).max() for h in (1e-3, 1e-4)
-    ]
-    assert errors[1] < 0.3 * errors[0]
-    assert errors[1] < 1e-3
 
 
 def test_weakening_friction_train():

@@ -118,31 +118,11 @@ class Workspace(NamedTuple):
 def make_workspace(at: Lattice, order: int) -> Workspace:
     """Return the arrays for a lattice and the order of the series."""
     n, size = at.n, order + 2
-    cx, cy, cc, cs, gx, gy = (np.zeros(size) for _ in range(6))
-    found_x, found_y, push, slack, spare = (np.zeros(n) for _ in range(5))
-    return Workspace(
-        make_plane(at, order),
-        cx,
-        cy,
-        cc,
-        cs,
-        gx,
-        gy,
-        np.zeros(2 * size),
-        np.zeros(n, np.int64),
-        np.zeros(n, np.int64),
-        found_x,
-        found_y,
-        push,
-        slack,
-        spare,
-        np.zeros(n, np.bool_),
-        np.zeros(n, np.bool_),
-        np.zeros(n, np.bool_),
-        np.zeros((n, 2)),
-        np.zeros((n, 2)),
-        np.stack((GAUSS_X, GAUSS_W)),
-    )
+    return Workspace._make([
+        make_plane(at, order), *np.zeros((6, size)), np.zeros(2 * size),
+        *np.zeros((2, n), np.int64), *np.zeros((5, n)), *np.zeros((3, n), np.bool_),
+        *np.zeros((2, n, 2)), np.stack((GAUSS_X, GAUSS_W)),
+    ])  # fmt: skip
 
 
 @uncounted

@@ -55,7 +55,7 @@ class Plane(NamedTuple):
 
 
 def _root(lanes: int, size: int) -> Root:
-    return Root(*(np.zeros((lanes, size)) for _ in range(4)))
+    return Root(*np.zeros((4, lanes, size)))
 
 
 def make_plane(at: Lattice, order: int) -> Plane:
@@ -63,33 +63,14 @@ def make_plane(at: Lattice, order: int) -> Plane:
     size, springs = order + 2, len(at.k) if at.geometric else 0
     ties = 1 if at.geometric else len(at.near)
     weak = at.n if np.any((1 - 2 * WEAKEST) * at.static <= at.friction) else 0
-    return Plane(
-        np.full(at.n, -1, np.int64),
-        np.zeros(at.n, np.int64),
-        np.zeros(at.n, np.int64),
-        np.zeros((at.n, size)),
-        np.zeros((at.n, size)),
-        _root(at.n, size),
-        np.zeros(at.n),
-        np.zeros(at.n),
-        np.zeros((weak, size)),
-        np.zeros((weak, size)),
-        np.zeros((weak, size)),
-        np.zeros((weak, size)),
-        np.zeros(at.n + 1, np.int64),
-        np.zeros(ties, np.int64),
-        np.zeros(ties),
-        _root(springs, size),
-        np.zeros((springs, size)),
-        np.zeros((springs, size)),
-        np.full(max(springs, 1), -1, np.int64),
-        np.zeros(springs, np.int64),
-        np.zeros(springs, np.int64),
-        np.zeros(springs, np.int64),
-        np.zeros(springs, np.int64),
-        np.zeros(springs),
-        np.zeros(at.n),
-    )
+    return Plane._make([
+        np.full(at.n, -1, np.int64), *np.zeros((2, at.n), np.int64), *np.zeros((2, at.n, size)),
+        _root(at.n, size), *np.zeros((2, at.n)), *np.zeros((4, weak, size)),
+        np.zeros(at.n + 1, np.int64), np.zeros(ties, np.int64), np.zeros(ties),
+        _root(springs, size), *np.zeros((2, springs, size)),
+        np.full(max(springs, 1), -1, np.int64), *np.zeros((4, springs), np.int64),
+        np.zeros(springs), np.zeros(at.n),
+    ])  # fmt: skip
 
 
 @uncounted

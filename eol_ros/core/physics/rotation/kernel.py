@@ -247,19 +247,10 @@ class Workspace(NamedTuple):
 def make_workspace(at: Lattice, ra: RotationArgs, order: int) -> Workspace:
     """Return the arrays for a lattice and the order of the series."""
     n, size = at.n, order + 2
-    return Workspace(
-        make_series(at, ra, order),
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros(2 * size),
-        np.zeros(n, np.bool_),
-        np.zeros(n, np.bool_),
-        np.zeros((n, 3)),
-        np.zeros((n, 3)),
-        gauss_rule(order),
-    )
+    return Workspace._make([
+        make_series(at, ra, order), *np.zeros((4, size)), np.zeros(2 * size),
+        *np.zeros((2, n), np.bool_), *np.zeros((2, n, 3)), gauss_rule(order),
+    ])  # fmt: skip
 
 
 def gauss_rule(order: int) -> np.ndarray:

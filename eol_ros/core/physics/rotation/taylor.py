@@ -81,26 +81,19 @@ def make_springs(at: Lattice, ra: RotationArgs, size: int) -> Springs:
     arms[:, 2:] = ra.arm_j
     arms[rim, 2:] = at.anchors[at.second[rim] - at.n]
     law[0, :count], law[1, :count] = at.k, at.natural
-    dx, dy, square, inverse, px, py = (np.zeros((size, s)) for _ in range(6))
-    co, si, across, along = (np.zeros((size, b)) for _ in range(4))
-    return Springs(
-        np.zeros((at.n + 1, 4)), np.zeros((at.n + 1, 4)), dx, dy, square, inverse, px, py,
-        np.minimum(at.second, at.n), arms, law, co, si, across, along, np.zeros(b),
-    )  # fmt: skip
+    return Springs._make([
+        *np.zeros((2, at.n + 1, 4)), *np.zeros((6, size, s)), np.minimum(at.second, at.n), arms,
+        law, *np.zeros((4, size, b)), np.zeros(b),
+    ])  # fmt: skip
 
 
 def make_series(at: Lattice, ra: RotationArgs, order: int) -> Series:
     """Return the arrays for a lattice and the order of the series."""
     n, size = at.n, order + 2
-    return Series(
-        np.zeros((n, 3, size)),
-        np.zeros((n, 3, size)),
-        np.zeros((n, size)),
-        np.zeros((n, size)),
-        np.zeros((n, 3, size)),
-        np.zeros((4, size)),
-        make_springs(at, ra, size),
-    )
+    return Series._make([
+        *np.zeros((2, n, 3, size)), *np.zeros((2, n, size)), np.zeros((n, 3, size)),
+        np.zeros((4, size)), make_springs(at, ra, size),
+    ])  # fmt: skip
 
 
 @inlined
