@@ -227,12 +227,6 @@ def catalogue_of(bag: Bag, cascades: Table) -> dict[str, Any]:
         ('magnitudes', lambda: catalogue.magnitude_law(magnitudes, np.random.default_rng(1))),
         ('waiting', lambda: catalogue.waiting(onsets_s, np.random.default_rng(1))),
         ('aftershocks', lambda: catalogue.omori(onsets_s, areas, bag.duration_s)),
-        (
-            'productivity',
-            lambda: catalogue.productivity(
-                onsets_s, areas, bag.duration_s, np.random.default_rng(1)
-            ),
-        ),
     ):
         try:
             answer = ask()

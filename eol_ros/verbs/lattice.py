@@ -42,12 +42,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='FILE.npy',
         help=f'(L, L) whole numbers, stress times {DENOMINATOR}; taken exactly',
     )
-    parser.add_argument(
-        '--arithmetic',
-        default='auto',
-        choices=('auto', 'fixed', 'exact'),
-        help='auto: exact with a fraction or a start file, else fixed point',
-    )
     parser.add_argument('--fit', default='', metavar='FROM:TO', help='sizes that tau is fitted on')
     parser.add_argument(
         '-o', '--output', metavar='FILE.npz', help='write size, area, duration, first'
@@ -57,8 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Warm up, run, fit, print."""
-    import numpy as np
-
     from eol_ros.lab.automaton.ofc import Events
 
     lattice, exact = _lattice(args)
@@ -73,11 +65,7 @@ def run(args: argparse.Namespace) -> int:
     chunk = EXACT_CHUNK if exact else CHUNK
     _advance(lattice, args.warmup, chunk, 'warming up', False)
     parts, seconds = _advance(lattice, count, chunk, 'running', full)
-    events = (
-        Events.joined(parts)
-        if full
-        else Events(np.concatenate([p.size for p in parts]), *(np.zeros(0, np.int64),) * 3)
-    )
+    events = Events.joined(parts)
     if full:
         _save(args.output, events)
     report = {
@@ -111,11 +99,8 @@ def _lattice(args):
     if args.seed < 0:
         raise UsageError(f'--seed {args.seed}: 0 or more')
     if args.model == 'oslo':
-        if args.start or args.arithmetic == 'exact':
-            raise UsageError(
-                '--model oslo begins with an empty pile of whole numbers: '
-                'leave out --start and --arithmetic'
-            )
+        if args.start:
+            raise UsageError('--model oslo begins with an empty pile: leave out --start')
         return OsloPile(size, args.seed), False
     try:
         alpha = Fraction(args.alpha)
@@ -123,21 +108,16 @@ def _lattice(args):
         raise UsageError(
             f'--alpha {args.alpha}: write a number like 0.2, or a fraction like 1/5'
         ) from None
-    exact = args.arithmetic == 'exact' or (
-        args.arithmetic == 'auto' and bool('/' in args.alpha or args.start)
-    )
     numerators = _start(args.start) if args.start else None
     if numerators is not None and args.size not in (None, len(numerators)):
         raise UsageError(f'--size {args.size}: {args.start} has {len(numerators)} sites a side')
     side = len(numerators) if numerators is not None else size
     check(side, alpha)
-    if exact:
-        if numerators is None:
-            rng = np.random.default_rng(args.seed)
-            numerators = rng.integers(0, DENOMINATOR, (side, side))
-        return ExactAutomaton(numerators, DENOMINATOR, alpha), True
+    if numerators is None and '/' in args.alpha:
+        rng = np.random.default_rng(args.seed)
+        numerators = rng.integers(0, DENOMINATOR, (side, side))
     if numerators is not None:
-        return Automaton(numerators / DENOMINATOR, float(alpha)), False
+        return ExactAutomaton(numerators, DENOMINATOR, alpha), True
     return Automaton.random(side, float(alpha), args.seed), False
 
 

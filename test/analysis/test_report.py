@@ -92,13 +92,13 @@ def test_too_few_cascades_are_not_fitted(tmp_path):
     assert 'b_value' not in found['cascades']
     words = report.summary(found)
     assert f'{why}; the largest had' in words
-    for name in ('magnitudes', 'waiting', 'aftershocks', 'productivity'):
+    for name in ('magnitudes', 'waiting', 'aftershocks'):
         assert ' too few for ' in found['catalogue'][name]['sentence']
     lacks = [line for line in words.splitlines() if line.startswith('not fitted')]
     assert lacks == [
         f'not fitted, as there are too few: cascades from rest to rest of the whole table '
-        f'({found["cascades"]["from_rest_to_rest"]["count"]}), magnitudes, aftershocks, '
-        'productivity (200 needed); waiting times (50 needed)'
+        f'({found["cascades"]["from_rest_to_rest"]["count"]}), magnitudes, aftershocks '
+        '(200 needed); waiting times (50 needed)'
     ]
     assert words.count('are needed') == 1
 

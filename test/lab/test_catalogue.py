@@ -156,37 +156,3 @@ def test_a_rate_that_dies_away_exponentially_is_not_called_omori():
 def test_what_carries_no_law_says_so(ask, words):
     with pytest.raises(FitError, match=words):
         ask()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('alpha', [0.0, 0.7])
-def test_productivity_finds_how_many_follow(alpha):
-    """Followers of each, 2 A^alpha of them, within the window; and a background."""
-    found = []
-    for seed in range(6):
-        rng = np.random.default_rng(seed)
-        onsets = np.sort(rng.uniform(0, 20_000, 700))
-        sizes = np.minimum(rng.pareto(1.2, 700) + 1, 30)
-        follow = rng.poisson(2.0 * sizes**alpha)
-        after = np.repeat(onsets, follow) + rng.uniform(0, 20, follow.sum())
-        # followers have sizes of the same law, and none themselves
-        drawn = np.minimum(rng.pareto(1.2, follow.sum()) + 1, 30)
-        every, size = np.r_[onsets, after], np.r_[sizes, drawn]
-        if not alpha:
-            size = rng.permutation(size)
-        law = catalogue.productivity(every, size, 20_000.0, np.random.default_rng(seed))
-        found.append((law.alpha, law.alpha_error))
-    slopes, errors = np.array(found).T
-    if alpha:
-        assert (slopes > 2 * errors).all() and 'more follow great' in law.sentence
-    else:
-        assert (np.abs(slopes) < 3 * errors).all() and (np.abs(slopes) < 2 * errors).sum() >= 4
-
-
-def test_a_productivity_needs_cascades_of_different_sizes():
-    rng = np.random.default_rng(1)
-    times = np.sort(rng.uniform(0, 1000, 400))
-    with pytest.raises(FitError, match='productivity: 200 are needed'):
-        catalogue.productivity(times[:100], times[:100], 1000.0, rng)
-    with pytest.raises(FitError, match='all of one size'):
-        catalogue.productivity(times, np.ones(400), 1000.0, rng)

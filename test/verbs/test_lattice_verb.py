@@ -115,7 +115,7 @@ def test_too_few_events_are_told_instead_of_fitted(capsys):
         (('--events', 0), 2, 'at least 1'),
         (('--fit', '2-9'), 2, 'like 2:200'),
         (('--start', 'none.npy'), 69, 'there is no file none.npy'),
-        (('--model', 'oslo', '--arithmetic', 'exact'), 2, 'leave out'),
+        (('--model', 'oslo', '--start', 's.npy'), 2, 'leave out'),
         # told before the run, which would not end
         (('--output', '/nowhere/x.npz', '--size', 64, '--events', 10**12), 78, 'No such file'),
     ],

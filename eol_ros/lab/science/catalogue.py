@@ -26,7 +26,6 @@ BIN = 0.1  # of magnitude, in which completeness is looked for
 CORRECTION = 0.2  # added to the greatest bin (Woessner and Wiemer, BSSA 95 (2005) 684)
 FEWEST = 50
 FEWEST_MAINS = 10
-BLOCKS = 20  # of a catalogue, drawn again for the error of the productivity
 STEEPEST = 4.0  # p of Omori's law
 BETTER = 6.0  # of AIC, by which Omori's law must be better than a constant rate
 
@@ -348,122 +347,6 @@ def omori(onsets_s: np.ndarray, sizes: np.ndarray, end_s: float, mains: int = 10
         more / len(length), len(length), len(times), least,
         float(2 * (-constant - best.fun)) - 6.0,
     )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Productivity:
-    """How many cascades follow one, within `window_s`, as its size grows: N ~ size^alpha.
-
-    All that follow are counted, the background among them, so alpha is less than that of
-    aftershocks alone; where it is 0, none are due to size.
-    """
-
-    alpha: float
-    alpha_error: float
-    mean: float
-    window_s: float
-    count: int
-
-    @property
-    def sentence(self) -> str:
-        """The verdict for people."""
-        law = f'alpha = {self.alpha:.2f} +- {self.alpha_error:.2f}'
-        within = (
-            f'{self.mean:.1f} within {self.window_s:.3g} s in the mean, n {self.count}: '
-            f'N ~ size^alpha, the background included, {law}'
-        )
-        if abs(self.alpha) <= 2 * self.alpha_error:
-            return f'productivity: as many follow great cascades as small ones ({within})'
-        words = 'more' if self.alpha > 0 else 'fewer'
-        return f'productivity: {words} follow great cascades than small ones ({within})'
-
-
-def productivity(
-    onsets_s: np.ndarray,
-    sizes: np.ndarray,
-    end_s: float,
-    rng: np.random.Generator,
-    blocks: int = BLOCKS,
-    repeats: int = 200,
-) -> Productivity:
-    """Fit how many cascades follow one against its size.
-
-    Followers are all within ten mean waiting times, great or small and of the background too, so
-    that a constant rate has alpha 0; cascades whose window the end cuts are left out. Poisson
-    regression of their number on log size; its error is of blocks drawn again, for windows overlap.
-
-    Parameters
-    ----------
-    onsets_s : ndarray
-        (n,) rising, in s.
-    sizes : ndarray
-        (n,) of the same cascades, above 0.
-    end_s : float
-        End of the catalogue, in s.
-    rng : Generator
-        Draws the blocks.
-    blocks, repeats : int
-        Blocks of a sample, and samples.
-
-    Returns
-    -------
-    Productivity
-        alpha and its standard error.
-
-    Raises
-    ------
-    FitError
-        Fewer than 200 cascades with a whole window, or all of one size.
-
-    References
-    ----------
-    T. Utsu, Geophys. Bull. Hokkaido Univ. 22 (1969) 1; A. Helmstetter, Phys. Rev. Lett. 91 (2003)
-    058501.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(1)
-    >>> onsets_s = np.sort(rng.uniform(0, 1000, 600))
-    >>> found = productivity(onsets_s, rng.pareto(1.5, 600) + 1, 1000.0, rng)
-    >>> abs(found.alpha) < 3 * found.alpha_error
-    True
-    """
-    order = np.argsort(onsets_s, kind='stable')
-    onsets_s, sizes = np.asarray(onsets_s, float)[order], np.asarray(sizes, float)[order]
-    if len(onsets_s) < FEWEST_CASCADES:
-        raise TooFew(len(sizes), 'cascade', 'a law of productivity', FEWEST_CASCADES)
-    window_s = 10 * float(onsets_s[-1] - onsets_s[0]) / (len(onsets_s) - 1)
-    whole = onsets_s + window_s <= end_s
-    if whole.sum() < FEWEST_CASCADES or np.ptp(sizes[whole]) == 0:
-        raise FitError('too few cascades with a whole window after them, or all of one size')
-    after = np.searchsorted(onsets_s, onsets_s + window_s, 'right') - np.arange(len(sizes)) - 1
-    count, x = after[whole].astype(float), np.log(sizes[whole])
-    length = len(x) // blocks
-    drawn = []
-    for _ in range(repeats):
-        begin = rng.integers(0, len(x) - length + 1, blocks)
-        some = (begin[:, None] + np.arange(length)).ravel()
-        if np.ptp(x[some]) > 0:
-            drawn.append(_poisson_slope(x[some], count[some]))
-    return Productivity(
-        _poisson_slope(x, count), float(np.std(drawn, ddof=1)), float(count.mean()), window_s,
-        len(x),
-    )  # fmt: skip
-
-
-def _poisson_slope(x: np.ndarray, count: np.ndarray) -> float:
-    """The slope of log(mean count) against x, of greatest Poisson likelihood."""
-    x = x - x.mean()
-    level, slope = math.log(count.mean() + 1e-12), 0.0
-    for _ in range(50):
-        mean = np.exp(np.clip(level + slope * x, -30, 30))
-        gradient = np.array([(count - mean).sum(), ((count - mean) * x).sum()])
-        curve = np.array([[mean.sum(), mean @ x], [mean @ x, mean @ x**2]])
-        step = np.clip(np.linalg.solve(curve, gradient), -1, 1)
-        level, slope = level + step[0], slope + step[1]
-        if np.abs(step).max() < 1e-10:
-            break
-    return float(slope)
 
 
 def _integral(length: np.ndarray, height: float, c: float, p: float) -> np.ndarray:
