@@ -5,6 +5,7 @@ Every peer gets the scene as it is, and what it lacks is said where it is emulat
 """
 
 import numpy as np
+from support.witness import spring_forces
 
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.scene import Scene
@@ -73,7 +74,7 @@ def mujoco_plane(scene: Scene, times: np.ndarray, step_s: float) -> np.ndarray:
     place[:, :2] = scene.u0
     for sample in range(len(times)):
         while data.time < times[sample] - 0.5 * step_s:
-            push[:, :2] = model.force(place[:, :2], data.time + 0.5 * step_s)
+            push[:, :2] = spring_forces(model, place[:, :2], data.time + 0.5 * step_s)
             mj.mj_step(world, data)
         out[sample] = place[:, :2]
     return out
@@ -98,7 +99,7 @@ def pymunk(scene: Scene, times: np.ndarray, step_s: float) -> np.ndarray:
     for sample in range(len(times)):
         while t < times[sample] - 0.5 * step_s:
             here = np.array([tuple(body.position) for body in bodies])
-            pull = model.force(here, t + 0.5 * step_s)
+            pull = spring_forces(model, here, t + 0.5 * step_s)
             for body, f in zip(bodies, pull, strict=True):
                 body.force = tuple(f)
             space.step(step_s)

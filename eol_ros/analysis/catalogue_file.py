@@ -34,12 +34,6 @@ COLUMNS = {
 ZMAP = ('x', 'y', 'decimal year', 'month', 'day', 'magnitude', 'depth', 'hour', 'minute', 'second')
 
 
-def constants(bag: Bag) -> TwinSettings | None:
-    """Return springs, friction and mass of the twin that a bag is of; None for a real table."""
-    found: TwinSettings | None = recorded_settings(bag, 'twin')
-    return found
-
-
 def of(bag: Bag, cascades: Table | None, measured: TwinSettings | None = None) -> np.ndarray:
     """Return the cascades of a bag as rows of COLUMNS, in the order in which they were told.
 
@@ -63,7 +57,7 @@ def of(bag: Bag, cascades: Table | None, measured: TwinSettings | None = None) -
         ('bag', shown(bag.path.name)),
     ):  # fmt: skip
         rows[name] = values
-    made = measured or constants(bag)
+    made = measured or recorded_settings(bag, 'twin')
     rows['moment_nm'] = rows['energy_j'] = np.nan
     if made is not None:
         rows['moment_nm'] = made.stiffness * table.pitch_m[0] * rows['potency_m']

@@ -75,7 +75,7 @@ def numbers(
             found['cascades']['from_rest_to_rest'] = rest_to_rest(stops, table.count)
         found['catalogue'] = catalogue_of(bag, cascades)
         rows = catalogue_file.of(bag, cascades, measured)
-        made = measured or catalogue_file.constants(bag)
+        made = measured or recorded_settings(bag, 'twin')
         found['catalogue']['energy'] = {'sentence': catalogue_file.energy_sentence(rows, made)}
     flashing = light.ask(bag)
     if flashing is not None:
@@ -346,7 +346,7 @@ def _onset_latencies(bag: Bag, light: np.ndarray, own: np.ndarray) -> dict[str, 
             ('grain_triggers', 'latency_s', 0.0), ('felt_triggers', 'tap_latency_s', ONSET_S),
         )
         if (table := _table(bag, topic)) is not None
-        and (latency_s := _setting(bag, 'sound', setting)) is not None
+        and (latency_s := getattr(recorded_settings(bag, 'sound'), setting, None)) is not None
     ]  # fmt: skip
     if due:
         blocks, stamp_s, due_s = (np.concatenate(parts) for parts in zip(*due, strict=True))
@@ -383,11 +383,6 @@ def _first_packets(bag: Bag) -> list[np.ndarray]:
         found['stamp'], found['sent'] = table['stamp'][kept], sent[kept]
         both.append(found)
     return both
-
-
-def _setting(bag: Bag, node: str, name: str) -> Any:
-    """Return a setting that the bag was recorded with; None where the scene lacks that node."""
-    return getattr(recorded_settings(bag, node), name, None)
 
 
 def _summary(late_ms: np.ndarray) -> dict[str, Any]:

@@ -3,8 +3,6 @@
 
 import csv
 import struct
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -139,18 +137,6 @@ def test_topic_names(tmp_path):
         topic_names(bag, 'thing')
     with pytest.raises(UsageError):
         topic_names(bag, ' ,')
-
-
-@pytest.mark.slow
-def test_no_ros_is_imported(tmp_path):
-    made(tmp_path / 'run', [things(0)])
-    code = (
-        'import sys; from eol_ros.analysis.bag import open_bag; '
-        f'print(len(open_bag({str(tmp_path)!r}).table("things"))); '
-        'print([m for m in sys.modules if m.startswith("rclpy") or m.endswith("_msgs")])'
-    )
-    out = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
-    assert out.stdout.split('\n')[:2] == ['1', '[]']
 
 
 def same(one, other):

@@ -254,7 +254,7 @@ def test_a_worker_killed_in_mid_task_loses_nothing(write, tmp_path):
 
     def kill(count):
         if count in (2, 12):
-            killed.append(crew.pids()[0])
+            killed.append(next(iter(crew._pool._processes)))
             os.kill(killed[-1], signal.SIGKILL)
 
     crew = crews.Local(2)

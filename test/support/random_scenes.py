@@ -16,6 +16,7 @@ from eol_ros.core.physics.result import sample_times
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.lab.choose import along_x, simulate
 from support.scipy_solver import scipy_run
+from support.witness import spring_forces
 
 SURE = (3e-13, 1e-8, 1e-6)  # relative tolerance; a stop's speed, m/s; how long after a start, s
 CHECK = (1e-11, 3e-8, 3e-6)
@@ -67,7 +68,7 @@ def judge(seed: int) -> Judged:
     check, again = scipy_run(scene, every, *CHECK)
     model, place = Model.of(scene), np.searchsorted(every, [when for when, _ in stops])
     pulls = [
-        np.hypot(*model.force(check[k], when)[block]) / model.kinetic[block]
+        np.hypot(*spring_forces(model, check[k], when)[block]) / model.kinetic[block]
         for k, (when, block) in zip(place, stops, strict=True)
     ]
     doubtful = not along_x(scene) and max(pulls, default=0.0) > 1

@@ -57,19 +57,36 @@ def gaps(scene: Scene, run: Run) -> Gaps:
             (1 / 6, u[1], v[1], t[k + 1]),
         ):
             size = np.maximum(np.hypot(*speed.T), 1e-300)[:, None]
-            total += share * h * (model.force(place, now) - model.kinetic[:, None] * speed / size)
+            pull = spring_forces(model, place, now)
+            total += share * h * (pull - model.kinetic[:, None] * speed / size)
         if scene.dim1:
             total[:, 1] = 0.0
         miss = np.hypot(*(model.mass[:, None] * (v[1] - v[0]) - total).T)
         if on.any():
             momentum = max(momentum, float((miss[on] / (h * model.kinetic[on])).max()))
-        pull = model.force(u[0], t[k])
+        pull = spring_forces(model, u[0], t[k])
         size = np.abs(pull[:, 0]) if scene.dim1 else np.hypot(*pull.T)
         still = rests[k] & (model.static > 0)
         if still.any():
             overload = max(overload, float((size[still] / model.static[still]).max() - 1))
         steps, held = steps + int(on.sum()), held + int(still.sum())
     return Gaps(momentum, overload, steps, held)
+
+
+def spring_forces(
+    model: Model, u: np.ndarray, t: float, yaw: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the spring force (n, 2) N on each block displaced by u (n, 2) and `yaw` (n,)."""
+    along = model._along(u, t, yaw)
+    if model.geometric:
+        along = along + model.rest
+        length = np.hypot(*along.T)
+        stretched = np.divide(model.natural, length, out=np.zeros_like(length), where=length > 0)
+        along = (1 - stretched)[:, None] * along
+    pull, total = model.k[:, None] * along, np.zeros((model.n + len(model.anchors), 2))
+    np.add.at(total, model.first, pull)
+    np.subtract.at(total, model.second, pull)
+    return total[: model.n]
 
 
 def resting(run: Run, scene: Scene) -> np.ndarray:

@@ -102,27 +102,6 @@ class Model:
             bool(self.rail),
         )
 
-    def tension(self, u: np.ndarray, t: float, yaw: np.ndarray | None = None) -> np.ndarray:
-        """Return the force (s, 2) N of each spring on its first end, for displacements u (n, 2).
-
-        `yaw` (n,) rotates the blocks, where the scene has rotation.
-        """
-        d = self._along(u, t, yaw)
-        if not self.geometric:
-            return self.k[:, None] * d
-        d = d + self.rest
-        length = np.hypot(d[:, 0], d[:, 1])
-        scale = np.divide(self.natural, length, out=np.zeros_like(length), where=length > 0)
-        return (self.k * (1 - scale))[:, None] * d
-
-    def force(self, u: np.ndarray, t: float) -> np.ndarray:
-        """Return the spring force (n, 2) N on each block."""
-        pull = self.tension(u, t)
-        total = np.zeros((self.n + len(self.anchors), 2))
-        np.add.at(total, self.first, pull)
-        np.subtract.at(total, self.second, pull)
-        return total[: self.n]
-
     def elastic_energy(self, u: np.ndarray, t: float, yaw: np.ndarray | None = None) -> float:
         """Return the energy (J) held in the springs; u (n, 2) m, yaw (n,) rad, at t."""
         d = self._along(u, t, yaw)

@@ -45,6 +45,13 @@ def inlined(loop: Callable[..., Any]) -> Any:
     return njit(cache=True, inner=True, fastmath=FUSED, forceinline=True, **UNCOUNTED)(loop)
 
 
+@inlined
+def sine_order(k, s, c):
+    """Return the k-th derivative of the sine where it is s and the cosine is c."""
+    k &= 3
+    return s if k == 0 else (c if k == 1 else (-s if k == 2 else -c))
+
+
 @uncounted
 def drive_series(kind, par, knots, cubics, t, order, cx, cy, cc, cs, phi):
     """Write the series at `t` of the rim's x, y, cos(phi) - 1 and sin(phi), k = 0..order.
@@ -64,23 +71,15 @@ def drive_series(kind, par, knots, cubics, t, order, cx, cy, cc, cs, phi):
         half = math.sin(0.5 * w * t)
         f = 1.0
         for k in range(order + 1):
-            phase = k & 3
-            sk = s if phase == 0 else (c if phase == 1 else (-s if phase == 2 else -c))
-            ck = c if phase == 0 else (-s if phase == 1 else (-c if phase == 2 else s))
-            cx[k] = radius * f * sk
-            cy[k] = -radius * f * ck
+            cx[k] = radius * f * sine_order(k, s, c)
+            cy[k] = -radius * f * sine_order(k + 1, s, c)
             f *= w / (k + 1)
         cy[0] = 2.0 * radius * half * half
         if phi0 != 0.0:
             s, c = math.sin(w2 * t), math.cos(w2 * t)
             f = 1.0
             for k in range(order + 1):
-                phase = k & 3
-                phi[k] = (
-                    phi0
-                    * f
-                    * (s if phase == 0 else (c if phase == 1 else (-s if phase == 2 else -c)))
-                )
+                phi[k] = phi0 * f * sine_order(k, s, c)
                 f *= w2 / (k + 1)
             rotation_series(phi, order, order, cc, cs)
         return np.inf, order
@@ -101,12 +100,8 @@ def drive_series(kind, par, knots, cubics, t, order, cx, cy, cc, cs, phi):
                 low = middle
         s = (knots[last + 1] if held else t) - knots[p]
         for axis in range(3):
-            c0, c1, c2, c3 = (
-                cubics[p, axis, 0],
-                cubics[p, axis, 1],
-                cubics[p, axis, 2],
-                cubics[p, axis, 3],
-            )
+            c0, c1 = cubics[p, axis, 0], cubics[p, axis, 1]
+            c2, c3 = cubics[p, axis, 2], cubics[p, axis, 3]
             out = cx if axis == 0 else (cy if axis == 1 else phi)
             out[0] = c0 + s * (c1 + s * (c2 + s * c3))
             if not held:

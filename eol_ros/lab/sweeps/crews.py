@@ -75,10 +75,6 @@ class Local:
         """How many workers there are."""
         return self._workers
 
-    def pids(self) -> list[int]:
-        """Return the processes that compute."""
-        return list(self._pool._processes or {})
-
     def give(self, batch: work.Work) -> None:
         """Let some process compute a batch."""
         try:

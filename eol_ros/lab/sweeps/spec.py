@@ -54,7 +54,6 @@ class Spec:
     varied: dict[str, list[Any]]
     scenes: dict[str, Plain] = field(default_factory=dict)  # from files, by digest
     digests: dict[str, str] = field(default_factory=dict)  # by the name in the sweep file
-    text: str = ''
 
     def __len__(self) -> int:
         return math.prod(len(values) for values in self.varied.values())
@@ -113,7 +112,7 @@ class _Reader(yaml_text.Reader):
                 varied[name] = self._values(place, f'vary.{name}', fields[name])
                 places[name] = place
         self.fail()
-        found = Spec(model, fixed, varied, text=self.text)
+        found = Spec(model, fixed, varied)
         if len(found) > MOST_TASKS:
             self.wrong(top['vary'], 'vary', f'{len(found)} tasks; {MOST_TASKS} are the most')
         if model == 'scene':

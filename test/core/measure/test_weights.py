@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from support import measured_twins
 from support.paper import N_BLOCKS
+from support.witness import spring_forces
 
 from eol_ros.core.measure import springs
 from eol_ros.core.measure.estimate import Estimate
@@ -28,13 +29,8 @@ def pulled_by_model(u, yaw, k=1.0, table=Table()):
         builders.table({'kind': 'none'}, 1.0, k=k, natural_m=NATURAL_M, geometric=True,
                        rotation={'side': table.block_side_m}, shape=table)
     )  # fmt: skip
-    model = Model.of(scene)
-    pull = model.tension(u[table.ids], 0.0, yaw[table.ids])
-    total = np.zeros((table.count + len(model.anchors), 2))
-    np.add.at(total, model.first, pull)
-    np.subtract.at(total, model.second, pull)
     by_id = np.zeros((table.cells, 2))
-    by_id[table.ids] = total[: table.count]
+    by_id[table.ids] = spring_forces(Model.of(scene), u[table.ids], 0.0, yaw[table.ids])
     return by_id
 
 
