@@ -80,11 +80,31 @@ def test_sources_that_are_named_are_there(page):
             assert any(f'/{path}'.endswith(f'/{name}') for path in tracked(ROOT)), name
 
 
-def test_each_decision_has_a_date_and_a_chapter_that_the_page_lists():
-    text = (ROOT / 'docs' / 'decisions.md').read_text()
-    assert re.findall(r'^- \[(.*)\]\(#', text, re.M) == re.findall(r'^## (.*)', text, re.M)
-    for decision in re.split(r'^### ', text, flags=re.M)[1:]:
-        assert re.match(r'.*\n(\*Superseded by\* .*\n\n)?20\d\d-\d\d\. ', decision), decision[:80]
+RECORDS = sorted((ROOT / 'docs' / 'adr').glob('[0-9]*.md'))
+
+
+def test_decision_records_are_short_numbered_and_in_the_index():
+    index = re.findall(
+        r'^- \[(\d+)\. (.*)\]\((.*)\)$', (ROOT / 'docs/adr/README.md').read_text(), re.M
+    )
+
+    assert 0 < len(RECORDS) <= 60
+    assert [name for *_, name in index] == [record.name for record in RECORDS]
+    for count, (record, (number, title, _)) in enumerate(zip(RECORDS, index, strict=True), 1):
+        text = record.read_text()
+        assert number == f'{count:03}' and record.name.startswith(f'{number}-'), record.name
+        assert text.startswith(f'# {number}. {title}\n\nAccepted, 20'), record.name
+        assert re.search(
+            r'\*\*Context\.\*\*.*\*\*Decision\.\*\*.*\*\*Rejected\.\*\*', text, re.S
+        ), record.name
+        assert len(text.split()) <= 150, record.name
+
+
+def test_each_dependency_has_a_line_in_the_decision_records():
+    lists = (ROOT / 'setup.py').read_text().partition('RUNTIME = [')[2].partition('COLCON')[0]
+    records = '\n'.join(record.read_text() for record in RECORDS)
+    for name in re.findall(r"'([\w-]+)[\[><=']", lists):
+        assert re.search(rf'^- .*`{name}`', records, re.M), name
 
 
 def options(module):
