@@ -14,3 +14,10 @@ html_title = 'eol_ros'
 html_theme_options = {'source_edit_link': '', 'top_of_page_buttons': []}
 html_copy_source = False
 html_show_sourcelink = False
+
+
+def setup(app):
+    """Put the decision records below their index in the menu."""
+    menu = '\n```{toctree}\n:hidden:\n:glob:\n\n[0-9]*\n```\n'
+    add = lambda _, page, text: text.__setitem__(0, text[0] + menu * (page == 'adr/README'))  # noqa: E731
+    app.connect('source-read', add)
