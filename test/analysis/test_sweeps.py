@@ -137,7 +137,7 @@ def one_thread(monkeypatch):
     monkeypatch.setenv(work.THREADS, '1')
 
 
-@pytest.mark.parametrize('suffix', ['.parquet', '.csv'])
+@pytest.mark.parametrize('suffix', ['.parquet', '\udcff.parquet', '.csv'])
 def test_a_table_is_resumed_and_added_to_and_the_same_to_the_bit(write, tmp_path, suffix):
     given = spec.load(write(AUTOMATA))
     whole = computed(tmp_path / f'whole{suffix}', given, Here())

@@ -231,7 +231,7 @@ class Parquet:
     def rows(path: Path, columns: dict[str, Column]) -> Iterator[Row]:
         import pyarrow.parquet as pq
 
-        with pq.ParquetFile(path) as file:
+        with open(path, 'rb') as raw, pq.ParquetFile(raw) as file:
             for batch in file.iter_batches(BATCH_ROWS, columns=list(columns)):
                 yield from batch.to_pylist()
 
@@ -241,7 +241,8 @@ class Parquet:
         import pyarrow.parquet as pq
 
         try:
-            metadata = pq.read_schema(path).metadata or {}
+            with open(path, 'rb') as file:
+                metadata = pq.read_schema(file).metadata or {}
         except (OSError, pa.ArrowInvalid) as error:
             raise ConfigError(f'{path}: not a Parquet file ({error})') from None
         return dict(json.loads(metadata.get(b'eol_ros', b'{}')))
