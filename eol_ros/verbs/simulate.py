@@ -55,6 +55,7 @@ def run(args: argparse.Namespace) -> int:
     from eol_ros.errors import UsageError
     from eol_ros.lab import choose
     from eol_ros.verbs import compile
+    from eol_ros.verbs.progress import Progress
 
     for name in ('sample', 'step', 'repeat', 'max_steps', 'max_events'):
         if not getattr(args, name) > 0:
@@ -79,12 +80,13 @@ def run(args: argparse.Namespace) -> int:
         'limits': Limits(args.max_events, args.max_steps),
         'model': model,
     }
-    result = choose.simulate(scene, ledger=True, **options)  # compiles, and keeps the energy ledger
-    best = float('inf')
-    for _ in range(args.repeat):
-        begin = time.perf_counter()
-        choose.simulate(scene, ledger=False, **options)
-        best = min(best, time.perf_counter() - begin)
+    with Progress('simulating'):
+        result = choose.simulate(scene, ledger=True, **options)  # compiles, and keeps the ledger
+        best = float('inf')
+        for _ in range(args.repeat):
+            begin = time.perf_counter()
+            choose.simulate(scene, ledger=False, **options)
+            best = min(best, time.perf_counter() - begin)
     if args.output:
         physics_file.save_run(args.output, result)
     energy = result.energy
