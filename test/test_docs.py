@@ -11,14 +11,16 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
+from catkin_pkg.changelog import BulletList, Changelog, populate_changelog_from_rst
 from support.checkout import tracked
 
 from eol_ros import cli
-from eol_ros.settings import NotifySettings
+from eol_ros.settings import NotifySettings, renamed
 from eol_ros.streams.graph import NODES, TOPICS
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').rglob('*.md'))]
+PAGES = [*sorted(ROOT.glob('*.md')), *sorted((ROOT / 'docs').rglob('*.md'))]
 # `v0.2.0: eol bench X` is a command of that tag, for what has left since.
 COMMAND = r'(?<!v0\.2\.0: )(?:\beol|-m eol_ros) (\w+)((?: [^\s`|>#]+)*)'
 each_page = pytest.mark.parametrize('page', PAGES, ids=lambda p: p.name)
@@ -131,6 +133,32 @@ def test_options_that_are_named_are_understood(page):
             continue
         named = {word.partition('=')[0].rstrip('.,;:)') for word in words if word[:2] == '--'}
         assert named <= options(module), f'eol {verb} {" ".join(words)}'
+
+
+def test_the_changelog_is_one_line_a_thing_as_catkin_reads_it():
+    text = (ROOT / 'CHANGELOG.rst').read_text()
+    groups = {'Added', 'Changed', 'Deprecated', 'Removed', 'Fixed', 'Security'}
+    assert set(re.findall(r'^\*\*(\w+)\*\*', text, re.M)) <= groups
+    assert not re.search(r'^-+\n\* ', text, re.M), 'a line without a group'
+    for node, spec in NODES.items():
+        for old, new in renamed(spec.settings).items():
+            assert f'``{node}.{old}`` -> ``{node}.{new}``' in text
+    released = text.replace('Forthcoming\n-----------', f'9.0.0 (2100-01-01)\n{"-" * 18}')
+    log = Changelog('eol_ros')
+    populate_changelog_from_rst(log, released)
+    found = {version: content for version, _, content in log.foreach_version()}
+    assert list(found) == re.findall(r'^(\d+\.\d+\.\d+) \(', released, re.M)[::-1]
+    for content in found.values():
+        lines = [str(i) for part in content if isinstance(part, BulletList) for i in part.bullets]
+        assert lines and not [line for line in lines if len(line.split()) > 25]
+
+
+def test_files_for_the_forge_are_yaml_of_this_version():
+    for name in tracked(ROOT):
+        if name.startswith('.github/') and name.endswith('.yml'):
+            assert isinstance(yaml.safe_load((ROOT / name).read_text()), dict), name
+    version = re.search('<version>(.*)</version>', (ROOT / 'package.xml').read_text())[1]
+    assert yaml.safe_load((ROOT / 'CITATION.cff').read_text())['version'] == version
 
 
 def test_the_readme_is_read_in_five_minutes():
