@@ -204,7 +204,7 @@ class Reader(yaml_text.Reader):
     def _include(self, top: Place, path: Path, seen: tuple[Path, ...]) -> None:
         place = top.value['include']
         if not isinstance(place.value, str):
-            self.wrong(place, 'include', f'{place.value!r} is not a file name')
+            self.wrong(place, 'include', f'{place.bare!r} is not a file name')
             return
         other = path.parent / place.value
         try:

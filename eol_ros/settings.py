@@ -81,7 +81,9 @@ class TableSettings:
     )
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, 'absent', tuple(sorted(set(self.absent))))  # as one compares them
+        # as one compares them
+        object.__setattr__(self, 'absent', tuple(sorted(set(self.absent))))
+        object.__setattr__(self, 'gap_y_m', 0.0 if self.gap_y_m == self.gap_m else self.gap_y_m)
 
     @classmethod
     def parsed(cls: type[Size], values: Any) -> Size:
@@ -119,13 +121,21 @@ class TableSettings:
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """Yield the name of each setting that contradicts others, and the reason."""
-        cells = self.rows * self.columns
+        cells, columns, absent = self.rows * self.columns, self.columns, set(self.absent)
         blocks = cells - len(set(self.absent))
         outside = [block for block in self.absent if block >= cells]
         if outside:
             yield 'absent', f'{outside[0]} is not among the ids 0 to {cells - 1}'
         elif blocks < LEAST_BLOCKS:
             yield 'absent', f'leaves {blocks} blocks; a table has at least {LEAST_BLOCKS}'
+        for row in range(1, self.rows - 1):  # outer blocks are tied to the rim
+            for block in range(row * columns + 1, (row + 1) * columns - 1):
+                around = {block - columns, block - 1, block + 1, block + columns}
+                if block not in absent and around <= absent:
+                    yield 'absent', f'leaves no spring to block {block}: nothing could move it'
+        least_m = type(self).__dataclass_fields__['gap_m'].metadata['min']
+        if 0 < self.gap_y_m < least_m:
+            yield 'gap_y_m', f'{self.gap_y_m:g} is below {least_m:g} m; 0 means: as gap_m'
         if len(self.platform_m) != 2:
             yield 'platform_m', 'has two numbers: width and depth'
             return

@@ -278,6 +278,8 @@ def test_a_shipped_scene_is_included_by_its_name(tmp_path):
     assert scene.nodes['twin'].fps == 90
     assert scene.nodes.keys() == scenes.load('rehearsal').nodes.keys()
     assert 'rehearsal' in mistakes(write(tmp_path, 'include: reharsal'))[0][3]
+    told = mistakes(write(tmp_path, 'include: [a.yaml, b.yaml]'))[0][3]
+    assert told == "['a.yaml', 'b.yaml'] is not a file name"
 
 
 def test_mistake_in_an_include_is_named_there(tmp_path):

@@ -5,7 +5,6 @@ Of each bag only what the nodes have told is read (slips, cascades, knocks), onc
 of blocks are left alone. What is kept of it is small, so that hundreds of bags fit into memory.
 """
 
-import dataclasses
 import datetime
 import html
 import json
@@ -24,7 +23,7 @@ from eol_ros.analysis import catalogue_file, figures, report
 from eol_ros.analysis.bag import Bag, open_bag
 from eol_ros.analysis.recorded_settings import recorded_table
 from eol_ros.core.science import powerlaw
-from eol_ros.core.table import Table
+from eol_ros.core.table import Table, check_same
 from eol_ros.devices.bag.reader import bags_in as bags_of_folder
 from eol_ros.devices.bag.writer import REPLAY_OF, SAMPLE
 from eol_ros.devices.files.names import shown
@@ -215,16 +214,8 @@ def _one_table(digests: list[Digest]) -> Table:
     """Return the table of all bags; raises ConfigError where they were recorded at several."""
     first = digests[0]
     for one in digests:
-        other = [
-            f'{name} {value} and {getattr(one.table, name)}'
-            for name, value in dataclasses.asdict(first.table).items()
-            if value != getattr(one.table, name)
-        ]
-        if other:
-            raise ConfigError(
-                f'{first.path} and {one.path} are of different tables ({", ".join(other)}): '
-                'report the bags of each table apart'
-            )
+        advice = 'report the bags of each table apart'
+        check_same(one.table, first.table, one.path, first.path, advice)
     return first.table
 
 

@@ -2,27 +2,20 @@
 """The settings that a bag was recorded with, by the names of today."""
 
 import dataclasses
-import functools
 from typing import Any
 
 import yaml
 
 from eol_ros.analysis.bag import Bag
 from eol_ros.core.table import Table
-from eol_ros.devices.bag import reader
+from eol_ros.devices.bag.reader import table_in
 from eol_ros.settings import by_today
 from eol_ros.streams.graph import NODES
 
 
 def recorded_table(bag: Bag) -> Table:
     """Return the table that a bag was recorded at; the default where the bag does not say."""
-    return table_in(bag.about.get('settings', ''))
-
-
-@functools.lru_cache(8)
-def table_in(settings: str) -> Table:
-    """Return the table of a scene as a bag holds it; the default where it does not say."""
-    return Table.of(reader.table_in(settings) or Table())
+    return Table.of(table_in(bag.about.get('settings', '')) or Table())
 
 
 def recorded_settings(bag: Bag, node: str) -> Any | None:

@@ -10,9 +10,11 @@ The paper prints the rim as 960 cm; the sum of its own parts is 96.0 cm, and tha
 
 import dataclasses
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from eol_ros.errors import ConfigError
 from eol_ros.settings import TableSettings
 
 
@@ -177,6 +179,26 @@ class Table(TableSettings):
     def grid(self, values: np.ndarray) -> np.ndarray:
         """Return values by id, (..., cells), as rows and columns, (..., rows, columns)."""
         return values.reshape(*values.shape[:-1], self.rows, self.columns)
+
+
+def check_same(
+    found: TableSettings, wanted: TableSettings, whose: str, other: str, advice: str
+) -> None:
+    """Raise ConfigError if the table of `whose` is not the one that `other` has."""
+
+    def listed(value: Any) -> Any:
+        return list(value) if isinstance(value, tuple) else value
+
+    fields = dataclasses.asdict(found), dataclasses.asdict(wanted)
+    differences = [
+        f'{name} {listed(value)}, not {listed(fields[1][name])}'
+        for name, value in fields[0].items()
+        if value != fields[1][name]
+    ]
+    if differences:
+        raise ConfigError(
+            f'{whose}: its table is not that of {other}: {", ".join(differences)}: {advice}'
+        )
 
 
 def _fixed(values: np.ndarray) -> np.ndarray:

@@ -13,8 +13,9 @@ from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 
+from eol_ros.core.table import Table, check_same
 from eol_ros.devices.bag.player import BagPlayer, Played, choose, complete
-from eol_ros.devices.bag.reader import BagMessage, BagReader
+from eol_ros.devices.bag.reader import BagMessage, BagReader, table_in
 from eol_ros.devices.bag.requests import heeded
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.devices.rounds import Rounds
@@ -29,6 +30,7 @@ from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.ros.startup_barrier import StartupBarrier
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, UNKNOWN_NODE, message_class, with_depth
 from eol_ros.said import said
+from eol_ros.streams import tables
 from eol_ros.streams.graph import TOPICS, relative_name
 from eol_ros.streams.requests import PEOPLE, Asked, ahead
 
@@ -72,6 +74,9 @@ class ReplayNode(EolNode):
             sleep=self._nap,
         )
         self.barrier = StartupBarrier(self)
+        self._there: Table | None = None  # of the running graph that it plays into
+        if not self.barrier.expects:
+            self.subscribe('table', self._on_table)
         self.state, self.fault = 'waiting', None
         for line in self.bag.cut_short:
             self.get_logger().warning(line)
@@ -168,6 +173,9 @@ class ReplayNode(EolNode):
         for asked in self._ahead:
             self.ask(asked)
 
+    def _on_table(self, message: Any) -> None:
+        self._there = tables.table(message)
+
     def tick(self) -> None:
         assert self.clock is not None  # there is a timer only then
         self.clock.publish(Clock(clock=to_msg(self.player.now_ns())))
@@ -241,9 +249,13 @@ class ReplayNode(EolNode):
                 break  # they find us a little later than we them, and each other
 
     def _refuse_others(self) -> None:
-        """Raise ConfigError when another node gives the same images or blocks."""
+        """Raise ConfigError if another node gives the same, or if the graph has another table."""
         if self.barrier.expects:
             return
+        recorded = table_in(self.bag.about.get('settings', ''))
+        if recorded and self._there:
+            advice = 'start the graph with the scene of the bag, or name the bag in `replay.bag`'
+            check_same(recorded, self._there, str(self.bag.path), 'the running graph', advice)
         for name in () if self.settings.topics else (IMAGES, BLOCKS):
             found = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
             others = {end.node_name for end in found} - {self.get_name()}

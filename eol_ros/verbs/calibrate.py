@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from eol_ros import scene as scenes
-from eol_ros.analysis.recorded_settings import table_in
-from eol_ros.core.table import Table
+from eol_ros.core.table import Table, check_same
+from eol_ros.devices.bag.reader import table_in
 from eol_ros.errors import ConfigError, UsageError, writing
 
 HELP = 'Calibrate the camera on the resting blocks, on known points, or on a ChArUco board.'
@@ -113,8 +113,10 @@ def run(args) -> int:
         solution = _points(args)
     else:
         images, about = _images(args.sources)
-        if about and not args.scene:
-            args.table = table_in(about.get('settings', ''))
+        if recorded := table_in(about.get('settings', '')):
+            wanted = args.table if args.scene else recorded
+            check_same(recorded, wanted, args.sources[0], args.scene, 'leave out --scene')
+            args.table = Table.of(wanted)
         image = images[0]
         solution = (_blocks if args.way == 'blocks' else _board)(args, images)
     if solution.calibration.mirrored and not args.mirror:

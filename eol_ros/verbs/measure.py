@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from eol_ros.cli import within
-from eol_ros.core.table import Table
+from eol_ros.core.table import Table, check_same
 from eol_ros.core.verdict import Verdict, judged, worst
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, UsageError
 from eol_ros.verbs import reach
@@ -121,17 +121,7 @@ def _agree(whose: str, found: Table, wanted: Table) -> None:
     """Raise ConfigError if the blocks of two tables differ in size or position."""
     both = [(t.rows, t.columns, t.block_side_m, t.gaps_m, t.ids.tolist()) for t in (found, wanted)]
     if both[0] != both[1]:
-        raise ConfigError(
-            f'{whose}: its table is not that of the scene: {_size(found)}, not {_size(wanted)}.'
-            ' Name the scene that it runs with'
-        )
-
-
-def _size(table: Table) -> str:
-    return (
-        f'{table.count} blocks of {1e3 * table.block_side_m:g} mm in {table.rows} x {table.columns}'
-        f' places, {1e3 * table.gaps_m[0]:g} and {1e3 * table.gaps_m[1]:g} mm apart'
-    )
+        check_same(found, wanted, whose, 'the scene', 'name the scene that it runs with')
 
 
 def _verdict(what: str, values: dict[str, float]) -> Verdict:

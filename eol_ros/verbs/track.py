@@ -66,12 +66,12 @@ def add_arguments(parser):
 
 def run(args) -> int:
     """Track, write, tell."""
-    from eol_ros.analysis.recorded_settings import table_in
     from eol_ros.core.motion.felt import Knock
     from eol_ros.core.motion.motion import Motion
-    from eol_ros.core.table import Table
+    from eol_ros.core.table import Table, check_same
     from eol_ros.core.vision.states import TRACKING
     from eol_ros.core.vision.tracker import Tracker
+    from eol_ros.devices.bag.reader import table_in
     from eol_ros.devices.camera.image_sequence import open_source
     from eol_ros.settings import MotionSettings, TrackerSettings
     from eol_ros.verbs.progress import track
@@ -79,9 +79,11 @@ def run(args) -> int:
     source = open_source(args.frames, args.fps, args.stamps)
     if args.output and not Path(args.output).absolute().parent.is_dir():
         raise ConfigError(f'{args.output}: there is no such folder')
-    table = Table.of(scenes.load(args.scene).table) if args.scene else None
-    if table is None and source.about:
-        table = table_in(source.about.get('settings', ''))
+    recorded = table_in(source.about.get('settings', ''))
+    wanted = scenes.load(args.scene).table if args.scene else recorded
+    if recorded and wanted:
+        check_same(recorded, wanted, args.frames, args.scene, 'leave out --scene')
+    table = Table.of(wanted) if wanted else None
     calibration = _calibration(args.calibration, args.mirror, table)
     tracker = Tracker(TrackerSettings(mirror=args.mirror), calibration, table)
     table = tracker.table

@@ -2,7 +2,8 @@
 import numpy as np
 import pytest
 
-from eol_ros.core.table import Table
+from eol_ros.core.table import Table, check_same
+from eol_ros.errors import ConfigError
 from eol_ros.settings import TableSettings
 
 RING = (6, 7, 8, 11, 12, 13, 16, 17, 18)
@@ -65,6 +66,9 @@ def test_what_cannot_stand_together_is_named():
     assert 'leaves 3 blocks' in wrong(rows=2, columns=2, absent=(0,))['absent']
     assert '1.336 m wide' in wrong(columns=7, platform_m=(1.2, 1.4))['platform_m']
     assert 'two numbers' in wrong(platform_m=(1.4,))['platform_m']
+    assert 'no spring to block 12:' in wrong(absent=(7, 11, 13, 17))['absent']
+    assert not wrong(absent=(5, 1))  # a corner has those to the rim
+    assert '0.001 is below 0.005 m' in wrong(gap_y_m=0.001)['gap_y_m']
 
 
 @pytest.mark.parametrize('table', [Table(), ODD])
@@ -110,3 +114,10 @@ def test_what_is_no_table_is_told(values, told):
 
 def test_a_table_is_the_same_in_whatever_order_its_holes_are_said():
     assert Table.parsed({'absent': [8, 3, 8]}) == Table(absent=(3, 8))
+
+
+def test_how_two_tables_differ_is_said():
+    check_same(Table(gap_y_m=0.09), TableSettings(), 'a', 'b', 'go')  # as the message has it
+    told = r'^a: its table is not that of b: rows 3, not 5, absent \[12\], not \[\]: go$'
+    with pytest.raises(ConfigError, match=told):
+        check_same(Table(rows=3, absent=(12,)), Table(), 'a', 'b', 'go')

@@ -101,7 +101,7 @@ def test_bags_of_two_tables_are_not_one(tmp_path, capsys):
     write_bag(tmp_path / 'c').close()  # of who knows what table
     bags = [str(tmp_path / name) for name in 'abc']
     assert cli.main(['bag', 'merge', *bags, '--output', str(tmp_path / 'out')]) == 78
-    assert 'b: of another table than' in capsys.readouterr().err
+    assert 'a: rows 3, not 5: merge the bags' in capsys.readouterr().err
     assert cli.main(['bag', 'merge', *bags[::2], '--output', str(tmp_path / 'out')]) == 0
 
 

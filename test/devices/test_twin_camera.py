@@ -47,7 +47,7 @@ def test_covers_of_another_table_are_refused(tmp_path):
     calibration_file.save(path, with_covers)
     settings = TwinSettings(calibration=str(path))
     assert twin_camera(settings).covers is not None
-    with pytest.raises(ConfigError, match='is of 5 x 5 places .* the scene has 3 x 4'):
+    with pytest.raises(ConfigError, match='of the scene: rows 5, not 3, columns 5, not 4:'):
         twin_camera(settings, Table(rows=3, columns=4))
 
 

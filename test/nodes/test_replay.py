@@ -14,13 +14,16 @@ from dataclasses import replace as changed
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from eol_msgs.msg import Blocks, BlockTap, Corpus, RequestResult, Slip, Wall
+from eol_msgs.msg import Table as TableMessage
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CompressedImage, Image
+from support.bag_samples import bag_of
 from support.waiting import wait_until
 
+from eol_ros.core.table import Table
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import ConfigError, DeviceMissing
@@ -34,7 +37,7 @@ from eol_ros.ros.stamps import to_msg, to_ns
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS
 from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings, ReplaySettings
-from eol_ros.streams import graph
+from eol_ros.streams import graph, tables
 from eol_ros.streams.graph import NODES, full_name
 from eol_ros.streams.requests import Asked
 from eol_ros.verbs import replay
@@ -398,6 +401,18 @@ def test_two_givers_of_blocks_are_refused(ros, bag):
     )  # fmt: skip
     assert done.returncode == 78
     assert 'eol replay: motion publishes blocks, and so would the replay' in done.stderr
+    listener.destroy_node()
+
+
+def test_a_bag_of_another_table_is_refused(ros, tmp_path):
+    bag_of(tmp_path / 'run', [('blocks', Blocks(), 0.0)], settings='table: {rows: 3}')
+    listener = Listener()
+    row = tables.of(T0, Table(columns=4))
+    listener.publisher('table').publish(tables.RECORD.fill(TableMessage(), row))
+    told = 'run: its table is not that of the running graph: rows 3, not 5, columns 5, not 4: start'
+    with pytest.raises(ConfigError, match=told):
+        play(listener, tmp_path / 'run')
+    assert listener.got['blocks'] == []
     listener.destroy_node()
 
 

@@ -293,8 +293,8 @@ def test_a_person_is_guided_while_the_table_is_measured(hung, mine):
 def test_the_table_is_that_of_bag_and_scene(hung, mine, capsys):
     words = ['measure', 'springs', mine, '--weights', '300', '--bag', hung[2]]
     for table, said in (
-        ('{rows: 4}', '25 blocks of 84 mm in 5 x 5 places, 90 and 90 mm apart, not 20 blocks'),
-        ('{gap_y_m: 0.08}', 'not 25 blocks of 84 mm in 5 x 5 places, 90 and 80 mm apart'),
+        ('{rows: 4}', 'scene: rows 5, not 4: name the scene'),
+        ('{gap_y_m: 0.08}', 'scene: gap_y_m 0.0, not 0.08: name'),
     ):
         Path(mine).write_text(f'{SCENE}table: {table}\n')
         assert cli.main(words) == 78

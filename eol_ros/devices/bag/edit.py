@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from eol_ros.core.table import check_same
 from eol_ros.devices.bag.file import add_topic
 from eol_ros.devices.bag.mcap_file import BagFile, BagTopic
 from eol_ros.devices.bag.reader import BagMessage, BagReader, table_in
@@ -97,11 +98,8 @@ def merged(bags: Sequence[BagReader]) -> tuple[list[BagTopic], Iterator[BagMessa
     """
     tables = [(bag, table) for bag in bags if (table := table_in(bag.about.get('settings', '')))]
     for bag, table in tables:
-        if table != tables[0][1]:
-            raise ConfigError(
-                f'{bag.path}: of another table than {tables[0][0].path}: they cannot be one bag; '
-                'merge the bags of each table apart'
-            )
+        advice = 'merge the bags of each table apart'
+        check_same(table, tables[0][1], str(bag.path), str(tables[0][0].path), advice)
     topics: dict[str, BagTopic] = {}
     keys = []
     for bag in bags:

@@ -2,6 +2,7 @@
 """Reads bags: a rosbag2 folder of MCAP files, or one such file, whole, cut or damaged; no ROS."""
 
 import datetime
+import functools
 import heapq
 import itertools
 import os
@@ -471,6 +472,7 @@ def loads(text: str) -> dict:
     return {**found, 'relative_file_paths': [str(p) for p in found['relative_file_paths']]}
 
 
+@functools.lru_cache(8)
 def table_in(settings: str) -> TableSettings | None:
     """Return the table of a scene as a bag holds it; None where that is no scene.
 

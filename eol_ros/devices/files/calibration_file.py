@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from eol_ros.core.table import Table
+from eol_ros.core.table import Table, check_same
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.devices.files import camera_info
@@ -96,11 +96,9 @@ def load(path: str | Path, mirror: bool = False, table: Table | None = None) -> 
         ConfigError: not YAML, or a field absent or wrong; all are named at once.
     """
     found = loads(_read(path), path, mirror)
-    if table is not None and found.table != table:
-        raise ConfigError(
-            f'{path}: is of {_words(found.table)}; the scene has {_words(table)}: '
-            'calibrate with `eol calibrate --scene SCENE`, or set `table` in the scene'
-        )
+    if table is not None:
+        advice = 'calibrate with `eol calibrate --scene SCENE`, or set `table` in the scene'
+        check_same(found.table, table, str(path), 'the scene', advice)
     return found
 
 
@@ -189,14 +187,6 @@ def _read_table(value: Any, wrong: list[str]) -> Table:
     except ValueError as error:
         wrong.append(f'table: {error}')
         return Table()
-
-
-def _words(table: Table) -> str:
-    pitch = ' x '.join(f'{1e3 * one:g}' for one in table.pitch_m)
-    return (
-        f'{table.rows} x {table.columns} places with {table.count} blocks of '
-        f'{1e3 * table.block_side_m:g} mm, pitch {pitch} mm'
-    )
 
 
 def _read_covers(value: Any, table: Table, wrong: list[str]) -> CoverOutlines | None:
