@@ -134,10 +134,10 @@ def _felt(kinds: np.ndarray, duration_s: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def spectra(bag: Bag) -> Iterator[Answer]:
+def spectra(bag: Bag, measured: TwinSettings | None = None) -> Iterator[Answer]:
     """Yield the verdict on each series of a bag: is it 1/f?"""
     control = uncoupled.of(bag)
-    for one in series.of(bag):
+    for one in series.of(bag, measured):
         yield series.ask(one, control)
 
 
@@ -258,7 +258,7 @@ def write(
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
     bag.keep(KEPT, (series.KineticEnergy, uncoupled.RimPath, exposure.Way))
-    answers = list(_tracked(spectra(bag), 'asking for 1/f', track, len(series.NAMES)))
+    answers = list(_tracked(spectra(bag, measured), 'asking for 1/f', track, len(series.NAMES)))
     found = numbers(bag, answers, measured)
     if retracked is not None:
         found['retracked'] = {

@@ -9,7 +9,7 @@ import numpy as np
 
 from eol_ros.analysis import sound
 from eol_ros.analysis.bag import Bag, Table
-from eol_ros.analysis.recorded_settings import recorded_table
+from eol_ros.analysis.recorded_settings import recorded_settings, recorded_table
 from eol_ros.core.sound.loudness import k_weighted, lufs
 from eol_ros.errors import EolError
 from eol_ros.lab.science import one_over_f, surrogates
@@ -52,8 +52,8 @@ class Absent:
     why: str
 
 
-def of(bag: Bag) -> Iterator[Series | Absent]:
-    """Yield every series, or why it is absent."""
+def of(bag: Bag, measured: TwinSettings | None = None) -> Iterator[Series | Absent]:
+    """Yield every series, or why it is absent; `measured`: see KineticEnergy.series."""
     why = f'the bag is of {bag.duration_s:.1f} s' if bag.duration_s < SHORTEST_S else sparse(bag)
     if why:
         for name in NAMES:
@@ -62,7 +62,7 @@ def of(bag: Bag) -> Iterator[Series | Absent]:
     for name, topic, make in (
         ('triggers', 'grain_triggers', triggers),
         ('light', 'led_commands', light),
-        ('kinetic energy', 'blocks', lambda bag: bag.gathered(KineticEnergy).series()),
+        ('kinetic energy', 'blocks', lambda bag: bag.gathered(KineticEnergy).series(measured)),
     ):
         if bag.count(topic):
             yield make(bag)
@@ -130,7 +130,7 @@ def light(bag: Bag) -> Series:
 
 
 class KineticEnergy:
-    """The kinetic energy of the blocks, J: from their steps between images, 250 g each.
+    """The kinetic energy of the blocks, J: from their steps between images.
 
     Their rotation is left out. `add` takes the rows of `blocks` in pieces, for a day of them does
     not fit into memory.
@@ -140,16 +140,15 @@ class KineticEnergy:
 
     def __init__(self, bag: Bag):
         bins = 0 if sparse(bag) else round(bag.duration_s * RATE_HZ)
-        self._start_ns = bag.start_ns
+        self._start_ns, self._table = bag.start_ns, recorded_table(bag)
+        self._twin = recorded_settings(bag, 'twin') or TwinSettings()
         self._total, self._count = np.zeros(bins), np.zeros(bins)
-        self._rest_j = REST_J
         self._before: tuple[np.ndarray, np.ndarray] | None = None
 
     def add(self, table: Table) -> None:
         """Take the rows that follow."""
         at_s = (table['stamp'].astype('i8') - self._start_ns) * 1e-9
         place = np.stack([table['blocks']['x'], table['blocks']['y']])
-        self._rest_j = REST_J * max(1.0, place.shape[2] / PAPER)
         if self._before is not None:
             at_s = np.r_[self._before[0], at_s]
             place = np.concatenate([self._before[1], place], axis=1)
@@ -158,19 +157,24 @@ class KineticEnergy:
         good = step_s > 0
         speed = np.hypot(*np.diff(place, axis=1)[:, good]) / step_s[good, None]
         speed[~(speed <= FASTEST_MPS)] = 0.0  # nan, too
-        energy = 0.5 * TwinSettings.block_kg * (speed**2).sum(axis=1)
+        energy = 0.5 * (speed**2).sum(axis=1)  # of blocks of 1 kg
         where = np.floor((at_s[:-1] + step_s / 2)[good] * RATE_HZ).astype(int)
         inside = (where >= 0) & (where < len(self._total))
         np.add.at(self._total, where[inside], energy[inside])
         np.add.at(self._count, where[inside], 1)
 
-    def series(self) -> Series:
-        """Return it; between images it is interpolated."""
+    def series(self, measured: TwinSettings | None = None) -> Series:
+        """Return it; between images it is interpolated.
+
+        Blocks have the mass that `measured` says, or else that of the twin of the bag.
+        """
+        block_kg = (measured or self._twin).block_kg
         known, middle = self._count > 0, np.arange(len(self._total))
         values = np.zeros(len(middle))
         if known.any():
             values = np.interp(middle, middle[known], self._total[known] / self._count[known])
-        return Series('kinetic energy', values, rest=self._rest_j)
+        rest_j = REST_J / TwinSettings.block_kg * max(1.0, self._table.count / PAPER)
+        return Series('kinetic energy', block_kg * values, rest=block_kg * rest_j)
 
 
 def loudness(bag: Bag) -> Iterator[Series]:

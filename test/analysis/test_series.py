@@ -17,6 +17,7 @@ from eol_ros.core.physics.result import Limits
 from eol_ros.lab import choose
 from eol_ros.lab.science import spectra
 from eol_ros.ros.stamps import to_msg
+from eol_ros.settings import TwinSettings
 
 S = 1_000_000_000
 SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
@@ -72,6 +73,11 @@ def test_kinetic_energy_does_not_depend_on_how_the_bag_is_read(tmp_path, monkeyp
         messages.append(('blocks', message, k / 60))
     bag = bag_of(tmp_path / 'run', messages)
     whole = bag.gathered(series.KineticEnergy).series().values
+    light = bag_of(tmp_path / 'light', messages, settings='nodes: {twin: {block_kg: 0.1}}')
+    energy = light.gathered(series.KineticEnergy)
+    np.testing.assert_allclose(energy.series().values, whole * 0.1 / 0.25)
+    assert energy.series().rest == pytest.approx(series.REST_J * 0.1 / 0.25)
+    assert energy.series(TwinSettings(block_kg=1.0)).rest == pytest.approx(4 * series.REST_J)
     bag.release()
     monkeypatch.setattr(bag_module, 'BATCH', 7)
 
