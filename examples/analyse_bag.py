@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from eol_ros.analysis import open_bag
+from eol_ros.analysis.recorded_settings import recorded_table
 from eol_ros.errors import EolError
 from eol_ros.streams.slips import STOP
 
@@ -23,7 +24,8 @@ def main() -> None:
     bag = open_bag(parser.parse_args().bag)
     slips = bag.table('slips')
     slips = slips[slips['kind'] == STOP]  # each is told when it starts and when it has stopped
-    counts = np.bincount(slips['block'], minlength=25).reshape(5, 5)
+    table = recorded_table(bag)
+    counts = table.grid(np.bincount(slips['block'], minlength=table.cells))
     print(f'{len(slips)} slips in {bag.duration_s:.1f} s; of each block, as seen from above:')
     for row in counts[::-1]:  # row 0 is nearest to the viewer
         print(' '.join(f'{count:4d}' for count in row))
@@ -31,7 +33,8 @@ def main() -> None:
         together = np.corrcoef(slips['duration'], slips['distance'])[0, 1]
         print(f'correlation of duration and distance: {together:.2f}')
     areas = bag.table('cascades')['area']
-    print(f'{len(areas)} cascades; the widest moved {max(areas, default=0)} of 25 blocks')
+    widest = f'{max(areas, default=0)} of {table.count}'
+    print(f'{len(areas)} cascades; the widest moved {widest} blocks')
 
 
 if __name__ == '__main__':

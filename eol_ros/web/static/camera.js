@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The live infrared picture with the outlines, ids and states of the blocks over it.
 
-import { BLOCK_M, COLUMNS, COUNT, IDS, place, PLATFORM_M, stands } from './lattice.js';
+import { BLOCK_M, COLUMNS, COUNT, IDS, place, PLATFORM_M, ROWS, stands } from './lattice.js';
 import { fit, fontPx, INK, MOVE, QUIET, write } from './paint.js';
 import { say } from './i18n.js';
 import { part } from './modes.js';
@@ -110,10 +110,10 @@ export class CameraView {
   key(event) {
     const step = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
     if (!step) return;
-    const [column, row] = place(this.pointed);
-    const next = [column + step[0], row + step[1]];
+    const ahead = Array.from({ length: Math.max(COLUMNS, ROWS) }, (_, n) => place(this.pointed).map((at, axis) => at + (n + 1) * step[axis]));
+    const next = ahead.find((at) => stands(...at)); // beyond places without a block
     if (this.pointed < 0) this.point(IDS[0]);
-    else if (stands(...next)) this.point(next[1] * COLUMNS + next[0]);
+    else if (next) this.point(next[1] * COLUMNS + next[0]);
     event.preventDefault();
   }
 

@@ -9,7 +9,7 @@
 import { BAR_M, BLOCK_M, IDS, PLATFORM_M, RIM_M } from './lattice.js';
 
 const GAIN = 14; // 1/s, how fast the held point follows
-const RHO = Math.hypot(...RIM_M) / Math.sqrt(12); // m, of a thin plate
+const RHO = Math.hypot(...RIM_M) / Math.sqrt(12); // m, as of a thin plate: `Frame.gyration_m` of the twin
 const NEAR_M = 0.003; // to a limit
 const BEHIND_M = 0.02; // from here on a hand is told why the rim does not come
 const STANDS_MPS = 0.01;

@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from support.checkout import ROOT
 from support.paper import PLATFORM_SIDE_M, RIM_BAR_M, RIM_REACH_M, RIM_SIDE_M
 
 from eol_ros.core.physics.twin.hands import (
@@ -242,3 +243,12 @@ def test_more_hands_move_a_heavier_table():
     big = Table(rows=15, columns=15, platform_m=(3.2, 3.2))
     assert Frame.of(big).strength == 9 and Frame.of(Table(rows=2, columns=2)).strength == 1
     assert Frame.of(Table(), 0.5).strength == 2
+
+
+def test_the_rim_has_the_inertia_of_a_plate():
+    """In the twin and in the page."""
+    table = Table(rows=2, columns=15, gap_y_m=0.2, platform_m=(3.2, 2.0))
+    width, depth = table.rim_m()
+    assert Frame.of(table).gyration_m ** 2 == pytest.approx((width**2 + depth**2) / 12)
+    page = (ROOT / 'eol_ros' / 'web' / 'static' / 'hands.js').read_text()
+    assert 'RHO = Math.hypot(...RIM_M) / Math.sqrt(12)' in page

@@ -65,7 +65,7 @@ class Frame(NamedTuple):
         x, y = map(float, table.platform_m)
         return cls(
             outer, deep, x, y, min(_most_yaw(outer, deep, x), _most_yaw(deep, outer, y)),
-            (width + depth) / 2 / math.sqrt(6),  # a guess, as of a plate; of bars: sqrt(3)
+            math.hypot(width, depth) / math.sqrt(12),  # as of a thin plate, a guess; see hands.js
             RIM_KG * size,
             max(1.0, blocks_kg),
         )  # fmt: skip
