@@ -35,6 +35,8 @@ class Memory:
         self.path = self._file.path
         self._always = always
         self._scene, self._settings = scene, plain(public(scene))['nodes']
+        self._table = plain(scene).get('table', {})
+        self.left_out = ''  # what `recall` did not return, in words
         self._noted: Kept | None = None
         self._queue: queue.SimpleQueue[Kept | None] = queue.SimpleQueue()  # None: the end
         self._thread = threading.Thread(target=self._write_all, name='memory', daemon=True)
@@ -53,11 +55,15 @@ class Memory:
         return {node: kept for node, kept in found.items() if kept}
 
     def _found(self, rows: dict[str, Any]) -> Kept:
-        return {
+        found = {
             node: self._sane(node, row['kept'])
             for node, row in rows.items()
             if node in self._settings and row['scene'] == self._settings[node]
         }
+        for node, kept in found.items():
+            if rows[node].get('table', {}) != self._table and kept.pop('covers', ''):
+                self.left_out = 'what was learnt of the covers of another table'
+        return found
 
     def note(self, kept: Kept) -> None:
         """Take note of what the nodes keep now."""
@@ -95,7 +101,7 @@ class Memory:
         for kept in iter(self._queue.get, None):
             if kept is self._noted:
                 rows = {
-                    node: {'scene': self._settings[node], 'kept': state}
+                    node: {'scene': self._settings[node], 'table': self._table, 'kept': state}
                     for node, state in kept.items()
                     if node in self._settings
                 }

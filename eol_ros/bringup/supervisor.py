@@ -193,6 +193,8 @@ class Supervisor:
             child.kept = {node: kept[node] for node in child.process.nodes if node in kept}
         if text := words(kept):
             self._note(f'as people left it: {text}')
+        if self._memory and self._memory.left_out:
+            self._note(f'left out: {self._memory.left_out}')
 
     def _remember(self) -> None:
         if self._memory is None:

@@ -52,6 +52,8 @@ class PanelNode(EolNode):
         name = f'{self.frame_prefix}{self.scene.name}'
         day, known, staff = (DayFile(name, what) for what in ('cascades', 'screens', 'staff'))
         routes, self.day = self.server.routes, notices.Day(day.load(), self.table)
+        if self.day.other:
+            self.get_logger().warning(f'{day.path}: cascades of another table, left out')
         routes.screens = screens.kept(known.load())
         routes.pin.remember(staff.load())
         self.files = {

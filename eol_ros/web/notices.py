@@ -126,7 +126,8 @@ class Day:
         self._greatest: list[Any] = []
         self._law: dict[str, Any] = {}
         self._law_of = -1  # so many cascades were fitted
-        if _is_day(kept, table) and kept.get('table', self._places) == self._places:
+        self.other = isinstance(kept, dict) and kept.get('table', self._places) != self._places
+        if not self.other and _is_day(kept, table):
             self._date, self._areas = kept['date'], list(kept['order'])
             self._recent.extend(kept['recent'])
             self._greatest = kept.get('greatest', [])

@@ -69,6 +69,18 @@ def test_opening_hours_that_were_heeded_are_remembered(scene, tmp_path):
     assert Memory(scenes.load(path), 0).recall() == {}
 
 
+def test_covers_of_another_table_are_left_out(scene, tmp_path):
+    cut_short(scene(), KEPT)
+    path = tmp_path / 'museum.yaml'
+    path.write_text(path.read_text() + 'table: {absent: [12]}\n')  # as many places
+    memory = Memory(scenes.load(path), 0)
+    assert memory.recall() == {name: kept for name, kept in SAME.items() if name != 'tracker'}
+    assert memory.left_out == 'what was learnt of the covers of another table'
+    cut_short(scenes.load(path), KEPT)
+    again = Memory(scenes.load(path), 0)
+    assert (again.recall(), again.left_out) == (SAME, '')
+
+
 def test_the_next_run_has_what_a_cut_one_kept(scene):
     cut_short(scene(), KEPT)
 
