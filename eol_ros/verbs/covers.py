@@ -8,13 +8,13 @@ from typing import Any
 from eol_ros import folders
 from eol_ros.cli import within
 from eol_ros.core.terrain import CoverShape
-from eol_ros.settings import TableSettings
 from eol_ros.verbs.progress import track
 
 HELP = 'Cut one continuous landscape into covers for the blocks, as STL in mm; and the body below.'
 EXAMPLES = [
     'eol covers --output covers',
     'eol covers --output covers --seed 7 --relief 40 --wall 2',
+    'eol covers --output covers --scene small      # for the table of that scene',
     'eol covers --output covers --clearance 0.3   # the lip is too tight for the block',
     'eol covers --output covers --heightmap island.png --json',
 ]
@@ -27,13 +27,13 @@ def add_arguments(parser):
     parser.add_argument(
         '--seed', type=within(0, 1e18, int), default=1, help='seed of the landscape (panel: 1)'
     )
-    parser.add_argument('--rows', type=within(1, 50, int), default=TableSettings.rows)
-    parser.add_argument('--cols', type=within(1, 50, int), default=TableSettings.columns)
+    parser.add_argument(
+        '--scene', metavar='SCENE', help='scene with the table (default: 5 x 5 blocks of 84 mm)'
+    )
     parser.add_argument('--heightmap', metavar='FILE', help='grey image, white is high')
     parser.add_argument(
         '--cells', type=within(1, 512, int), default=84, help='squares along a side (84: 1 mm)'
     )
-    parser.add_argument('--side', type=float, default=SIZES.side_mm, help='of a cover, mm')
     parser.add_argument('--wall', type=float, default=SIZES.wall_mm, help='thickness, mm')
     parser.add_argument('--skirt', type=float, default=SIZES.skirt_mm, help='below the land, mm')
     parser.add_argument('--relief', type=float, default=SIZES.relief_mm, help='of the land, mm')
@@ -49,29 +49,39 @@ def add_arguments(parser):
 
 def run(args):
     """Write the covers and an image of the whole; name them on stdout."""
+    from eol_ros import scene as scenes
     from eol_ros.core import terrain
     from eol_ros.core.body import BodyShape, body_mesh
+    from eol_ros.core.table import Table
     from eol_ros.devices.files import picture_file, stl_file
 
+    table = Table.of(scenes.load(args.scene).table) if args.scene else Table()
     shape = CoverShape(
-        args.side, args.wall, args.skirt, args.relief, args.lip, args.body, args.clearance
+        1e3 * table.block_side_m,
+        args.wall,
+        args.skirt,
+        args.relief,
+        args.lip,
+        args.body,
+        args.clearance,
     ).check()
-    below = BodyShape(shape.side_mm, wall_mm=shape.body_mm, lip_mm=shape.lip_mm)
+    height_mm = 1e3 * table.body_height_m
+    below = BodyShape(shape.side_mm, height_mm, wall_mm=shape.body_mm, lip_mm=shape.lip_mm)
     if shape.lip_mm:
         below.check()
     out = folders.made(args.output, '--output')
     if args.heightmap:
         heights = terrain.fit(
-            picture_file.load_grey(args.heightmap), args.rows, args.cols, args.cells
+            picture_file.load_grey(args.heightmap), table.rows, table.columns, args.cells
         )
     else:
-        heights = terrain.landscape(args.seed, args.rows, args.cols, args.cells)
+        heights = terrain.landscape(args.seed, table.rows, table.columns, args.cells)
     covers: list[dict[str, Any]] = []
-    places = [(row, col) for row in range(args.rows) for col in range(args.cols)]
-    digits = max(2, len(str(len(places) - 1)))  # names in order of the ids
-    for row, col in track(places, 'covers'):
+    digits = max(2, len(str(table.cells - 1)))  # names in order of the ids
+    for block in track(range(table.cells), 'covers'):
+        row, col = divmod(block, table.columns)
         mesh = terrain.cover_mesh(terrain.tile(heights, row, col, args.cells), shape)
-        path = out / f'cover-{row * args.cols + col:0{digits}d}.stl'
+        path = out / f'cover-{block:0{digits}d}.stl'
         stl_file.save(path, mesh, f'Echoes of the Land, row {row}, column {col}')
         covers.append(
             {
@@ -84,7 +94,7 @@ def run(args):
         )
     body = out / 'body.stl'
     if shape.lip_mm:
-        stl_file.save(body, body_mesh(below), f'Echoes of the Land, body of {len(covers)} blocks')
+        stl_file.save(body, body_mesh(below), f'Echoes of the Land, body of {table.count} blocks')
     else:
         body.unlink(missing_ok=True)
     picture = out / 'covers.png'

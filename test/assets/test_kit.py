@@ -18,6 +18,7 @@ from support.paper import (
 
 from assets.kit import netlist
 from assets.kit.netlist import NetlistError
+from eol_ros.core.table import Table
 from eol_ros.settings import TwinSettings
 
 BLOCK = ROOT / 'firmware' / 'block'
@@ -221,14 +222,16 @@ def test_the_schematic_shows_every_pin_at_its_net(which, request):
 def read():
     """Read a drawing as somebody's CAD does."""
     ezdxf = pytest.importorskip('ezdxf')
-    from assets.kit import drawings
+    from assets.kit.drawings import Kit
+
+    sheets = Kit().sheets()
 
     def one(name):
         doc = ezdxf.readfile(ROOT / 'docs' / 'build' / f'{name}.dxf')
         assert not doc.audit().has_errors
         assert doc.units == ezdxf.units.MM
         told = [d.get_measurement() for d in doc.modelspace().query('DIMENSION')]
-        assert told == pytest.approx(drawings.SHEETS[name]().measured())
+        assert told == pytest.approx(sheets[name].measured())
         svg = (ROOT / 'docs' / 'build' / f'{name}.svg').read_text()
         for length in told:
             assert f'>{length:.2f}'.rstrip('0').rstrip('.') in svg
@@ -274,18 +277,18 @@ def test_the_jig_holds_blocks_at_their_pitch(read):
 
 
 def test_body_and_spring_fit_what_they_are_for(read):
-    pytest.importorskip('ezdxf')
     from assets.kit import drawings
 
+    kit = drawings.Kit()
     _, told = read('body')
     assert {84, 80, 34, 17, 79.6} <= {round(length, 6) for length in told}
     _, told = read('spring')
     assert told == pytest.approx([64, 94])  # natural length and gap of the model, and two pins
     # k of a helical spring from its wire, and what is left of its length for the hooks
-    k = 81.5e9 * 0.6e-3**4 / (8 * 6e-3**3 * round(drawings.spring_coils()))
+    k = 81.5e9 * 0.6e-3**4 / (8 * 6e-3**3 * round(kit.turns(kit.coil)))
     assert k == pytest.approx(TwinSettings().stiffness, rel=0.01)
-    assert drawings.spring_coils() * drawings.WIRE + 2 * drawings.COIL <= 65
-    assert drawings.coil_stress(30 + 90) < 0.45 * 2060  # shear strength of music wire of 0.6 mm
+    assert kit.turns(kit.coil) * drawings.WIRE + 2 * kit.coil <= 65
+    assert kit.coil_stress(30 + 90) < 0.45 * 2060  # shear strength of music wire of 0.6 mm
 
 
 def test_it_stays_small():
@@ -297,12 +300,13 @@ def test_a_block_weighs_what_the_model_says(circuit):
     pytest.importorskip('ezdxf')
     from assets.kit import drawings
 
-    rows = drawings.masses(circuit)
+    kit = drawings.Kit()
+    rows = kit.masses(circuit)
     assert sum(grams for _, grams in rows) == pytest.approx(1e3 * BLOCK_MASS_KG)
     plate = rows[-1][1]
     assert 20 < plate < 200
-    thick = plate / drawings.STEEL / drawings.BALLAST_SIDE**2
-    inside = drawings.HEIGHT - drawings.FLOOR - drawings.COVER.lip_mm
+    thick = plate / drawings.STEEL / kit.ballast**2
+    inside = kit.height - kit.shape.floor_mm - kit.cover.lip_mm
     assert thick + 7 + 1.6 + 12 < inside  # plate, cell, board, and what stands on it
 
 
@@ -312,3 +316,65 @@ def test_what_is_made_is_up_to_date():
 
     for name, text in made().items():
         assert same(name, (FOLDER / name).read_text(), text), f'{name}: make kit'
+
+
+@pytest.mark.parametrize(
+    ('name', 'numbers'),
+    [
+        # blocks, springs, between blocks, to the rim, pins, tubes along x and y, platform
+        ('rehearsal', (25, 60, 40, 20, 100, '1014 mm', '1014 mm', '1400 x 1400 mm')),
+        ('small', (9, 24, 12, 12, 36, '474 mm', '474 mm', '700 x 700 mm')),
+        ('ring', (16, 36, 16, 20, 52, '1014 mm', '1014 mm', '1400 x 1400 mm')),
+        ('wide', None),
+    ],
+)
+def test_the_kit_of_a_scene_is_that_of_its_table(tmp_path, capsys, name, numbers):
+    ezdxf = pytest.importorskip('ezdxf')
+    from assets.kit.__main__ import main
+    from eol_ros import scene
+
+    assert main(['--scene', name, '--output', str(tmp_path)]) == 0
+    parts = (tmp_path / 'parts.md').read_text()
+    rows = [row.split(' | ') for row in parts.splitlines() if row.startswith('| ')]
+    told = {row[0].lstrip('| '): row[1:] for row in rows}
+    table = Table.of(scene.load(name).table)
+    circuits = told['D1'][3]
+    assert circuits == told['BT1'][3] == str(table.count)
+    if numbers:
+        count, springs, between, to_rim, pins, width, depth, platform = numbers
+        assert told['bodies, covers'][0] == str(count)
+        assert told['springs'][0] == str(springs)
+        assert told['- of these between blocks'][0] == str(between)
+        assert told['- of these to the rim'][0] == str(to_rim)
+        assert told['steel pins in bodies, for hooks'][0] == str(pins)
+        assert told['threaded rods in the rim, for hooks'][0] == str(to_rim)
+        assert told['tubes of the rim, along x'][1].startswith(width)
+        assert told['tubes of the rim, along y'][1].startswith(depth)
+        assert told['platform, sandpaper of grain 120'][1].startswith(platform)
+    plan = ezdxf.readfile(tmp_path / 'table.dxf').modelspace()
+    drawn = [np.array(line.get_points('xy')) for line in plan.query('LWPOLYLINE[layer=="OUTLINE"]')]
+    side = 1e3 * table.block_side_m
+    blocks = [s.mean(axis=0) for s in drawn if np.ptp(s[:, 0]) == pytest.approx(side)]
+    assert np.array(blocks) == pytest.approx(1e3 * table.rest[table.ids])
+    rim = ezdxf.readfile(tmp_path / 'rim.dxf').modelspace()
+    holes = sum(c.dxf.radius == 2 for c in rim.query('CIRCLE'))
+    assert holes == int((table.springs[:, 1] < 0).sum())
+    sizes = sorted({round(float(np.ptp(s[:, i])), 6) for s in drawn for i in (0, 1)})
+    assert sizes[-1] == pytest.approx(1e3 * max(table.platform_m))
+    square = table.rows == table.columns
+    assert (tmp_path / 'jig_across.dxf').exists() != square
+
+
+def test_the_kit_says_what_does_not_fit_small_blocks(tmp_path, capsys):
+    pytest.importorskip('ezdxf')
+    from assets.kit.__main__ import main
+
+    assert main(['--scene', 'small', '--output', str(tmp_path)]) == 0
+    parts = (tmp_path / 'parts.md').read_text()
+    assert 'board of 46 x 46 mm at most, cell 46 mm long at most instead of 60 mm' in parts
+    assert 'Without a plate it is too heavy: set `twin.block_kg: 0.1' in parts
+    assert 'mean diameter 8 mm, 37 coils' in (tmp_path / 'spring.svg').read_text()
+    stiff = tmp_path / 'stiff.yaml'
+    stiff.write_text('scene: stiff\nnodes: {twin: {spring_natural_m: 0.005}}\n')
+    assert main(['--scene', str(stiff), '--output', str(tmp_path)]) == 78
+    assert 'is longer than twin.spring_natural_m, 0.005 m' in capsys.readouterr().err

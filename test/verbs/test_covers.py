@@ -2,6 +2,7 @@
 """eol covers: files as a slicer reads them."""
 
 import json
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,6 +12,21 @@ from eol_ros.cli import main
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.devices.files import stl_file
 from eol_ros.errors import ConfigError
+
+
+def scene(folder, **table):
+    path = folder / 'other.yaml'
+    path.write_text(json.dumps({'scene': 'other', 'table': table, 'nodes': {'twin': {}}}))
+    return str(path)
+
+
+def test_body_and_covers_are_those_of_the_scene(tmp_path, capsys):
+    path = scene(tmp_path, rows=3, columns=3, block_side_m=0.06, body_height_m=0.04, absent=[4])
+    assert main(['covers', '--output', str(tmp_path), '--cells=2', '--scene', path, '--json']) == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert len(listed['covers']) == 9  # one for each place, as `eol calibrate` reads them
+    body = stl_file.load(listed['body']).reshape(-1, 3)
+    assert np.ptp(body, axis=0) == pytest.approx([60, 60, 40])
 
 
 def test_writes_watertight_covers_that_fit(tmp_path, capsys):
@@ -42,19 +58,21 @@ def test_a_height_map_of_ones_own_and_sizes(tmp_path, capsys):
     picture = tmp_path / 'ramp.png'
     cv2.imwrite(str(picture), np.tile(np.linspace(0, 65535, 40).astype(np.uint16), (30, 1)))
     out = tmp_path / 'out'
-    sizes = ['--rows=1', '--cols=2', '--cells=4', '--side=60', '--skirt=5', '--relief=30']
-    sizes += ['--lip=0']
+    sizes = ['--cells=4', '--skirt=5', '--relief=30', '--lip=0']
+    sizes += ['--scene', scene(tmp_path, rows=2, columns=2, block_side_m=0.06)]
     assert main(['covers', '--output', str(out), '--heightmap', str(picture), *sizes]) == 0
     names = capsys.readouterr().out.split()
-    assert [n.rsplit('/', 1)[1] for n in names] == ['cover-00.stl', 'cover-01.stl', 'covers.png']
+    assert [Path(n).name for n in names] == [*(f'cover-0{k}.stl' for k in range(4)), 'covers.png']
     left, right = (stl_file.load(n) for n in names[:2])
+    assert np.ptp(left[..., 0]) == pytest.approx(60)
     assert left[..., 2].max() == pytest.approx(20, abs=0.01)  # half of the ramp
     assert right[..., 2].max() == pytest.approx(35)
 
 
 def test_names_of_many_covers_are_in_order_of_their_ids(tmp_path, capsys):
     """`eol calibrate` reads them so, and takes covers of the side of its table only."""
-    sizes = ['--rows=8', '--cols=13', '--cells=1', '--side=50', '--lip=0']
+    table = scene(tmp_path, rows=8, columns=13, block_side_m=0.05, platform_m=[3, 3])
+    sizes = ['--cells=1', '--lip=0', '--scene', table]
     assert main(['covers', '--output', str(tmp_path), *sizes]) == 0
     told = capsys.readouterr()
     names = told.out.split()[:-1]
@@ -74,7 +92,7 @@ def test_names_of_many_covers_are_in_order_of_their_ids(tmp_path, capsys):
         (['--body', '41'], 2, 'a body of 41 mm leaves no room for a lip'),
         (['--clearance', '-1'], 2, 'lip, body and clearance must be 0 mm or more'),
         (['--cells', '0'], 2, '--cells: 0 is outside 1 to 512'),
-        (['--rows', '99'], 2, '--rows: 99 is'),
+        (['--scene', 'nowhere.yaml'], 78, 'nowhere.yaml'),
         (['--seed', '-1'], 2, '--seed: -1 is'),
         (['--heightmap', 'nowhere.png'], 69, 'nowhere.png: no such file'),
         (['--heightmap', __file__], 78, 'not an image'),
