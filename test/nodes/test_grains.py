@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from eol_msgs.msg import FeltSlip
 from rclpy.parameter import Parameter
-from support.paper import rest_lattice
 from support.spinning import Nodes
+from support.tables import on_tables
 from support.waiting import GENEROUS_S
 
 from eol_ros.core.sound.corpus import DESCRIPTORS
 from eol_ros.core.sound.ice import ice
 from eol_ros.core.sound.select import Selector
+from eol_ros.core.table import Table
 from eol_ros.devices.audio import audio_file
 from eol_ros.devices.corpus import corpus_file
 from eol_ros.devices.corpus.corpus_build import build_cached
@@ -30,7 +31,6 @@ from eol_ros.streams.blocks import BLOCK, TYPE, Codec
 from eol_ros.streams.corpus import to_json
 from eol_ros.streams.requests import Asked
 
-CODEC = Codec(definition(TYPE))
 NAN = float('nan')
 START_NS = 1_700_000_000_123_456_789
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('any_stamp')]
@@ -39,8 +39,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('any_stamp')]
 class Probe(EolNode):
     NAME = 'probe'
 
-    def __init__(self):
-        super().__init__(GrainsSettings(), scene=Scene('probe', {}))
+    def __init__(self, table):
+        super().__init__(GrainsSettings(), scene=Scene('probe', {}, table=table))
         self.blocks, self.results = self.publisher('blocks'), []
         self.asks = self.publisher('requests')
         self.subscribe('request_results', self.results.append)
@@ -52,8 +52,11 @@ class Probe(EolNode):
 
 
 class Stage(Nodes):
-    def __init__(self, settings):
-        self.node, self.probe = GrainsNode(settings), Probe()
+    def __init__(self, settings, table=Table()):
+        self.node, self.probe = (
+            GrainsNode(settings, scene=Scene('grains', {}, table=table)),
+            Probe(table),
+        )
         super().__init__(self.node, self.probe)
         self.meet()
         self.until(lambda: self.probe.corpora)
@@ -76,31 +79,37 @@ def sounds(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def stage(ros, sounds):
+def table():
+    return Table()
+
+
+@pytest.fixture
+def stage(ros, sounds, table):
     with contextlib.ExitStack() as stages:
 
         def make(**settings):
             settings = GrainsSettings(sound=str(sounds[0]), radius=0.1, **settings)
-            return stages.enter_context(Stage(settings))
+            return stages.enter_context(Stage(settings, table))
 
         yield make
 
 
-def image(k):
-    """The 25 blocks in image k: half a second of motion in every second."""
-    blocks = np.zeros(25, BLOCK)
+def image(k, table=Table()):
+    """The blocks in image k: half a second of motion in every second."""
+    blocks = np.zeros(table.cells, BLOCK)
     moved = 0.12 * (k // 60 + min(k % 60, 30) / 30)
-    blocks['x'], blocks['y'] = (rest_lattice() + [0.5 * np.sin(moved * 6), 0.1 * moved]).T
-    blocks['sigma'], blocks['seen'] = 2e-5, True
-    blocks['seen'][k % 25] = k % 3 > 0
+    blocks['x'], blocks['y'] = (table.rest + [0.5 * np.sin(moved * 6), 0.1 * moved]).T
+    blocks['sigma'], blocks['seen'] = 2e-5, table.present
+    blocks['seen'][k % table.cells] &= k % 3 > 0
     return START_NS + k * 16_666_667, blocks
 
 
 def play(stage, images, state=1):
+    codec = Codec(definition(TYPE), cells=stage.node.table.cells)
     for k in images:
-        stamp_ns, blocks = image(k)
+        stamp_ns, blocks = image(k, stage.node.table)
         ticks = stage.node.health.ticks
-        stage.probe.blocks.publish(CODEC.pack(stamp_ns, state, False, k, blocks))
+        stage.probe.blocks.publish(codec.pack(stamp_ns, state, False, k, blocks))
         stage.until(lambda ticks=ticks: stage.node.health.ticks > ticks)
         stage.until(lambda: len(stage.probe.triggers) == stage.node.sequence)
 
@@ -121,16 +130,17 @@ def test_the_corpus_is_told_whole(stage, sounds):
     assert message.radius == pytest.approx(0.1)
 
 
-def test_triggers_are_those_of_the_selector_with_the_stamp_of_the_image(stage, sounds):
+@on_tables
+def test_triggers_are_those_of_the_selector_with_the_stamp_of_the_image(stage, sounds, table):
     stage = stage()
     play(stage, range(150))
-    selector = Selector(stage.node.settings, build_cached([sounds[0]], Options()))
+    selector = Selector(stage.node.settings, build_cached([sounds[0]], Options()), table)
     expected = []
     for k in range(150):
-        stamp_ns, b = image(k)
+        stamp_ns, b = image(k, table)
         rows = selector.update(stamp_ns * 1e-9, b['x'], b['y'], b['seen'], b['sigma'])
         expected += [(stamp_ns, row) for row in rows]
-    assert len(expected) > 30
+    assert len(expected) > 20
     assert len(stage.probe.triggers) == len(expected)
     for n, (message, (stamp_ns, row)) in enumerate(
         zip(stage.probe.triggers, expected, strict=True)

@@ -10,12 +10,15 @@ import pytest
 from eol_msgs.msg import Slip, Wall
 from rclpy.experimental.events_executor import EventsExecutor
 from support.spinning import Nodes, states_of
+from support.tables import on_tables
 from support.waiting import GENEROUS_S
 
+from eol_ros.core.table import Table
 from eol_ros.errors import DeviceMissing
 from eol_ros.nodes.montage import MontageNode
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
+from eol_ros.scene import Scene
 from eol_ros.settings import MontageSettings, MotionSettings
 from eol_ros.streams.requests import Asked
 
@@ -25,8 +28,8 @@ SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"><rect width="4"
 class Around(EolNode):
     NAME = 'motion'
 
-    def __init__(self):
-        super().__init__(MotionSettings())
+    def __init__(self, scene=None):
+        super().__init__(MotionSettings(), scene)
         self.walls = []
         self.slips = self.publisher('slips')
         self.subscribe('wall', self.walls.append)
@@ -43,8 +46,10 @@ class Around(EolNode):
 
 
 class Rig(Nodes):
-    def __init__(self, **settings):
-        self.montage, self.around = MontageNode(MontageSettings(**settings)), Around()
+    def __init__(self, table=Table(), **settings):
+        scene = Scene('test', {}, table=table)
+        self.montage = MontageNode(MontageSettings(**settings), scene=scene)
+        self.around = Around(scene)
         super().__init__(self.montage, self.around)
         self.meet()
         self.until(lambda: self.around.walls)
@@ -109,18 +114,19 @@ def test_shuffles_while_a_block_moves_and_freezes_with_the_last(rig):
 
 
 @pytest.mark.slow
-def test_a_rupture_damages_the_pair_that_stands_and_calm_heals_it(ros, folder):
+@on_tables
+def test_a_rupture_damages_the_pair_that_stands_and_calm_heals_it(ros, folder, table):
     for i in range(4):
         (folder / f'{i}r.svg').rename(folder / f'{i}r.1.svg')
         for degree in (2, 3, 4):
             (folder / f'{i}r.{degree}.svg').write_text(SVG)
-    with Rig(pairs=str(folder), period_s=0.34, lead_s=0.05, heal_s=3.0) as rig:
+    with Rig(table, pairs=str(folder), period_s=0.34, lead_s=0.05, heal_s=3.0) as rig:
         around = rig.around
         assert around.walls[0].right.endswith('r.1.svg') and around.walls[0].left.endswith('l.svg')
-        for block in range(25):
+        for block in table.ids.tolist():
             around.slip(block, Slip.START, cascade=9)
         rig.until(lambda: around.walls[-1].ahead[1].endswith('.4.svg'))
-        for block in range(25):
+        for block in table.ids.tolist():
             around.slip(block, Slip.STOP, cascade=9)
         rig.until(lambda: not around.walls[-1].moving and around.walls[-1].right[3] > '1')
         broken = len(around.walls)

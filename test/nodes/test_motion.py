@@ -2,10 +2,11 @@
 import numpy as np
 import pytest
 from eol_msgs.msg import Block, Blocks, BlockTap, Cascade, FeltSlip, Slip
-from support.paper import rest_lattice
 from support.spinning import Nodes
+from support.tables import on_tables
 
 from eol_ros.core.motion.slips import SlipDetector
+from eol_ros.core.table import Table
 from eol_ros.nodes.motion import MotionNode
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import to_msg, to_ns
@@ -18,8 +19,8 @@ pytestmark = pytest.mark.usefixtures('any_stamp')
 class Probe(EolNode):
     NAME = 'probe'
 
-    def __init__(self):
-        super().__init__(MotionSettings(), scene=Scene('probe', {}))
+    def __init__(self, table):
+        super().__init__(MotionSettings(), scene=Scene('probe', {}, table=table))
         self.blocks = self.publisher('blocks')
         self.taps = self.publisher('block_taps')
         self.slips, self.cascades, self.felt = [], [], []
@@ -29,8 +30,13 @@ class Probe(EolNode):
 
 
 @pytest.fixture
-def graph(ros):
-    node, probe = MotionNode(MotionSettings()), Probe()
+def table():
+    return Table()
+
+
+@pytest.fixture
+def graph(ros, table):
+    node, probe = MotionNode(MotionSettings(), scene=Scene('motion', {}, table=table)), Probe(table)
     with Nodes(node, probe) as nodes:
         nodes.meet()
         yield node, probe, nodes
@@ -42,7 +48,7 @@ def track(nodes, node, probe, image, stamp_ns, place):
     message.header.stamp = to_msg(stamp_ns)
     message.header.frame_id = 'table'
     message.blocks = [
-        Block(id=i, x=x, y=y, sigma=1e-5, seen=True, visibility=1.0)
+        Block(id=i, x=x, y=y, sigma=1e-5, seen=bool(node.table.present[i]), visibility=1.0)
         for i, (x, y) in enumerate(place.tolist())
     ]
     probe.blocks.publish(message)
@@ -50,18 +56,20 @@ def track(nodes, node, probe, image, stamp_ns, place):
 
 
 @pytest.mark.slow
-def test_a_slip_goes_through_the_graph(graph):
+@on_tables
+def test_a_slip_goes_through_the_graph(graph, table):
     node, probe, nodes = graph
+    near, moved = int(table.ids[3]), int(table.ids[table.count // 2])
     random = np.random.default_rng(1)
     start_ns = 1_700_000_000_123_456_789
-    knock = BlockTap(block=12, strength=2.9, sigma=2e-4)
+    knock = BlockTap(block=moved, strength=2.9, sigma=2e-4)
     knock.header.stamp = to_msg(start_ns + 1_505_000_123)
-    struck = BlockTap(block=3, strength=2.9, sigma=2e-4)  # and does not move
+    struck = BlockTap(block=near, strength=2.9, sigma=2e-4)  # and does not move
     struck.header.stamp = to_msg(start_ns + 2_000_000_000)
     for k in range(180):
         t = k / 60
-        place = rest_lattice() + random.normal(0, 1e-5, (25, 2))
-        place[12, 1] += 1.25 * min(max(t - 1.505, 0), 0.12) ** 2
+        place = table.rest + random.normal(0, 1e-5, (table.cells, 2))
+        place[moved, 1] += 1.25 * min(max(t - 1.505, 0), 0.12) ** 2
         for tap, at_s in ((knock, 1.505), (struck, 2.0)):
             if t - 1 / 60 <= at_s < t:  # it comes before the image that follows
                 probe.taps.publish(tap)
@@ -71,13 +79,13 @@ def test_a_slip_goes_through_the_graph(graph):
     nodes.until(lambda: probe.cascades and len(probe.slips) == 2)
     start, stop = probe.slips
     assert (start.kind, stop.kind) == (Slip.START, Slip.STOP)
-    assert start.block == stop.block == 12
+    assert start.block == stop.block == moved
     assert start.slip == stop.slip
     assert [(f.kind, f.sense, f.block, f.slip) for f in probe.felt] == [
-        (FeltSlip.PROVISIONAL, FeltSlip.KNOCK, 12, 0),
-        (FeltSlip.CONFIRMED, FeltSlip.IMAGE, 12, start.slip),
-        (FeltSlip.PROVISIONAL, FeltSlip.KNOCK, 3, 0),
-        (FeltSlip.RETRACTED, FeltSlip.IMAGE, 3, 0),
+        (FeltSlip.PROVISIONAL, FeltSlip.KNOCK, moved, 0),
+        (FeltSlip.CONFIRMED, FeltSlip.IMAGE, moved, start.slip),
+        (FeltSlip.PROVISIONAL, FeltSlip.KNOCK, near, 0),
+        (FeltSlip.RETRACTED, FeltSlip.IMAGE, near, 0),
     ]
     for tap, (first, verdict) in zip(
         (knock, struck), (probe.felt[:2], probe.felt[2:]), strict=True
@@ -85,7 +93,7 @@ def test_a_slip_goes_through_the_graph(graph):
         assert first.header.stamp == first.onset == verdict.onset == tap.header.stamp
         assert to_ns(verdict.header.stamp) - to_ns(first.onset) >= 100_000_000
         assert first.probability > 0.99
-    assert (probe.felt[0].x, probe.felt[0].y) == pytest.approx(rest_lattice()[12], abs=1e-4)
+    assert (probe.felt[0].x, probe.felt[0].y) == pytest.approx(table.rest[moved], abs=1e-4)
     assert stop.tapped
     onset_s = start.onset.sec - 1_700_000_000 + start.onset.nanosec * 1e-9
     assert onset_s == pytest.approx(1.505 + 0.123456789, abs=0.006)
@@ -93,7 +101,7 @@ def test_a_slip_goes_through_the_graph(graph):
     assert start.header.stamp.sec * 10**9 + start.header.stamp.nanosec in decided
     assert stop.distance == pytest.approx(0.018, abs=2e-4)
     assert isinstance(probe.cascades[0], Cascade)
-    assert list(probe.cascades[0].blocks) == [12]
+    assert list(probe.cascades[0].blocks) == [moved]
     assert isinstance(node.motion.detector, SlipDetector)
     values = node.health.status()['values']
     assert [values[k] for k in ('slips', 'felt', 'confirmed', 'retracted')] == [1, 2, 1, 1]
@@ -108,7 +116,7 @@ def test_slips_go_on_when_the_clock_is_set(graph, jump_s):
     random, start_ns = np.random.default_rng(1), 1_700_000_000_000_000_000
     for k in range(120):
         t = k / 60
-        place = rest_lattice() + random.normal(0, 1e-5, (25, 2))
+        place = Table().rest + random.normal(0, 1e-5, (25, 2))
         for slip_s in (0.5, 1.5):  # a slip before the jump and one half a second after it
             place[12, 1] += 1.25 * min(max(t - slip_s, 0), 0.12) ** 2
         stamp_ns = start_ns + round((t + (k >= 60) * jump_s) * 1e9)

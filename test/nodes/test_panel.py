@@ -16,8 +16,10 @@ from eol_msgs.msg import Cascade, Corpus, NodeState, RequestResult, SoundMeter, 
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import String
 from support.spinning import Nodes, matched
+from support.tables import on_tables
 from support.waiting import wait_until
 
+from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.devices.files import calibration_file
 from eol_ros.nodes import panel_streams
@@ -27,6 +29,7 @@ from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import request_from_msg
 from eol_ros.ros.stamps import now_ns, to_msg
+from eol_ros.scene import Scene
 from eol_ros.settings import GrainsSettings, PanelSettings
 from eol_ros.streams import blocks
 from eol_ros.web.hub import CHANNELS
@@ -66,8 +69,9 @@ class Around(EolNode):
 class Rig(Nodes):
     """The test talks to the panel, so a thread turns the nodes."""
 
-    def __init__(self):
-        self.panel, self.around = PanelNode(PanelSettings(port=0)), Around()
+    def __init__(self, table):
+        scene = Scene('panel', {}, table=table)
+        self.panel, self.around = PanelNode(PanelSettings(port=0), scene=scene), Around()
         super().__init__(self.panel, self.around)
         self.url = f'http://127.0.0.1:{self.panel.server.port}'
         self.stopping = False
@@ -88,10 +92,15 @@ class Rig(Nodes):
 
 
 @pytest.fixture
-def rig(ros, tmp_path, monkeypatch):
+def table():
+    return Table()
+
+
+@pytest.fixture
+def rig(ros, table, tmp_path, monkeypatch):
     monkeypatch.setenv('EOL_STATE', str(tmp_path))
     monkeypatch.setattr(panel_streams, 'LINGER_S', 0.3)
-    with Rig() as made:
+    with Rig(table) as made:
         wait_until(lambda: matched(made.panel, made.around))
         yield made
 
@@ -116,7 +125,8 @@ def test_every_stream_has_its_topic_and_its_channel():
 
 
 @pytest.mark.slow
-def test_streams_run_only_while_somebody_looks(rig):
+@on_tables
+def test_streams_run_only_while_somebody_looks(rig, table):
     streams = ('blocks', 'camera/image_raw/compressed', 'sound_meter', 'sound_samples', 'slips')
     assert not any(rig.readers(topic) for topic in streams)
 
@@ -125,14 +135,16 @@ def test_streams_run_only_while_somebody_looks(rig):
         await asyncio.to_thread(wait_until, lambda: rig.readers('blocks'))
         await asyncio.to_thread(wait_until, lambda: rig.readers('camera/image_raw/compressed'))
         assert not rig.readers('sound_samples') and not rig.readers('slips')
-        rows = np.zeros(25, blocks.BLOCK)
-        rows['x'], rows['seen'] = np.arange(25) / 100, True
-        codec = blocks.Codec(definition(blocks.TYPE))
+        rows = np.zeros(table.cells, blocks.BLOCK)
+        rows['x'], rows['seen'] = np.arange(table.cells) / 100, table.present
+        codec = blocks.Codec(definition(blocks.TYPE), cells=table.cells)
         stamp_ns = now_ns()
         rig.around.gives['blocks'].publish(codec.pack(stamp_ns, 1, False, 7, rows))
         data = await packet(ws, 1)
         assert struct.unpack_from('<d', data, 8)[0] == pytest.approx(stamp_ns * 1e-9, abs=1e-6)
-        assert np.frombuffer(data, '<f4', offset=16)[8 * 3] == pytest.approx(0.03)
+        shown = np.frombuffer(data, '<f4', offset=16).reshape(table.cells, 8)
+        assert shown[table.ids, 0] == pytest.approx(table.ids / 100)
+        assert shown[:, 7].tolist() == table.present.tolist()
         image = CompressedImage(format='jpeg')
         image.data.frombytes(b'\xff\xd8jpeg')
         rig.around.gives['camera/image_raw/compressed'].publish(image)

@@ -12,6 +12,7 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from support.paper import BLOCK_SIDE_M, N_BLOCKS, rest_lattice
 from support.spinning import Nodes
+from support.tables import on_tables
 
 from eol_ros.core.table import Table
 from eol_ros.core.vision.appearance import learnt
@@ -39,8 +40,8 @@ pytestmark = pytest.mark.usefixtures('any_stamp')
 class Probe(EolNode):
     NAME = 'probe'
 
-    def __init__(self):
-        super().__init__(TrackerSettings(), scene=Scene('probe', {}))
+    def __init__(self, table):
+        super().__init__(TrackerSettings(), scene=Scene('probe', {}, table=table))
         self.images = ImagePublisher(self, 'camera/image_raw')
         self.blocks, self.pictures, self.calibrations = [], [], []
         self.subscribe('calibration', self.calibrations.append)
@@ -51,28 +52,37 @@ class Probe(EolNode):
 
 
 @pytest.fixture
-def graph(ros):
-    node, probe = TrackerNode(TrackerSettings()), Probe()
+def table():
+    return Table()
+
+
+@pytest.fixture
+def graph(ros, table):
+    node, probe = (
+        TrackerNode(TrackerSettings(), scene=Scene('tracker', {}, table=table)),
+        Probe(table),
+    )
     with Nodes(node, probe) as nodes:
         nodes.meet()
         nodes.until(probe.images.subscribers)
         yield node, probe, nodes
 
 
-def pictures(count):
-    renderer = Renderer(RenderOptions(), Calibration.ideal(), 3)
-    rest = rest_lattice()
+def pictures(count, table=Table()):
+    renderer = Renderer(RenderOptions(), Calibration.ideal(table=table), 3)
     for k in range(count):
-        xy = rest + [0.0005 * k, 0.0]
-        yield renderer.render(xy[:, 0], xy[:, 1], np.full(25, 0.001 * k), k).copy()
+        xy = table.rest + [0.0005 * k, 0.0]
+        yield renderer.render(xy[:, 0], xy[:, 1], np.full(table.cells, 0.001 * k), k).copy()
 
 
 @pytest.mark.slow
-def test_images_become_blocks_as_offline_to_the_bit(graph):
+@on_tables
+def test_images_become_blocks_as_offline_to_the_bit(graph, table):
     _node, probe, nodes = graph
-    offline = Tracker(TrackerSettings(), Calibration.ideal())
+    ideal = Calibration.ideal(table=table)
+    offline = Tracker(TrackerSettings(), ideal)
     wanted = []
-    for k, image in enumerate(pictures(12)):
+    for k, image in enumerate(pictures(12, table)):
         stamp_ns = START_NS + round(k / 60 * 1e9)
         wanted.append((stamp_ns, offline.update(stamp_ns * 1e-9, image)))
         probe.images.publish(stamp_ns, image)
@@ -82,17 +92,18 @@ def test_images_become_blocks_as_offline_to_the_bit(graph):
     (text,) = probe.calibrations
     found = yaml.safe_load(text.data)
     loaded = calibration_file.loads(text.data, 'topic')
-    assert (loaded.packed() == Calibration.ideal().packed()).all()
-    assert found['digest'] == Calibration.ideal().digest
+    assert (loaded.packed() == ideal.packed()).all() and loaded.table == table
+    assert found['digest'] == ideal.digest
     for k, (message, (stamp_ns, tracked)) in enumerate(zip(probe.blocks, wanted, strict=True)):
         assert to_ns(message.header.stamp) == stamp_ns
         assert (message.state, message.image) == (Blocks.TRACKING, k)
-        assert [b.id for b in message.blocks] == list(range(25))
-        assert all(b.seen for b in message.blocks)
-        assert [(b.x, b.y) for b in message.blocks] == [tuple(w) for w in tracked.world.tolist()]
-        assert [(b.u, b.v) for b in message.blocks] == [tuple(p) for p in tracked.px.tolist()]
-        assert [b.yaw for b in message.blocks] == tracked.yaw.tolist()
-        assert np.allclose(tracked.world, rest_lattice() + [0.0005 * k, 0.0], atol=1e-4)
+        assert [b.id for b in message.blocks] == list(range(table.cells))
+        assert [b.seen for b in message.blocks] == table.present.tolist()
+        rows = np.array([(b.x, b.y, b.u, b.v, b.yaw) for b in message.blocks])
+        same = np.column_stack([tracked.world, tracked.px, tracked.yaw])
+        assert np.array_equal(rows, same, equal_nan=True)
+        off = tracked.world - (table.rest + [0.0005 * k, 0.0])
+        assert np.abs(off[table.ids]).max() < 1e-4
     picture = cv2.imdecode(np.array(probe.pictures[0].data, np.uint8), cv2.IMREAD_UNCHANGED)
     assert picture.shape == (400, 640)
     assert START_NS <= to_ns(probe.pictures[0].header.stamp) <= wanted[-1][0]
