@@ -162,7 +162,7 @@ def test_blocks_that_are_silent_alike_are_told_of_once(digests):
 def test_bags_of_several_tables_are_no_exhibition(digests):
     other = dataclasses.replace(digests[1], table=Table(rows=4, columns=6))
 
-    with pytest.raises(ConfigError, match=r'day0 and .*day1 .*rows 5 and 4, columns 5 and 6'):
+    with pytest.raises(ConfigError, match=r'day1: its table .*day0: rows 4, not 5, columns 6'):
         exhibition.numbers([digests[0], other], [])
 
 

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
+import numpy as np
 import pytest
+from support.tables import on_tables
 
 from eol_ros.core.motion.cascades import Cascades
 from eol_ros.core.motion.slips import START, STOP, SlipEvent
@@ -38,6 +40,17 @@ def test_neighbours_in_time_are_one_cascade():
     assert cascade.onset_s == 1.0
     assert cascade.duration_s == pytest.approx(0.4)
     assert cascade.distance_m == pytest.approx(0.04)
+
+
+@on_tables
+def test_slips_at_once_of_blocks_that_touch_are_one_cascade(table):
+    rows, columns = np.divmod(np.arange(table.cells), table.columns)
+    first = int(table.ids[1])
+    for other in table.ids.tolist():
+        cascades = Cascades(MotionSettings(), table)
+        numbers, _ = cascades.update(1.0, [start(1, first, 1.0), start(2, other, 1.0)])
+        off = abs(rows[other] - rows[first]), abs(columns[other] - columns[first])
+        assert (numbers[0] == numbers[1]) == (max(off) <= 1)
 
 
 def test_far_blocks_and_later_times_are_other_cascades():
