@@ -4,6 +4,8 @@ import json
 import cv2
 import numpy as np
 import pytest
+from sensor_msgs.msg import Image
+from support.bag_samples import bag_of
 from support.definitions import HEADER, IMAGE
 from support.paper import rest_lattice
 
@@ -69,6 +71,15 @@ def test_without_one_it_calibrates_by_the_blocks(stack, capsys):
     assert cli.main(['track', str(stack), '--json']) == 0
     states = json.loads(capsys.readouterr().out)['states']
     assert set(states) <= {'calibrating', 'tracking'} and sum(states.values()) == COUNT
+
+
+def test_a_scene_of_another_table_than_the_bag_is_refused(tmp_path, capsys):
+    image = Image(height=8, width=8, encoding='mono8', step=8, data=bytes(64))
+    bag_of(tmp_path / 'run', [('camera/image_raw', image, 0.0)], settings='table: {rows: 3}')
+    told = 'run: its table is not that of ring: rows 3, not 5, absent [], not [6, 7, 8'
+    for words in (['track'], ['calibrate', 'blocks']):
+        assert cli.main([*words, str(tmp_path / 'run'), '--scene', 'ring']) == 78
+        assert told in capsys.readouterr().err
 
 
 def test_shapes_and_what_they_mean(answer):
