@@ -98,17 +98,23 @@ class Kit:
 
     def mass_table(self, circuit: Circuit) -> list[str]:
         """Return the masses as rows of a table."""
+        *parts, (steel, steel_g) = self.masses(circuit)
+        light = steel_g < 0  # of the scene
+        parts += [] if light else [(steel, steel_g)]
+        all_g = sum(grams for _, grams in parts)
         rows = ['| part of a block | g |', '| --- | --- |']
-        rows += [f'| {what} | {grams:.0f} |' for what, grams in self.masses(circuit)]
-        rows += [f'| **all** | **{self.block_g:.0f}** |', '']
-        steel_g = self.masses(circuit)[-1][1]
-        if steel_g < 0:
-            least_kg = 1e-3 * math.ceil(self.block_g - steel_g)
-            return [*rows, f'Without a plate it is too heavy: set `twin.block_kg: {least_kg:g}`.']
-        thick = steel_g / STEEL / self.ballast**2
+        rows += [f'| {what} | {grams:.0f} |' for what, grams in parts]
+        rows += [f'| **all** | **{all_g:.0f}** |', '']
+        if light:
+            return [
+                *rows,
+                f'Without a steel plate it is heavier than the {self.block_g:g} g of the scene: '
+                f'set `twin.block_kg: {1e-3 * math.ceil(all_g):g}`.',
+            ]
         return [
             *rows,
-            f'The plate is {self.ballast:g} x {self.ballast:g} x {thick:.1f} mm; weigh each block '
+            f'The plate is {self.ballast:g} x {self.ballast:g} x '
+            f'{steel_g / STEEL / self.ballast**2:.1f} mm; weigh each block '
             'with its own cover, and file or tape.',
         ]
 

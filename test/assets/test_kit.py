@@ -372,7 +372,8 @@ def test_the_kit_says_what_does_not_fit_small_blocks(tmp_path, capsys):
     assert main(['--scene', 'small', '--output', str(tmp_path)]) == 0
     parts = (tmp_path / 'parts.md').read_text()
     assert 'board of 46 x 46 mm at most, cell 46 mm long at most instead of 60 mm' in parts
-    assert 'Without a plate it is too heavy: set `twin.block_kg: 0.1' in parts
+    assert 'heavier than the 100 g of the scene: set `twin.block_kg: 0.12`' in parts
+    assert '**119**' in parts and 'plate, to make it up' not in parts
     assert 'mean diameter 8 mm, 37 coils' in (tmp_path / 'spring.svg').read_text()
     stiff = tmp_path / 'stiff.yaml'
     stiff.write_text('scene: stiff\nnodes: {twin: {spring_natural_m: 0.005}}\n')
