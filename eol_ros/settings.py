@@ -893,10 +893,6 @@ class SoundSettings:
         'due; empty: none',
     )
     meter_hz: float = setting(20.0, 'rate of sound_meter messages', 'Hz', 1, 60)
-    osc_out: str = setting('', 'HOST:PORT to which triggers and slips are sent by OSC; empty: none')
-    osc_in: int = setting(
-        0, 'UDP port on which settings are received by OSC; 0: none', '', 0, 65535
-    )
     midi: str = setting(
         '',
         'MIDI input by name or part of the name; auto: the first; virtual: a port to which '
@@ -963,6 +959,48 @@ class ProjectorsSettings:
 class MachineSettings:
     name: str = setting('', 'name of this machine in `machines` of the scene; set by bringup')
     digest: str = setting('', 'SHA-256 of the scene on this machine, hex; set by bringup')
+
+
+OSC_MESSAGES = (
+    'block', 'tracking', 'slip', 'provisional', 'cascade', 'stress', 'lights', 'wall', 'grain',
+    'descriptors', 'meter', 'state', 'health',
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class OscSettings:
+    send_to: tuple[str, ...] = setting((), 'programs to which OSC messages are sent, HOST:PORT')
+    send: tuple[str, ...] = setting((), 'OSC messages to send; empty: all', choices=OSC_MESSAGES)
+    addresses: tuple[str, ...] = setting(
+        (), 'lines that give OSC messages another address, such as slip /table/slip'
+    )
+    rate_hz: float = setting(
+        30.0, 'greatest rate of poses, stress, light levels and sound meter', 'Hz', 1, 240
+    )
+    port: int = setting(
+        0, 'UDP port on which requests and settings are received; 0: none', '', 0, 65535
+    )
+    peers: tuple[str, ...] = setting(
+        (),
+        'other machines that may send requests, as IPv4 addresses or networks such as 10.0.0.0/24; '
+        'empty: this machine alone',
+    )
+    peer_rate_hz: float = setting(
+        1000.0, 'greatest rate of messages taken from one machine', 'Hz', 1, 100_000
+    )
+    reply_port: int = setting(
+        0,
+        'UDP port of the sender to which replies go; 0: the port from which it sent',
+        '',
+        0,
+        65535,
+    )
+    tuio: tuple[str, ...] = setting(
+        (), 'programs to which the blocks are sent as TUIO 1.1 objects, HOST:PORT'
+    )
+    tuio2: tuple[str, ...] = setting(
+        (), 'programs to which the blocks are sent as TUIO 2.0 tokens, HOST:PORT'
+    )
 
 
 @dataclass(frozen=True)
@@ -1131,6 +1169,10 @@ RENAMED = {
     },
     'SoundSettings': {'felt_latency_s': 'tap_latency_s', 'rupture_gap_s': 'cascade_gap_s'},
 }
+
+
+# By class, the setting that took the place of one that another node has now.
+MOVED = {'SoundSettings': {'osc_out': 'osc: {send_to: [HOST:PORT]}', 'osc_in': 'osc: {port: PORT}'}}
 
 
 # The same of values; `true` was the limit of the whole field.

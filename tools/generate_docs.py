@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the generated docs: docs/topics.md, docs/settings.md and docs/api.md.
+"""Writes the generated docs: docs/topics.md, docs/settings.md, docs/api.md, a table of docs/osc.md.
 
 python tools/generate_docs.py            write them
 python tools/generate_docs.py --check    exit 1 when they are not up to date
@@ -13,10 +13,12 @@ from pathlib import Path
 import public_api
 
 from eol_ros.settings import NotifySettings, TableSettings
+from eol_ros.streams import osc
 from eol_ros.streams.graph import NODES, QOS, TOPICS
 from eol_ros.streams.requests import KINDS
 
 ROOT = Path(__file__).parents[1]
+OSC_TABLE = '<!-- made by tools/generate_docs.py -->'
 MESSAGES = ROOT / 'msg_defs' / 'eol_msgs' / 'msg'
 
 
@@ -119,8 +121,22 @@ def settings_page() -> str:
     return '\n\n'.join(parts) + '\n'
 
 
+def osc_page() -> str:
+    """Return docs/osc.md as it is, with the table of messages of today."""
+    rows = ['| message | address and values | what it tells |', '| --- | --- | --- |']
+    rows += [f'| `{r.name}` | `/eol/{r.name}` {r.takes} | {r.doc} |' for r in osc.ROWS.values()]
+    head, _, rest = (ROOT / 'docs/osc.md').read_text().partition(OSC_TABLE)
+    return (
+        f'{head}{OSC_TABLE}\n'
+        + '\n'.join(rows)
+        + '\n<!-- end -->'
+        + rest.partition('<!-- end -->')[2]
+    )
+
+
 def main() -> int:
     pages = {
+        'docs/osc.md': osc_page(),
         'docs/topics.md': topics_page(),
         'docs/settings.md': settings_page(),
         'docs/api.md': public_api.page(),

@@ -47,11 +47,7 @@ class SoundNode(EolNode):
         self.mixer = new_mixer(s, self.epoch_ns // NS, self.table)
         self.voicing = Voicing(s, self.table)
         self.on_settings(s)
-        self.osc = self.midi = None
-        if s.osc_out or s.osc_in:  # python-osc only then
-            from eol_ros.nodes.sound_osc import Osc
-
-            self.osc = Osc(self, self.instrument)
+        self.midi = None
         if s.midi:  # python-rtmidi only then
             from eol_ros.nodes.sound_midi import Midi
 
@@ -139,8 +135,6 @@ class SoundNode(EolNode):
 
     def on_corpus(self, message) -> None:
         from_ns = to_ns(message.header.stamp)
-        if self.osc:
-            self.osc.corpus(message, from_ns)
         grains, places = corpus.to_core(message), corpus.places(message)
         told = corpus.values(message)
         if self.banks.ask(message.digest, from_ns, *grains, places=places, descriptors=told):
@@ -230,8 +224,6 @@ class SoundNode(EolNode):
         ):
             self.told_twice += 1
             return
-        if self.osc:
-            self.osc.trigger(message, stamp_ns)
         bank = self.banks.at(stamp_ns)
         if bank is None:
             self.unheard += 1
@@ -290,9 +282,8 @@ class SoundNode(EolNode):
             raise EolError(f'{text}: only a new process gets it back')
 
     def close(self) -> None:
-        for end in (self.osc, self.midi):
-            if end:
-                end.close()
+        if self.midi:
+            self.midi.close()
         self.banks.close()
         self.player.close(self.settings.fade_out_s)
         if self.log:

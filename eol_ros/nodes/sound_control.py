@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """One place that plays the live settings of grains and sound from outside: by name, and as presets.
 
-OSC, MIDI and the requests of the panel come here. The settings of the node itself it sets; those of
+MIDI and the requests of the panel come here. The settings of the node itself it sets; those of
 the other are asked for, so that a bag has both.
 """
 
-import dataclasses
 import functools
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +23,7 @@ from eol_ros.ros.requests import parameters
 from eol_ros.said import said
 from eol_ros.settings import live_fields
 from eol_ros.streams.graph import INSTRUMENT, NODES
-from eol_ros.streams.requests import SET, Asked
+from eol_ros.streams.requests import SET, Asked, as_setting
 
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
@@ -146,18 +145,3 @@ class Instrument:
 @functools.lru_cache(16)  # a controller loads the same two repeatedly
 def _loaded(path: Path, mtime_ns: int) -> presets.Preset:
     return presets.load(path)
-
-
-def as_setting(kind: type, name: str, given: Sequence[Any]) -> Any:
-    """Return what was sent as the setting has it: OSC has no booleans that all can send."""
-    field = next(f for f in dataclasses.fields(kind) if f.name == name)
-    if isinstance(field.default, tuple):
-        return list(given)
-    value = given[0] if given else None
-    if isinstance(value, bool):  # `T` is no level of 1
-        return value
-    if field.type is float and isinstance(value, int):
-        return float(value)
-    if field.type is int and isinstance(value, float) and value.is_integer():
-        return int(value)
-    return bool(value) if field.type is bool and value in (0, 1) else value

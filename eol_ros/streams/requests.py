@@ -6,9 +6,10 @@ stamp from which it counts. Both are in the bag, so that what was asked while re
 again by a replay and by `eol report --retrack`, from the same image on.
 """
 
+import dataclasses
 import math
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -98,6 +99,21 @@ class Value:
         if not isinstance(value, (bool, int, float, str)):
             raise UsageError(said('no_value', name=self.name, value=f'{str(value)[:40]!r}'))
         return value
+
+
+def as_setting(settings: type, name: str, given: Sequence[Any]) -> Any:
+    """Return what OSC or MIDI sent as the setting has it: not all can send a boolean."""
+    field = next(f for f in dataclasses.fields(settings) if f.name == name)
+    if isinstance(field.default, tuple):
+        return list(given)
+    value = given[0] if given else None
+    if isinstance(value, bool):  # `T` is no level of 1
+        return value
+    if field.type is float and isinstance(value, int):
+        return float(value)
+    if field.type is int and isinstance(value, float) and value.is_integer():
+        return int(value)
+    return bool(value) if field.type is bool and value in (0, 1) else value
 
 
 Taken = Number | Word | Bits | Value

@@ -235,8 +235,6 @@ def _sound(settings: Any) -> Iterator[Check]:
         yield 'sound.midi_map', lambda: _midi_map(settings.midi_map)
     if settings.midi:
         yield 'sound.midi', lambda: _midi(settings.midi)
-    if settings.osc_out or settings.osc_in:
-        yield f'sound.osc_{"out" if settings.osc_out else "in"}', lambda: _osc(settings.osc_out)
     if settings.wav:
         yield 'sound.wav', lambda: _writable(Path(settings.wav).parent)
 
@@ -251,13 +249,6 @@ def _midi(wanted: str) -> None:
     from eol_ros.devices.audio.midi import MidiIn
 
     MidiIn(wanted).close()
-
-
-def _osc(target: str) -> None:
-    from eol_ros.devices.audio.osc import target_of
-
-    if target:
-        target_of(target)
 
 
 def _montage(settings: Any) -> Iterator[Check]:
@@ -282,6 +273,19 @@ def _projectors(settings: Any) -> Iterator[Check]:
         yield 'projectors.addresses', lambda: _refuse('names no projector')
     for address in settings.addresses:
         yield 'projectors.addresses', functools.partial(host_and_port, address)
+
+
+def _osc(settings: Any) -> Iterator[Check]:
+    from eol_ros.devices.address import networks, target
+    from eol_ros.streams.osc import IDLE, addresses
+
+    if not (settings.send_to or settings.port or settings.tuio or settings.tuio2):
+        yield 'osc', functools.partial(_refuse, IDLE)
+    yield 'osc.addresses', lambda: addresses(settings.send, settings.addresses, '')
+    yield 'osc.peers', lambda: networks(settings.peers)
+    for name in ('send_to', 'tuio', 'tuio2'):
+        for line in getattr(settings, name):
+            yield f'osc.{name}', functools.partial(target, line)
 
 
 def _panel(settings: Any) -> Iterator[Check]:
@@ -321,6 +325,7 @@ _NODES: dict[str, Callable[[Any], Iterator[Check]]] = {
     'montage': _montage,
     'hours': _hours,
     'projectors': _projectors,
+    'osc': _osc,
     'panel': _panel,
     'replay': _replay,
     'recorder': _recorder,

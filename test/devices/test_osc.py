@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
+import math
+import socket
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.waiting import wait_until
 
-from eol_ros.devices.audio.osc import OscIn, OscOut, decode, encode
+from eol_ros.devices.osc import IMMEDIATELY, OscIn, OscOut, Peer, TimeTag, bundle, decode, encode
 from eol_ros.errors import ConfigError, DeviceMissing
 
 VALUES = st.lists(
@@ -35,10 +38,6 @@ def test_the_examples_of_the_specification():
     )
 
 
-def bundle(*parts):
-    return b'#bundle\0' + bytes(8) + b''.join(len(p).to_bytes(4, 'big') + p for p in parts)
-
-
 def test_a_bundle_whose_sizes_do_not_add_up_is_refused():
     """A part of -4 bytes had python-osc read the same size for ever: one datagram, no sound."""
     head, message = b'#bundle\0' + bytes(8), encode('/eol/x', 1)
@@ -46,13 +45,13 @@ def test_a_bundle_whose_sizes_do_not_add_up_is_refused():
         with pytest.raises(ValueError, match=f'part of {size} bytes'):
             decode(head + size.to_bytes(4, 'big', signed=True) + message)
     with pytest.raises(ValueError, match='part of 0 bytes'):
-        decode(bundle(message) + b'\0\0')  # a size that is cut off
+        decode(bundle(IMMEDIATELY, [message]) + b'\0\0')  # a size that is cut off
     nested = message
     for _ in range(16):
-        nested = bundle(nested)
+        nested = bundle(IMMEDIATELY, [nested])
     assert decode(nested) == [('/eol/x', 1)]
     for _ in range(3000):
-        nested = bundle(nested)
+        nested = bundle(IMMEDIATELY, [nested])
     with pytest.raises(ValueError, match='more than 16'):
         decode(nested)
 
@@ -61,7 +60,8 @@ def test_a_bundle_whose_sizes_do_not_add_up_is_refused():
 def packets(draw):
     """Draw noise, and messages and bundles of which some bytes are others, or missing."""
     parts = [encode('/eol/x', *draw(VALUES)) for _ in range(draw(st.integers(1, 3)))]
-    nested = [parts[0], bundle(*parts), bundle(bundle(*parts), *parts)]
+    whole = bundle(IMMEDIATELY, parts)
+    nested = [parts[0], whole, bundle(IMMEDIATELY, [whole, *parts])]
     packet = bytearray(draw(st.sampled_from([draw(st.binary(max_size=60)), *nested])))
     for _ in range(draw(st.integers(0, 4)) if packet else 0):
         packet[draw(st.integers(0, len(packet) - 1))] = draw(st.integers(0, 255))
@@ -77,20 +77,93 @@ def test_no_packet_harms(packet):
     assert all(isinstance(address, str) for address, *_ in found)
 
 
+def test_time_tags_count_from_1900():
+    """RFC 5905, section 6: the tag of 1970 is 2208988800 s; a half second is 2**31."""
+    assert TimeTag.of(0) == 2208988800 << 32
+    assert TimeTag.of(1_500_000_000) == (2208988801 << 32) + 2**31
+    message = encode('/a', TimeTag.of(1_500_000_000))
+    assert message == b'/a\0\0,t\0\0' + ((2208988801 << 32) + 2**31).to_bytes(8, 'big')
+    assert bundle(TimeTag.of(0), [])[8:] == (2208988800 << 32).to_bytes(8, 'big')
+
+
+def test_what_a_packet_cannot_carry_is_bent_to_what_it_can():
+    assert decode(encode('/a', 1e300, -1e300)) == [('/a', math.inf, -math.inf)]
+    assert decode(encode('/a', 2**31, -(2**31))) == [('/a', 2**31, -(2**31))]
+    assert decode(encode('/a', 'a\0b', '\udc80')) == [('/a', 'ab', '?')]
+    assert math.isnan(decode(encode('/a', math.nan))[0][1])
+
+
+class Warned(list):
+    def __call__(self, who, why):
+        self.append((who, why))
+
+
 def test_over_the_wire():
-    source = OscIn(0)
+    source, warned = OscIn(0), Warned()
     out = OscOut(f'127.0.0.1:{source.port}')
-    out.send('/eol/set/gain_db', -12.0)
-    out._socket.sendto(bundle(encode('/a', 1)), out._address)
-    out._socket.sendto(b'nonsense', out._address)
+    assert out.own == '127.0.0.1'
+    out.send(encode('/eol/set/gain_db', -12.0))
+    out.send(bundle(IMMEDIATELY, [encode('/a', 1)]))
+    out.send(b'nonsense')
     found = []
-    wait_until(lambda: found.extend(source.take()) or (len(found) == 2 and source.bad))
-    assert found == [('/eol/set/gain_db', -12.0), ('/a', 1)]
-    assert source.bad == 1
+    wait_until(lambda: found.extend(source.take(0.0, warned)) or source.malformed)
+    assert [message for _, message in found] == [('/eol/set/gain_db', -12.0), ('/a', 1)]
+    assert (source.received, source.malformed) == (2, 1)
+    assert [who for who, _ in warned] == ['127.0.0.1'] and '8 bytes that are no OSC' in warned[0][1]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(('127.0.0.1', 0))
+        other.settimeout(5)
+        source.reply(Peer(*other.getsockname()), encode('/eol/reply', 1))
+        assert decode(other.recv(100)) == [('/eol/reply', 1)]
     with pytest.raises(DeviceMissing, match='cannot be had'):
         OscIn(source.port)
     for wrong in ('here', 'localhost:', 'localhost:99999', ':57120'):
-        with pytest.raises(ConfigError, match='host:port'):
+        with pytest.raises(ConfigError, match='HOST:PORT'):
             OscOut(wrong)
     source.close()
     out.close()
+
+
+def test_peers_and_their_rate():
+    source, warned = OscIn(0, ['10.0.0.5', '192.168.1.7/24'], rate_hz=3.0), Warned()
+    one = encode('/a', 1)
+    for host, taken in {'10.0.0.5': 1, '10.0.0.6': 0, '192.168.1.200': 1, '127.0.0.9': 1}.items():
+        assert len(source.read(one, host, 0.0, warned)) == taken
+    assert source.strangers == 1 and warned[0][0] == '10.0.0.6'
+    five = bundle(IMMEDIATELY, [one] * 5)
+    assert len(source.read(five, '10.0.0.5', 0.0, warned)) == 2  # of the 3, one was before
+    assert len(source.read(five, '10.0.0.5', 0.1, warned)) == 0  # not even looked at
+    assert len(source.read(five, '10.0.0.5', 0.5, warned)) == 1
+    assert len(source.read(five, '192.168.1.200', 9.0, warned)) == 3  # never more than a second's
+    assert source.dropped == 3 + 1 + 4 + 2 and source.received == 3 + 2 + 1 + 3
+    assert 'more than 3 messages' in warned[-1][1]
+    source.close()
+    with pytest.raises(ConfigError, match=r"'10.0.0.256': give an IPv4 address or network"):
+        OscIn(0, ['10.0.0.256'])
+
+
+def test_a_name_that_does_not_resolve_is_looked_up_again(monkeypatch):
+    found, real = [], socket.getaddrinfo
+
+    def resolver(host, *args, **kwargs):
+        found.append(host)
+        if len(found) < 3:
+            raise socket.gaierror(-2, 'Name or service not known')
+        return real('127.0.0.1', *args, **kwargs)
+
+    monkeypatch.setattr(socket, 'getaddrinfo', resolver)
+    ear = OscIn(0)
+    out = OscOut(f'synth.lan:{ear.port}')
+    wait_until(lambda: out.trouble)
+    assert out.trouble.endswith(': Name or service not known')
+    out.send(encode('/lost'))
+    wait_until(lambda: out.resolve() or (len(found) == 3 and not out.trouble))
+    wait_until(lambda: out.send(encode('/a')) or ear.take(0.0, Warned()))
+    out.resolve()
+    assert len(found) == 3
+    out.close()
+    ear.close()
+    monkeypatch.undo()
+    long = OscOut('a' * 70 + '.lan:9')  # a label of more than 63 letters
+    wait_until(lambda: long.trouble)
+    long.close()

@@ -7,25 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import soundfile
-from eol_msgs.msg import Corpus, GrainTrigger, NodeState
+from eol_msgs.msg import Corpus, GrainTrigger
 from support.quiet_settings import SOUND
 from support.spinning import Nodes, matched
 from support.waiting import wait_until
-from support.work_states import STATES
 
 from eol_ros.core.played_clock import PlayedClock
 from eol_ros.devices.audio import audio_file, bank
 from eol_ros.devices.audio.bank import BankLoader
-from eol_ros.devices.audio.osc import OscIn, OscOut
 from eol_ros.nodes.sound import SoundNode
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.requests import parameter_messages, request_to_msg
+from eol_ros.ros.requests import request_to_msg
 from eol_ros.ros.stamps import NS, now_ns, to_msg, to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings, RecorderSettings, SoundSettings
 from eol_ros.streams import corpus, triggers
 from eol_ros.streams.requests import Asked
-from eol_ros.streams.work_state import States
 
 FS = 48000
 
@@ -311,114 +308,6 @@ def test_a_glide_leaves_no_timer_behind(ros, tmp_path):
         assert len([*node.timers]) == before
     finally:
         node.close()
-
-
-@pytest.mark.slow
-def test_osc_tells_of_grains_and_sets_the_gain(ros, tmp_path, monkeypatch, capfd):
-    ear, port = OscIn(0), OscIn(0)
-    number = port.port
-    port.close()
-    settings = SoundSettings(
-        device='wav', wav=str(tmp_path / 'o.wav'), osc_out=f'127.0.0.1:{ear.port}', osc_in=number
-    )
-    node = SoundNode(settings)
-    try:
-        node.on_trigger(trigger(now_ns(), grain=7, block=3, pan=-0.5))
-        assert ear.take() == [('/eol/grain', 3, 7, 0.5, 1.0, -0.5)]
-        told = Corpus(
-            descriptors=['flatness', 'pitch_hz'], values=[0.25, 100.0, 0.5, 200.0],
-            x=[0.0, 0.75], y=[0.0, 0.5], file=[0, 0], bounds=[-0.5, -0.5, 0.5, 0.5],
-        )  # fmt: skip
-        node.osc.corpus(told, now_ns())
-        node.osc.corpus(Corpus(), now_ns() + 10**10)  # counts from then on
-        node.on_trigger(trigger(now_ns(), grain=1, block=3, pan=-0.5))
-        place = (0.25, 0.0, 0.5, 200.0)
-        assert ear.take() == [
-            ('/eol/descriptors', 'flatness', 'pitch_hz'),
-            ('/eol/descriptors',),
-            ('/eol/grain', 3, 1, 0.5, 1.0, -0.5, *place),
-        ]
-        node.osc.corpus(told, now_ns() + 10**10)
-        ear.take()
-        node.osc._described_s -= 6
-        for _ in range(2):  # named again, once, for a listener that came later
-            node.on_trigger(trigger(now_ns(), grain=1, block=3, pan=-0.5))
-        assert [words[0] for words in ear.take()] == [
-            '/eol/descriptors',
-            '/eol/grain',
-            '/eol/grain',
-        ]
-        hand = OscOut(f'127.0.0.1:{number}')
-        for address, value in (('gain_db', -12), ('latency_s', -5.0), ('channels', 4)):
-            hand.send(f'/eol/set/{address}', value)
-        wait_until(lambda: node.osc._settings() or node.settings.gain_db == -12)
-        node.osc._settings()
-        assert node.settings == dataclasses.replace(settings, gain_db=-12.0)
-        words = capfd.readouterr().err
-        assert 'OSC /eol/set/latency_s: -5 is out of range (' in words
-        assert 'OSC /eol/set/channels: there is no such live setting' in words
-        for k in range(50):  # a stranger's stream, and a switch sent to a level
-            hand.send('/other/x', float(k))
-            hand.send('/eol/set/gain_db', True)
-        hand._socket.sendto(b'no packet', hand._address)
-        wait_until(lambda: node.osc._settings() or node.health.values['osc_refused'] >= 103)
-        assert node.health.values['osc_refused'] == 103 and node.settings.gain_db == -12.0
-        words = capfd.readouterr().err
-        assert words.count('/other/x') == words.count('/eol/set/gain_db') == 1
-        asked = []
-        monkeypatch.setattr(node.requests, 'ask', asked.append)
-        for address, values in {
-            'grains/radius': (1,), 'grains/mode': ('chain',), 'grains/rearm_at_rest': (0,),
-            'grains/k': (4.0,), 'grains/weights': ('ice 0.5', 'sea 0'), 'grains/gone': (1,),
-            'motion/rest_s': (1.0,), 'sound/gain_db': (-20,),
-        }.items():  # fmt: skip
-            hand.send(f'/eol/set/{address}', *values)
-        wait_until(lambda: node.osc._settings() or node.settings.gain_db == -20)
-        hand.close()
-        expected = [
-            {'radius': 1.0}, {'mode': 'chain'}, {'rearm_at_rest': False}, {'k': 4},
-            {'weights': ('ice 0.5', 'sea 0')},
-        ]  # fmt: skip
-        found = [(one.kind, one.node, repr(one.values)) for one in asked]  # 1.0, not 1
-        own = ('set', 'sound', repr({'gain_db': -20.0}))  # told for the bag
-        assert found == [*(('set', 'grains', repr(values)) for values in expected), own]
-    finally:
-        node.close()
-        node.destroy_node()
-        ear.close()
-
-
-@pytest.mark.parametrize('panel', [True, False])
-def test_osc_tells_every_state_of_the_work(ros, tmp_path, panel):
-    ear = OscIn(0)
-    settings = SoundSettings(
-        device='wav', wav=str(tmp_path / 'o.wav'), osc_out=f'127.0.0.1:{ear.port}'
-    )
-    node = SoundNode(settings, scene=Scene('here', {'panel': None} if panel else {}))
-    try:
-        topics = {subscription.topic_name for subscription in node.subscriptions}
-        assert ('/eol/work_state' in topics, '/eol/node_states' in topics) == (panel, not panel)
-        for code, (rows, english, _) in STATES.items():
-            if panel:
-                node.osc._work(NodeState(code=code, text=english))
-            else:
-                node.osc._states = States()
-                node.osc._state = None
-                for name, row in rows.items():
-                    node.osc._node_state(
-                        NodeState(
-                            node=name, level=row['level'], text=row['text'], code=row['code'],
-                            args=parameter_messages(row['args']), rate=row['rate'],
-                            values=parameter_messages(row['values']),
-                        )
-                    )  # fmt: skip
-            assert ear.take()[-1] == ('/eol/state', code, english)
-            node.osc._tell_work()  # again, for a listener that came later
-            assert ear.take() == [('/eol/state', code, english)]
-    finally:
-        node.close()
-        node.destroy_node()
-        ear.close()
 
 
 @pytest.mark.parametrize('device', ['no such card', 'wav'])

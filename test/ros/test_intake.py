@@ -36,6 +36,7 @@ from eol_ros.settings import (
     LedsSettings,
     MontageSettings,
     MotionSettings,
+    OscSettings,
     PanelSettings,
     RecorderSettings,
     SoundSettings,
@@ -68,6 +69,7 @@ def settings(folder):
         'sound': SoundSettings(device='wav', wav=str(folder / 'out.wav'), sample_rate=16000),
         'montage': MontageSettings(),
         'hours': HoursSettings('Europe/Vienna', ('Mon-Sun 10:00-18:00',)),
+        'osc': OscSettings(send_to=('127.0.0.1:9',)),
         'panel': PanelSettings(port=0),
         'recorder': RecorderSettings(folder=str(folder / 'bags'), min_free_gb=0.0),
     }

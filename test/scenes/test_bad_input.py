@@ -58,11 +58,20 @@ def test_scene_mistakes_start_nothing(tmp_path):
 
 
 def test_a_setting_of_another_node_is_told_whose_it_is(tmp_path):
-    result = bringup(scene(tmp_path, '  twin: {}\n  tracker: {osc_out: "a:1", pairs: x}\n'))
+    result = bringup(scene(tmp_path, '  twin: {}\n  tracker: {send_to: ["a:1"], pairs: x}\n'))
 
     assert result.returncode == 78
-    assert 'tracker.osc_out: no such key; nodes.sound has it' in result.stderr
+    assert 'tracker.send_to: no such key; nodes.osc has it' in result.stderr
     assert 'tracker.pairs: no such key; nodes.montage has it' in result.stderr
+
+
+def test_osc_has_moved_from_sound_to_a_node_of_its_own(tmp_path):
+    result = bringup(scene(tmp_path, '  twin: {}\n  sound: {osc_out: "a:1", osc_in: 9000}\n'))
+
+    assert result.returncode == 78
+    for what in ('osc_out: a node has this now: write osc: {send_to: [HOST:PORT]}',
+                 'osc_in: a node has this now: write osc: {port: PORT}'):  # fmt: skip
+        assert f'error sound.{what}' in result.stderr
 
 
 def stopped_by(folder, nodes, *words):

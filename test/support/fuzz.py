@@ -230,20 +230,31 @@ def _http(_folder: Path) -> Target:
 
 
 def _osc(_folder: Path) -> Target:
-    """Datagrams from other programs."""
-    from eol_ros.devices.audio import osc
+    """Datagrams from other programs: requests and settings."""
+    from eol_ros.devices import osc
+    from eol_ros.errors import EolError
+    from eol_ros.streams.osc import asked_of
+    from eol_ros.streams.requests import KINDS
 
+    door = osc.OscIn(0, rate_hz=1e12)
+    door.close()  # it reads packets without a socket
     seeds = [
-        osc.encode('/eol/gain', -3.5), osc.encode('/eol/grain', 12, 0.25, 0.5, 'ice', True),
-        b'#bundle\0' + bytes(8) + b'\0\0\0\x10' + osc.encode('/a', 1.0) + bytes(4),
+        osc.encode('/eol/set/sound/gain_db', -3.5), osc.encode('/eol/call/move_grain', 12, 0.25, 1),
+        osc.encode('/eol/set/grains/weights', 'ice 0.5', 'sea 0'),
+        osc.encode('/eol/call/mute', True),
+        osc.bundle(osc.IMMEDIATELY, [osc.encode('/eol/call/sleep/sound'), osc.encode('/a', 1.0)]),
     ]  # fmt: skip
 
     def feed(data: bytes) -> None:
-        try:
-            for address, *values in osc.decode(data):
-                assert isinstance(address, str) and isinstance(values, list)
-        except ValueError:
-            pass  # it is counted
+        before = door.received + door.malformed
+        messages = door.read(data, '127.0.0.1', 0.0, lambda host, why: None)
+        assert door.received + door.malformed - before == max(len(messages), 1)
+        for address, *values in messages:
+            try:
+                asked = asked_of(address, values, 'eol')
+                assert asked is None or asked.kind in KINDS
+            except EolError:
+                pass  # it is refused
 
     return Target(feed, seeds)
 

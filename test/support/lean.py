@@ -30,6 +30,7 @@ ONLY = {  # which nodes may have loaded a package
     'sounddevice': {'sound'},
     'soundfile': {'sound'},
     'serial': {'leds'},
+    'pythonosc': {'osc'},
 }
 NOBODY = (
     'matplotlib',

@@ -90,7 +90,7 @@ EVERYTHING = """\
   grains: {sound: ice.wav}
   sound:
     device: wav
-    osc_out: nowhere
+  osc: {send_to: [nowhere], addresses: [slip], peers: [10.0.0.300]}
   montage: {pairs: pictures}
   panel:
     host: 0.0.0.0
@@ -117,12 +117,19 @@ def test_all_that_nodes_would_refuse_is_told_at_once(check, tmp_path):
         f'{scene}:3:26 error tracker.calibration': 'images of 640x480, twin gives 1280x800',
         f'{scene}:7:18 error leds.flash_limit': 'needs a written reason',
         f'{scene}:8:18 error leds.blink_block': 'is 4, tracker.blink_block is 3',
-        f'{scene}:12:14 error sound.osc_out': 'give host:port',
+        f'{scene}:12:18 error osc.send_to': 'give HOST:PORT',
+        f'{scene}:12:40 error osc.addresses': 'give MESSAGE /ADDRESS',
+        f'{scene}:12:55 error osc.peers': "'10.0.0.300': give an IPv4 address",
         f'{scene}:15:11 error panel.host': 'set panel.pin too',
         f'{scene}:16:22 error recorder.folder': 'nothing can be written in /dev/null',
     }.items():
         assert [line for line in lines if line.startswith(place) and what in line], (place, words)
-    assert lines[-1] == '10 errors. Nothing was started.'
+    assert lines[-1] == '12 errors. Nothing was started.'
+
+
+def test_a_node_osc_without_another_program_is_refused(check):
+    code, _, words = check('  twin: {}\n  osc: {}\n')
+    assert code == 78 and 'error osc: has nothing to do: set send_to, port' in words
 
 
 def test_a_wrong_value_hides_no_other_mistake(check):

@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Open Sound Control 1.0 over UDP: packets out to other programs, and in from the peers allowed.
+
+python-osc reads packets. The sockets are ours: a node sends from its callbacks and looks from a
+timer. Only a name that must be resolved has a thread, for a resolver may take seconds.
+"""
+
+import ipaddress
+import logging
+import socket
+import struct
+import threading
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+from eol_ros.devices.address import networks
+from eol_ros.devices.address import target as target_of
+from eol_ros.errors import DeviceMissing, pip_install
+
+try:
+    from pythonosc.osc_packet import OscPacket, ParseError
+except ImportError:  # in a ROS workspace, where rosdep has no key for it
+    raise DeviceMissing(f'the node osc needs python-osc: {pip_install("python-osc")}') from None
+
+LARGEST = 65536  # bytes in a datagram
+DEEPEST = 16  # bundles in bundles; the specification names no limit, Python's stack has one
+NTP_S = 2_208_988_800  # s from 1900, where time tags count from, to 1970
+KNOWN = 1000  # peers remembered; of strangers that many are told apart, at most
+_BUNDLE, _HEAD = b'#bundle\0', 16  # then a time tag, then sizes with what they measure
+# python-osc says on the root logger what is wrong with a packet; here it is counted instead, or a
+# stranger's packets would fill the logs.
+logging.getLogger().addFilter(lambda record: 'pythonosc' not in record.pathname)
+
+
+class TimeTag(int):
+    """A time tag as a value of a message: seconds since 1900 in 1/2**32 s."""
+
+    @classmethod
+    def of(cls, unix_ns: int) -> 'TimeTag':
+        """Return the tag of a system time."""
+        seconds, ns = divmod(max(unix_ns, 0), 10**9)
+        return cls(((seconds + NTP_S) << 32 | (ns << 32) // 10**9) & (2**64 - 1))
+
+
+Value = int | float | str | bool
+IMMEDIATELY = TimeTag(1)
+
+
+def encode(address: str, *values: Value) -> bytes:
+    """Return one OSC message."""
+    tags, data = ',', [_text(address), b'']
+    for value in values:
+        tag, part = _encoded(value)
+        tags += tag
+        data.append(part)
+    data[1] = _text(tags)
+    return b''.join(data)
+
+
+def bundle(tag: TimeTag, messages: Iterable[bytes]) -> bytes:
+    """Return a bundle of messages."""
+    parts = [_BUNDLE, struct.pack('>Q', tag)]
+    for message in messages:
+        parts += struct.pack('>i', len(message)), message
+    return b''.join(parts)
+
+
+def _encoded(value: Value) -> tuple[str, bytes]:
+    if isinstance(value, float):
+        try:
+            return 'f', struct.pack('>f', value)
+        except OverflowError:
+            return 'f', struct.pack('>f', float('inf') if value > 0 else float('-inf'))
+    if isinstance(value, str):
+        return 's', _text(value)
+    if isinstance(value, bool):
+        return 'FT'[value], b''
+    if isinstance(value, TimeTag):
+        return 't', struct.pack('>Q', value)
+    small = -(2**31) <= value < 2**31
+    return ('i', struct.pack('>i', value)) if small else ('h', struct.pack('>q', value))
+
+
+def _text(text: str) -> bytes:
+    data = text.encode(errors='replace').replace(b'\0', b'')
+    return data + bytes(4 - len(data) % 4)
+
+
+def decode(packet: bytes) -> list[tuple]:
+    """Return (address, value, ...) of each message in a packet; raises ValueError if it is none."""
+    _measure(packet)
+    try:
+        messages = [timed.message for timed in OscPacket(packet).messages]
+    except (ParseError, struct.error, IndexError) as error:
+        raise ValueError(str(error)) from None
+    return [(message.address, *message.params) for message in messages]
+
+
+def _measure(packet: bytes, depth: int = 0) -> None:
+    """Raise ValueError for a bundle whose sizes do not add up: python-osc (1.10.2) follows a size
+    below 0 backwards, for ever."""
+    if not packet.startswith(_BUNDLE):
+        return
+    if depth == DEEPEST:
+        raise ValueError(f'bundles in more than {DEEPEST} bundles')
+    at = _HEAD
+    while at < len(packet):
+        size = int.from_bytes(packet[at : at + 4], 'big', signed=True)
+        at += 4 + size
+        if not 0 <= size <= len(packet) - (at - size):
+            raise ValueError(f'a bundle with a part of {size} bytes')
+        _measure(packet[at - size : at], depth + 1)
+
+
+class OscOut:
+    """Sends to `target`, "HOST:PORT"; raises ConfigError where it is not that.
+
+    A name that does not resolve is looked up again by `resolve`; what is sent meanwhile is lost.
+    """
+
+    def __init__(self, target: str):
+        self.target, (self._host, self._port) = target, target_of(target)
+        self._to: tuple[socket.socket, tuple] | None = None
+        self._resolving: threading.Thread | None = None
+        self.trouble = ''  # why nothing is sent now
+        self.own = '127.0.0.1'  # the address from which it sends
+        try:
+            ipaddress.ip_address(self._host)
+        except ValueError:
+            self.resolve()
+        else:
+            self._resolve()
+
+    def resolve(self) -> None:
+        """Look the name up, in a thread, unless it is known."""
+        if not self._to and not (self._resolving and self._resolving.is_alive()):
+            self._resolving = threading.Thread(target=self._resolve, daemon=True)
+            self._resolving.start()
+
+    def _resolve(self) -> None:
+        try:
+            kind, form, *_, address = socket.getaddrinfo(
+                self._host, self._port, type=socket.SOCK_DGRAM
+            )[0]
+            with socket.socket(kind, form) as probe:
+                probe.connect(address)
+                self.own = probe.getsockname()[0]
+            out = socket.socket(kind, form)
+        except (OSError, UnicodeError) as error:
+            self.trouble = f'{self.target}: {getattr(error, "strerror", None) or error}'
+            return
+        out.setblocking(False)
+        out.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        self._to, self.trouble = (out, address), ''
+
+    def send(self, packet: bytes) -> None:
+        """Send one packet. A receiver that is not there is no fault of ours."""
+        if self._to:
+            try:
+                self._to[0].sendto(packet, self._to[1])
+            except ConnectionRefusedError:
+                pass
+            except OSError as error:
+                self.trouble = f'{self.target}: {error.strerror}'
+            else:
+                self.trouble = ''
+
+    def close(self) -> None:
+        """Let go of the socket."""
+        if self._to:
+            self._to[0].close()
+
+
+class Peer(NamedTuple):
+    """Who sent a message, and the text that names it in logs."""
+
+    host: str
+    port: int
+
+
+class OscIn:
+    """Receives on UDP `port` (0: any free one) from this machine and from `peers`.
+
+    Raises ConfigError for a peer that is neither an address nor a network, and DeviceMissing if
+    the port is taken. Of each peer it takes at most `rate_hz` messages a second.
+    """
+
+    def __init__(self, port: int, peers: Iterable[str] = (), rate_hz: float = 1000.0):
+        self._networks = networks(peers)
+        self._rate_hz = rate_hz
+        self._peers: dict[str, list[float]] = {}  # messages that each may send still, and from when
+        self.received = self.malformed = self.dropped = self.strangers = 0
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        try:
+            self._socket.bind(('0.0.0.0' if len(self._networks) > 1 else '127.0.0.1', port))
+        except OSError as error:
+            self._socket.close()
+            raise DeviceMissing(
+                f'port {port}: it cannot be had ({error.strerror}); choose another'
+            ) from None
+        self.port = int(self._socket.getsockname()[1])
+
+    def take(
+        self, now_s: float, warn: Callable[[str, str], None], most: int = 256
+    ) -> list[tuple[Peer, tuple]]:
+        """Return peer and (address, value, ...) of what has come, `most` packets at a time.
+
+        What is not taken is counted, and goes to `warn` with the host that sent it.
+        """
+        found: list[tuple[Peer, tuple]] = []
+        for _ in range(most):
+            try:
+                packet, peer = self._socket.recvfrom(LARGEST)
+            except OSError:
+                break
+            found += [(Peer(*peer), message) for message in self.read(packet, peer[0], now_s, warn)]
+        return found
+
+    def read(
+        self, packet: bytes, host: str, now_s: float, warn: Callable[[str, str], None]
+    ) -> list[tuple]:
+        """Return what one packet of a host holds, as `take`."""
+        budget = self._budget(host, now_s)
+        if budget is None:
+            self.strangers += 1
+            warn(host, 'is not among the peers: its packets are dropped')
+            return []
+        try:
+            messages = decode(packet) if budget[0] >= 1 else []
+        except ValueError as error:
+            self.malformed += 1
+            budget[0] -= 1
+            warn(host, f'sent {len(packet)} bytes that are no OSC ({error})')
+            return []
+        taken = messages[: int(budget[0])]
+        dropped = len(messages) - len(taken) if budget[0] >= 1 else 1  # a packet, not read
+        budget[0] -= len(taken)
+        self.received += len(taken)
+        if dropped:
+            self.dropped += dropped
+            warn(host, f'sent more than {self._rate_hz:g} messages in a second: some are dropped')
+        return taken
+
+    def reply(self, peer: Peer, packet: bytes) -> None:
+        """Send a packet back, from the port that receives."""
+        try:
+            self._socket.sendto(packet, peer)
+        except OSError:
+            pass
+
+    def _budget(self, host: str, now_s: float) -> list[float] | None:
+        """Return what a host may send still, None for nothing ever: a token bucket of 1 s."""
+        budget = self._peers.get(host)
+        if budget is None:
+            address = ipaddress.IPv4Address(host)
+            if not any(address in network for network in self._networks):
+                return None
+            if len(self._peers) >= KNOWN:
+                self._peers.clear()
+            budget = self._peers[host] = [self._rate_hz, now_s]
+        budget[0] = min(budget[0] + (now_s - budget[1]) * self._rate_hz, self._rate_hz)
+        budget[1] = now_s
+        return budget
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._socket.close()

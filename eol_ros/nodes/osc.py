@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Connects other programs by OSC and TUIO: the graph's events out, requests and settings in."""
+
+import functools
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from eol_ros.core.sound.senses import FirstSense
+from eol_ros.core.tuio import Tokens, tuio1, tuio2
+from eol_ros.core.vision.states import TRACKING
+from eol_ros.devices.osc import OscIn, OscOut, Peer, TimeTag, bundle, encode
+from eol_ros.errors import ConfigError, EolError, printable
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.parameters import checked_live
+from eol_ros.ros.requests import Answers, RequestClient, expected_of
+from eol_ros.ros.run import runner
+from eol_ros.ros.stamps import to_ns
+from eol_ros.said import clauses, code_and_args, said
+from eol_ros.streams import osc, triggers
+from eol_ros.streams.graph import NODES, full_name
+from eol_ros.streams.requests import KINDS, SET
+from eol_ros.streams.work_state import States
+
+LOOK_S = 0.02
+MOST_OPEN = 256  # requests that wait for their answers
+WARN_S, WARNED = 60.0, 20  # one warning an address, of so many addresses
+
+
+class OscNode(EolNode):
+    """Time tags are system time, as the clock of the machine has it when an image is exposed."""
+
+    NAME = 'osc'
+    MAPS_TIME = True
+
+    def __init__(self, settings, **kwargs):
+        super().__init__(settings, **kwargs)
+        s = self.settings
+        self.outs, self.tuio, self.tuio2 = (
+            [OscOut(target) for target in targets] for targets in (s.send_to, s.tuio, s.tuio2)
+        )
+        self.all = [*self.outs, *self.tuio, *self.tuio2]
+        if not self.all and not s.port:
+            raise ConfigError(osc.IDLE)
+        names = osc.addresses(s.send, s.addresses, self.namespace)
+        self.to = names if self.outs else {}
+        self.there = {*self.scene.nodes, *self.scene.elsewhere}
+        self.sent = self.refused = 0
+        self.warned: dict[str, float] = {}  # addresses, and when
+        self.input = OscIn(s.port, s.peers, s.peer_rate_hz) if s.port else None
+        if self.input:
+            self.set_up_input()
+        self.set_up_output()
+        self.create_timer(1.0, self.report)
+        self.create_timer(osc.AGAIN_S, self.again)
+        self.report()
+
+    def set_up_output(self) -> None:
+        s, here = self.settings, self.to.keys()
+        self.tokens = Tokens(self.table)
+        least = np.array([osc.MOVED_M, osc.MOVED_M, osc.TURNED_RAD, 0.0])
+        self.poses, self.tracking = osc.Changes(s.rate_hz, least), osc.Changes(s.rate_hz)
+        self.stress = osc.Changes(s.rate_hz, osc.STRESSED)
+        self.lights, self.meter = osc.Changes(s.rate_hz), osc.Changes(s.rate_hz)
+        self.break_m = self.scene.settings('grains').ambience_break_m
+        if here & {'block', 'tracking', 'stress'} or self.tuio or self.tuio2:
+            self.subscribe('blocks', self.on_blocks)
+        for name, topic in (
+            ('slip', 'slips'),
+            ('provisional', 'felt_slips'),
+            ('cascade', 'cascades'),
+            ('wall', 'wall'),
+        ):
+            if name in here:
+                self.subscribe(topic, functools.partial(self.tell, name))
+        if 'lights' in here:
+            self.subscribe('led_commands', self.on_lights)
+        if 'meter' in here:
+            self.subscribe('sound_meter', self.on_meter)
+        self.grains, self.first, self.described_s = osc.GrainValues(), FirstSense(), 0.0
+        if here & {'grain', 'descriptors'}:
+            self.subscribe('corpus', self.on_corpus)
+        if 'grain' in here:
+            self.subscribe('grain_triggers', self.on_grain)
+            self.subscribe('felt_triggers', functools.partial(self.on_grain, felt=True))
+        self.state: tuple[str, str] | None = None  # code and text, of the whole work
+        self.states = None if 'panel' in self.there else States(self.there, time.monotonic())
+        self.levels: dict[str, int] = {}
+        if 'state' in here and not self.states:
+            self.subscribe('work_state', lambda m: self.on_state((m.code, m.text)))
+        if 'health' in here or ('state' in here and self.states):
+            self.subscribe('node_states', self.on_node)
+
+    def set_up_input(self) -> None:
+        self.client = RequestClient(self, self.publisher('requests'))
+        self.sets = full_name('set/', self.namespace)
+        self.open: dict[str, tuple[Peer, str, float, Answers]] = {}
+        self.subscribe('request_results', self.client.heard)
+        self.create_timer(LOOK_S, self.look)
+
+    def send(self, name: str, lines: list[osc.Values], stamp_ns: int | None = None) -> None:
+        """Send messages in one bundle with the time of `stamp_ns`, or of now."""
+        if name in self.to and lines:
+            unix_ns = time.time_ns() if stamp_ns is None else self.wall_ns(stamp_ns)
+            self.transmit(self.outs, unix_ns, [(self.to[name], *line) for line in lines])
+
+    def transmit(self, outs: list[OscOut], unix_ns: int, messages: list) -> None:
+        packet = bundle(TimeTag.of(unix_ns), [encode(*message) for message in messages])
+        for out in outs:
+            out.send(packet)
+        self.sent += len(messages)
+        self.health.tick(len(messages))
+
+    def tell(self, name: str, message) -> None:
+        self.send(name, [osc.ROWS[name].of(message)], to_ns(message.header.stamp))
+
+    def on_blocks(self, message) -> None:
+        self.stamped(message.stamp_ns)
+        rows, known, now_s = message.rows, message.state == TRACKING, time.monotonic()
+        poses = osc.poses(rows, known)
+        there = np.isfinite(poses).all(axis=1)
+        if 'block' in self.to:
+            numbers = self.poses.rows(np.column_stack([poses, rows['seen']]), now_s).tolist()
+            lines = [
+                (k, *poses[k].tolist(), float(rows['sigma'][k]), int(rows['seen'][k]))
+                for k in numbers
+                if there[k]
+            ]
+            self.send('block', lines, message.stamp_ns)
+        state = np.array([[message.state, there.sum()]])
+        for name, changes, values in (
+            ('tracking', self.tracking, state),
+            ('stress', self.stress, osc.strains(poses, self.break_m, self.table)[None]),
+        ):
+            if name in self.to and len(changes.rows(values, now_s)):
+                self.send(name, [tuple(values[0].tolist())], message.stamp_ns)
+        if self.tuio or self.tuio2:
+            self.send_tokens(message.stamp_ns, poses)
+
+    def send_tokens(self, stamp_ns: int, poses: np.ndarray) -> None:
+        frame = self.tokens.frame(stamp_ns * 1e-9, poses)
+        unix_ns = self.wall_ns(stamp_ns)
+        for out in self.tuio:
+            self.transmit([out], unix_ns, tuio1(frame, self.namespace, out.own))
+        for out in self.tuio2:
+            tag, size = TimeTag.of(unix_ns), self.table.platform_m
+            self.transmit([out], unix_ns, tuio2(frame, tag, size, self.namespace, out.own))
+
+    def on_lights(self, message) -> None:
+        levels = list(message.white)
+        if len(self.lights.rows(np.array([levels], float), time.monotonic())):
+            self.send('lights', [tuple(levels)], to_ns(message.header.stamp))
+
+    def on_meter(self, message) -> None:
+        values = osc.ROWS['meter'].of(message)
+        if len(self.meter.rows(np.array([values]), time.monotonic())):
+            self.send('meter', [values], to_ns(message.header.stamp))
+
+    def on_corpus(self, message) -> None:
+        if self.grains.take(message, to_ns(message.header.stamp)):
+            self.describe()
+
+    def describe(self) -> None:
+        self.described_s = time.monotonic()
+        self.send('descriptors', [self.grains.names])
+
+    def on_grain(self, message, felt: bool = False) -> None:
+        stamp_ns, m = to_ns(message.header.stamp), message
+        by_hand = m.block == triggers.NO_BLOCK
+        if not by_hand and not self.first.plays(stamp_ns * 1e-9, m.block, m.grain, felt):
+            return
+        if self.grains.names and time.monotonic() > self.described_s + osc.AGAIN_S:
+            self.describe()
+        known = self.grains.of(m.grain, stamp_ns)
+        self.send('grain', [(m.block, m.grain, m.gain, m.rate, m.pan, *known)], stamp_ns)
+
+    def on_node(self, message) -> None:
+        if self.levels.get(message.node) != message.level:
+            self.levels[message.node] = message.level
+            self.send('health', [(message.node, message.level, message.text)])
+        if self.states:
+            self.states.take(message, time.monotonic())
+            state = self.states.work(time.monotonic())
+            self.on_state((code_and_args(state)[0], str(state)))
+
+    def on_state(self, state: tuple[str, str]) -> None:
+        if state != self.state:
+            self.state = state
+            self.send('state', [state])
+
+    def again(self) -> None:
+        if self.state:
+            self.send('state', [self.state])
+        for out in self.all:
+            out.resolve()
+
+    def look(self) -> None:
+        """Do what peers ask; of a setting that comes several times, the last counts."""
+        latest: dict[object, tuple[Peer, str, list]] = {}
+        for peer, (address, *values) in self.input.take(time.monotonic(), self.warn):
+            key: object = address if address.startswith(self.sets) else len(latest)
+            latest.pop(key, None)
+            latest[key] = peer, address, values
+        for peer, address, values in latest.values():
+            self.ask(peer, address, values)
+        now_s = time.monotonic()
+        for *_, until_s, answers in list(self.open.values()):
+            if now_s > until_s:
+                self.client.give_up(answers)
+                self.answered(answers)
+
+    def ask(self, peer: Peer, address: str, values: list) -> None:
+        try:
+            asked = osc.asked_of(address, values, self.namespace)
+            if asked is None:
+                return
+            if asked.kind == SET:
+                kind = NODES[asked.node].settings
+                asked = replace(asked, values=checked_live(kind, asked.node, asked.values))
+            if len(self.open) >= MOST_OPEN:
+                raise EolError(f'{MOST_OPEN} requests wait for their answers already')
+            expected = expected_of(asked.kind, asked.node, self.there.__contains__)
+        except EolError as error:
+            return self.refuse(peer, address, str(error))
+        asked = replace(asked, source=f'osc {peer.host}')
+        answers = self.client.ask(asked, expected, self.answered)
+        until_s = time.monotonic() + KINDS[asked.kind].within_s
+        self.open[answers.asked.id] = peer, address, until_s, answers
+
+    def answered(self, answers: Answers) -> None:
+        peer, address, *_ = self.open.pop(answers.asked.id)
+        if answers.refusal or not answers.whole:
+            self.refuse(peer, address, answers.refusal or answers.silent)
+        else:
+            self.reply(peer, address, 1, answers.text)
+
+    def refuse(self, peer: Peer, address: str, why: str) -> None:
+        self.refused += 1
+        self.warn(address, why)
+        self.reply(peer, address, 0, why)
+
+    def reply(self, peer: Peer, address: str, done: int, text: str) -> None:
+        to = Peer(peer.host, self.settings.reply_port or peer.port)
+        self.input.reply(to, encode(full_name('reply', self.namespace), address, done, str(text)))
+
+    def warn(self, what: str, why: str) -> None:
+        """Warn of what is not done, once an address or host and a minute."""
+        now_s = time.monotonic()
+        self.warned = {a: s for a, s in self.warned.items() if now_s - s < WARN_S}
+        if what not in self.warned and len(self.warned) < WARNED:
+            self.warned[what] = now_s
+            self.get_logger().warning(f'OSC {printable(what)[:200]}: {printable(why)}')
+
+    def report(self) -> None:
+        self.health.values['sent'] = self.sent
+        told = []
+        if self.all:
+            targets = ', '.join(dict.fromkeys(out.target for out in self.all))
+            told.append(said('osc_to', targets=targets))
+        if self.input:
+            names = ('received', 'malformed', 'dropped', 'strangers')
+            self.health.values.update({name: getattr(self.input, name) for name in names})
+            self.health.values['refused'] = self.refused
+            told.append(said('osc_port', port=self.input.port))
+        trouble = [said('osc_unsent', why=out.trouble) for out in self.all if out.trouble]
+        (self.health.warn if trouble else self.health.ok)(clauses([*trouble, *told]))
+
+    def restart(self) -> None:
+        self.tokens.forget()
+        self.first = FirstSense()
+
+    def close(self) -> None:
+        if self.tuio or self.tuio2:  # no block is known any more
+            self.send_tokens(self.now_ns(), np.full((self.table.cells, 3), np.nan))
+        for end in (*self.all, self.input):
+            if end:
+                end.close()
+
+
+main = runner(OscNode)
+
+if __name__ == '__main__':
+    sys.exit(main())

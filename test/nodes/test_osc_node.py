@@ -1,0 +1,484 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node osc over real DDS and real UDP: what other programs hear, and what they ask for."""
+
+import math
+import random
+import socket
+import time
+
+import numpy as np
+import pytest
+from eol_msgs.msg import (
+    Cascade,
+    Corpus,
+    FeltSlip,
+    GrainTrigger,
+    LedCommand,
+    NodeState,
+    Slip,
+    SoundMeter,
+    Wall,
+)
+from support import fuzz
+from support.spinning import Nodes
+from support.waiting import wait_until
+from support.work_states import STATES
+
+from eol_ros.core.vision.states import TRACKING
+from eol_ros.devices.osc import TimeTag, bundle, decode, encode
+from eol_ros.errors import ConfigError, DeviceMissing
+from eol_ros.nodes import osc as module
+from eol_ros.nodes.osc import OscNode
+from eol_ros.ros.node import EolNode
+from eol_ros.ros.requests import parameter_messages
+from eol_ros.ros.stamps import now_ns, to_msg
+from eol_ros.scene import Scene
+from eol_ros.settings import OSC_MESSAGES, OscSettings
+from eol_ros.streams.blocks import BLOCK, Blocks
+from eol_ros.streams.graph import NODES, TOPICS
+from eol_ros.streams.work_state import States
+
+FUZZED = 2000
+FUZZED_SOAK = 1_000_000
+
+
+class Ear:
+    """A program of somebody else that listens, and speaks from the same port."""
+
+    def __init__(self):
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(('127.0.0.1', 0))
+        self._socket.setblocking(False)
+        self.port = self._socket.getsockname()[1]
+        self.address = f'127.0.0.1:{self.port}'
+        self.tags = []
+
+    def take(self):
+        found = []
+        while True:
+            try:
+                packet = self._socket.recv(65536)
+            except BlockingIOError:
+                return found
+            if packet.startswith(b'#bundle'):
+                self.tags.append(int.from_bytes(packet[8:16], 'big'))
+            found += decode(packet)
+
+    def say(self, port, *messages):
+        for address, *values in messages:
+            self._socket.sendto(encode(address, *values), ('127.0.0.1', port))
+
+    def throw(self, port, packet):
+        self._socket.sendto(packet, ('127.0.0.1', port))
+
+    def close(self):
+        self._socket.close()
+
+
+@pytest.fixture
+def ear():
+    made = Ear()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def node(ros, ear):
+    """Return a function that makes the node, which sends to `ear`."""
+    made = []
+
+    def make(nodes=(), **settings):
+        scene = Scene('here', defaults('osc', *nodes))
+        settings = {'send_to': (ear.address,), 'rate_hz': 240.0} | settings
+        made.append(OscNode(OscSettings(**settings), scene=scene))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+        one.destroy_node()
+
+
+def defaults(*nodes):
+    return {name: NODES[name].settings() for name in nodes}
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(('127.0.0.1', 0))
+        return one.getsockname()[1]
+
+
+def blocks(table, state=TRACKING, stamp_ns=None):
+    rows = np.zeros(table.cells, BLOCK)
+    rows['x'], rows['y'] = table.rest.T
+    rows['yaw'], rows['sigma'], rows['seen'] = 0.25, 0.5, True
+    return Blocks(stamp_ns or now_ns(), state, False, 1, rows)
+
+
+def stamped(message, stamp_ns, onset_ns=None):
+    message.header.stamp = to_msg(stamp_ns)
+    if onset_ns is not None:
+        message.onset = to_msg(onset_ns)
+    return message
+
+
+def test_events_with_the_time_of_their_image(node, ear):
+    one, at = node(), now_ns()
+    early = at - 30_000_000
+    one.tell('slip', stamped(Slip(block=3, kind=1, slip=7, x=0.5, y=0.25, speed=0.125, cascade=2,
+                                  distance=0.0, duration=0.0, tapped=True), at, early))  # fmt: skip
+    one.tell('provisional', stamped(FeltSlip(block=4, kind=3, strength=2.0), at, early))
+    blocks_of = [4, 3]
+    one.tell('cascade', stamped(Cascade(cascade=2**32 - 1, nucleus=4, area=2, size=3, duration=0.5,
+                                        blocks=blocks_of, distance=0.25), at, early))  # fmt: skip
+    wall = stamped(Wall(change=5, moving=True, left='a.png', right='b.png', caption='c'), at)
+    wall.flip = to_msg(at + 500_000_000)
+    one.tell('wall', wall)
+    one.on_lights(stamped(LedCommand(white=[0, 255, 3]), at))
+    one.on_lights(stamped(LedCommand(white=[0, 255, 3]), at))  # no change
+    one.on_meter(stamped(SoundMeter(peak_dbfs=-math.inf, voices=3, load=0.5), at))
+    since = pytest.approx(-0.03, abs=1e-6)
+    assert ear.take() == [
+        ('/eol/slip', 3, 1, 0.5, 0.25, 7, since, 0.125, 0.0, 0.0, 2, 1),
+        ('/eol/provisional', 4, 3, 0.0, 0.0, 0, since, 2.0, 0.0),
+        ('/eol/cascade', 2**32 - 1, 4, 2, 3, since, 0.5, 0.25, 4, 3),
+        ('/eol/wall', 5, 1, 0.5, 'a.png', 'b.png', 'c'),
+        ('/eol/lights', 0, 255, 3),
+        ('/eol/meter', -math.inf, 0.0, 0.0, 0.0, 3, 0.5),
+    ]
+    assert set(ear.tags) == {TimeTag.of(at)}
+
+
+def test_poses_of_blocks_that_have_moved(node, ear):
+    one = node(send=('block', 'tracking', 'stress'))
+    first = blocks(one.table)
+    one.on_blocks(first)
+    found = ear.take()
+    assert found[0] == ('/eol/block', 0, *map(pytest.approx, one.table.rest[0]), 0.25, 0.5, 1)
+    names = [address for address, *_ in found]
+    assert names == ['/eol/block'] * 25 + ['/eol/tracking', '/eol/stress']
+    assert found[-2][1:] == (TRACKING, 25) and found[-1][1:] == pytest.approx([0.0] * 25, abs=1e-6)
+    assert ear.tags[0] == TimeTag.of(first.stamp_ns)
+    second = blocks(one.table)
+    second.rows['x'][3] += 0.01
+    second.rows['x'][4] += 0.0004  # noise
+    second.rows['x'][5], second.rows['seen'][6] = np.nan, False
+    time.sleep(0.01)
+    one.on_blocks(second)
+    found = ear.take()
+    assert [words[:2] for words in found[:2]] == [('/eol/block', 3), ('/eol/block', 6)]
+    assert found[2] == ('/eol/tracking', TRACKING, 24)
+    assert found[1][-1] == 0 and math.isnan(found[3][1 + 5])
+    time.sleep(0.01)
+    one.on_blocks(blocks(one.table, state=2))  # lost: nobody knows where any block is
+    assert [words[0] for words in ear.take()] == ['/eol/tracking', '/eol/stress']
+
+
+def test_a_scene_says_what_is_sent_and_where(node, ear):
+    one = node(send=('slip', 'grain'), addresses=('slip /table/slip',))
+    one.tell('slip', stamped(Slip(block=3), now_ns(), now_ns()))
+    one.tell('wall', stamped(Wall(), now_ns()))
+    assert [words[0] for words in ear.take()] == ['/table/slip']
+    topics = {s.topic_name for s in one.subscriptions if s.topic_name.startswith('/eol/')}
+    assert topics - {'/eol/ready'} == {'/eol/slips', '/eol/corpus', '/eol/grain_triggers',
+                                       '/eol/felt_triggers'}  # fmt: skip
+    everything = node(tuio=(ear.address,), port=free_port())
+    names = {s.topic_name.removeprefix('/eol/') for s in everything.subscriptions}
+    assert set(NODES['osc'].optional) - {'work_state'} <= names
+    assert set(OSC_MESSAGES) == everything.to.keys()
+
+
+def trigger(at, grain=1, block=3):
+    return stamped(GrainTrigger(grain=grain, block=block, gain=0.5, rate=1.0, pan=-0.5), at)
+
+
+def test_grains_have_their_descriptors(node, ear):
+    one, at = node(send=('grain', 'descriptors')), now_ns()
+    one.on_grain(trigger(at, grain=7))
+    assert ear.take() == [('/eol/grain', 3, 7, 0.5, 1.0, -0.5)]
+    told = Corpus(
+        descriptors=['flatness', 'pitch_hz'], values=[0.25, 100.0, 0.5, 200.0],
+        x=[0.0, 0.75], y=[0.0, 0.5], file=[0, 0], bounds=[-0.5, -0.5, 0.5, 0.5],
+    )  # fmt: skip
+    one.on_corpus(stamped(told, at))
+    one.on_corpus(stamped(Corpus(), at + 10**10))  # counts from then on
+    one.on_grain(trigger(at), felt=True)
+    one.on_grain(trigger(at + 20_000_000))  # the image asks for what the knock has sounded
+    place = (0.25, 0.0, 0.5, 200.0)
+    assert ear.take() == [
+        ('/eol/descriptors', 'flatness', 'pitch_hz'),
+        ('/eol/descriptors',),
+        ('/eol/grain', 3, 1, 0.5, 1.0, -0.5, *place),
+    ]
+    one.on_corpus(stamped(told, at + 10**10))
+    ear.take()
+    one.described_s -= 6
+    for _ in range(2):  # named again, once, for a listener that came later
+        one.on_grain(trigger(at, block=255))
+    assert [words[0] for words in ear.take()] == ['/eol/descriptors', '/eol/grain', '/eol/grain']
+
+
+def state_of(name, row):
+    return NodeState(
+        node=name, level=row['level'], text=row['text'], code=row['code'], rate=row['rate'],
+        args=parameter_messages(row['args']), values=parameter_messages(row['values']),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize('panel', [True, False])
+def test_every_state_of_the_work(node, ear, panel):
+    one = node(('panel',) if panel else (), send=('state', 'health'))
+    topics = {subscription.topic_name for subscription in one.subscriptions}
+    assert ('/eol/work_state' in topics) == panel and '/eol/node_states' in topics
+    for code, (rows, english, _) in STATES.items():
+        if panel:
+            one.on_state((code, english))
+        else:
+            one.states, one.state, one.levels = States(), None, {}
+            for name, row in rows.items():
+                one.on_node(state_of(name, row))
+        found = ear.take()
+        assert [words for words in found if words[0] == '/eol/state'][-1][1:] == (code, english)
+        levels = {words[1]: words[2] for words in found if words[0] == '/eol/health'}
+        assert panel or levels == {name: row['level'] for name, row in rows.items()}
+        one.again()  # for a listener that came later
+        assert ear.take() == [('/eol/state', code, english)]
+
+
+class Other(EolNode):
+    """The node that the requests are for."""
+
+    def __init__(self, name):
+        self.NAME = name
+        super().__init__(NODES[name].settings(), scene=Scene(name, {name: None}))
+        self.asked = []
+        self.requests.serve(sleep=self.serve, wake=self.serve, restore_grain=self.serve)
+
+    def serve(self, asked):
+        self.asked.append((asked.kind, asked.source, asked.values))
+        if asked.kind == 'restore_grain':
+            raise ConfigError('no grain was moved')
+
+
+def test_requests_are_answered(ros, ear, capfd):
+    port = free_port()
+    scene = Scene('here', defaults('osc', 'montage', 'grains'))
+    one = OscNode(OscSettings(port=port), scene=scene)
+    with Nodes(one, Other('montage'), Other('grains')) as nodes:
+        nodes.meet()
+        _, montage, grains = nodes._nodes
+        heard = []
+
+        def answers(count):
+            nodes.until(lambda: heard.extend(ear.take()) or len(heard) >= count)
+            found, heard[:] = [words[1:] for words in heard], []
+            return found
+
+        ear.say(port, ('/eol/call/sleep',))
+        assert answers(1) == [('/eol/call/sleep', 1, '')]
+        assert montage.asked == [('sleep', 'osc 127.0.0.1', {})]
+        for value in range(1, 20):  # a fader: the last of a look counts
+            ear.say(port, ('/eol/set/grains/radius', value / 100))
+        nodes.until(lambda: grains.settings.radius > 0.185)
+        told = answers(1)
+        nodes.run(0.2)
+        told += [words[1:] for words in ear.take()]
+        assert len(told) < 19 and {words[:2] for words in told} == {('/eol/set/grains/radius', 1)}
+        assert told[-1][2].startswith('radius')
+        ear.say(port, ('/eol/set/grains/radius', math.nan))
+        ear.say(port, ('/eol/call/restore_grain', 3), ('/eol/call/mute',), ('/else', 1))
+        found = {address: (done, why) for address, done, why in answers(4)}
+        assert not any(done for done, _ in found.values())
+        assert found['/eol/call/restore_grain'][1] == 'grains: no grain was moved'
+        assert found['/eol/call/mute'][1] == 'sound does not run'
+        assert found['/else'][1].startswith('no such address')
+        assert grains.settings.radius == pytest.approx(0.19)
+        ear.throw(port, b'no packet')
+        nodes.until(lambda: one.input.malformed)
+        one.report()
+        values = one.health.values
+        assert (values['received'], values['refused'], values['malformed']) == (24, 4, 1)
+        assert 'OSC /eol/call/mute: sound does not run' in capfd.readouterr().err
+        nodes.end(montage)
+        ear.say(port, ('/eol/call/sleep',))
+        assert answers(1) == [('/eol/call/sleep', 0, 'montage does not answer')]
+        assert not one.open
+
+
+def test_replies_go_to_the_port_that_the_scene_names(node, ear):
+    port, mouth = free_port(), Ear()
+    one = node(port=port, reply_port=ear.port, send_to=())
+    mouth.say(port, ('/else', 1))
+    wait_until(lambda: one.look() or one.refused)
+    assert [words[:3] for words in ear.take()] == [('/eol/reply', '/else', 0)]
+    assert mouth.take() == []
+    mouth.close()
+
+
+def test_no_more_requests_wait_than_can_be_answered(node, ear, monkeypatch):
+    monkeypatch.setattr(module, 'MOST_OPEN', 2)
+    one = node(('sound',), port=free_port(), send_to=())
+    for _ in range(3):
+        ear.say(one.input.port, ('/eol/call/mute',))
+    wait_until(lambda: one.look() or one.input.received == 3)
+    assert [words[1:3] for words in ear.take()] == [('/eol/call/mute', 0)] and len(one.open) == 2
+    for key, (peer, address, _, answers) in list(one.open.items()):
+        one.open[key] = peer, address, 0.0, answers  # their time is over
+    one.look()
+    assert len(ear.take()) == 2 and not one.open and one.refused == 3
+
+
+def test_what_cannot_be(ros, ear):
+    for settings, what in (
+        ({}, 'nothing to do: set send_to'),
+        ({'send_to': ('here',)}, "'here': give HOST:PORT"),
+        ({'tuio': ('127.0.0.1:x',)}, 'give HOST:PORT'),
+        ({'port': 9, 'peers': ('synth.lan',)}, 'give an IPv4 address or network'),
+        ({'send_to': ('127.0.0.1:9',), 'addresses': ('slip',)}, 'give MESSAGE /ADDRESS'),
+    ):
+        with pytest.raises(ConfigError, match=what):
+            OscNode(OscSettings(**settings))
+    with pytest.raises(DeviceMissing, match=f'port {ear.port}: it cannot be had'):
+        OscNode(OscSettings(port=ear.port))
+
+
+def test_a_peer_that_is_gone_is_no_fault_and_a_name_that_is_not_known_is_told(node):
+    one = node(send_to=(f'127.0.0.1:{free_port()}', 'no-such-host.invalid:9'))
+    for _ in range(20):
+        one.tell('slip', stamped(Slip(), now_ns(), now_ns()))
+    wait_until(lambda: one.outs[1].trouble)
+    one.report()
+    assert one.health.level == 1
+    assert one.health.text.startswith('not sent: no-such-host.invalid:9: ')
+    assert one.outs[0].trouble == '' and one.sent == 20
+
+
+def test_tuio_over_the_wire(node, ear):
+    two = Ear()
+    one = node(send_to=(), tuio=(ear.address,), tuio2=(two.address,))
+    at = now_ns()
+    one.on_blocks(blocks(one.table, stamp_ns=at))
+    first, second = ear.take(), two.take()
+    assert first[0] == ('/tuio/2Dobj', 'source', 'eol@127.0.0.1')
+    assert first[1] == ('/tuio/2Dobj', 'alive', *range(1, 26)) and len(first) == 28
+    assert first[-1] == ('/tuio/2Dobj', 'fseq', 1)
+    assert second[0][1] == 1 and second[0][3:] == (1400 << 16 | 1400, 'eol:0@0x7F000001')
+    assert second[-1] == ('/tuio2/alv', *range(1, 26)) and len(second) == 27
+    assert ear.tags == two.tags == [TimeTag.of(at)]
+    one.restart()
+    one.on_blocks(blocks(one.table, stamp_ns=at - 10**9))
+    assert ear.take()[1] == ('/tuio/2Dobj', 'alive', *range(26, 51))
+    one.send_tokens(at, np.full((25, 3), np.nan))
+    assert ear.take()[1] == ('/tuio/2Dobj', 'alive')
+    two.close()
+
+
+def bent(count, seed):
+    """Yield packets of which some bytes are others, and what one would not write."""
+    rng = random.Random(seed)
+    good = [
+        encode('/eol/call/sleep'), encode('/eol/call/move_grain', 3, 0.5, 0.5),
+        encode('/eol/set/sound/gain_db', -3.0), encode('/eol/set/grains/weights', 'ice 0.5'),
+        encode('/eol/set/grains/radius', math.nan), encode('/' + 'x' * 5000, *range(100)),
+        encode('/eol/call/play_grain', 2**40), encode('/eol/set/leds/white', True, 'x'),
+        b'/eol/call/mute\0\0,b\0\0\0\0\x10\0' + bytes(4096), b'', b'/', bytes(60000),
+    ]  # fmt: skip
+    good.append(bundle(TimeTag(1), good[:6]))
+    seeds = fuzz.mutations(good, count, seed)
+    for data in seeds:
+        yield bytes(data) if rng.random() < 0.9 else rng.choice(good)
+
+
+def pour(one, count, seed):
+    """Feed the door of the node; return what it says of it."""
+    peers = [f'127.0.0.{k}' for k in range(1, 11)]
+    taken = {'messages': 0, 'packets': 0}
+    read = one.input.read
+    queue = iter(bent(count, seed))
+
+    def take(now_s, warn):
+        found = []
+        for packet in (next(queue, None) for _ in range(256)):
+            if packet is not None:
+                host = peers[taken['packets'] % 10]
+                taken['packets'] += 1
+                messages = read(packet, host, now_s, warn)
+                taken['messages'] += len(messages)
+                found += [(module.Peer(host, 9), message) for message in messages]
+        return found
+
+    one.input.take = take
+    while taken['packets'] < count:
+        one.look()
+    return taken
+
+
+@pytest.mark.parametrize(
+    'count',
+    [
+        FUZZED,
+        pytest.param(
+            FUZZED_SOAK, marks=[pytest.mark.soak, pytest.mark.slow, pytest.mark.timeout(7200)]
+        ),
+    ],
+)
+def test_a_million_bent_packets_leave_the_node_alive_and_its_counts_true(node, ear, count):
+    one = node(('sound', 'grains'), port=free_port(), peer_rate_hz=1e5, send_to=())
+    done = {'asked': 0, 'replies': 0}
+
+    def ask(asked, expected, answered):
+        """Answer as the graph would; of every third request nothing is heard."""
+        done['asked'] += 1
+        answers = module.Answers(asked, expected, answered)
+        if done['asked'] % 3:
+            answers.found = dict.fromkeys(expected, (True, ''))
+            one.open[asked.id] = module.Peer('127.0.0.1', 9), '', 0.0, answers
+            answered(answers)
+        return answers
+
+    one.client.ask = ask
+    one.reply = lambda *words: done.update(replies=done['replies'] + 1)
+    taken = pour(one, count, 5)
+    silent = len(one.open)
+    assert one.input.received == taken['messages'] and one.input.malformed > count / 10
+    assert one.input.strangers == one.input.dropped == 0
+    assert one.refused + done['asked'] >= done['replies'] > 0 and done['asked'] > count / 100
+    assert silent <= module.MOST_OPEN and len(one.warned) <= module.WARNED
+    one.report()
+    assert one.health.level == 0
+    ear.say(one.input.port, ('/else', 1))  # it lives
+    del one.input.take
+    before = one.refused
+    wait_until(lambda: one.look() or one.refused > before)
+
+
+def test_the_cost_of_a_thousand_packets_a_second_each_way(node, ear, capsys):
+    """Without DDS: what a message costs this process from the graph's message to the wire, and from
+    the wire to the request; a look takes what has come in 20 ms."""
+    count = 4000
+    one = node(('sound',), port=free_port(), peer_rate_hz=1e5)
+    one.client.ask = lambda asked, expected, done: module.Answers(asked, {'sound'}, done)
+    at = now_ns()
+    slip = stamped(Slip(block=3, kind=1, speed=0.5), at, at)
+    began_s = time.thread_time()
+    for _ in range(count):
+        one.tell('slip', slip)
+    out_s = (time.thread_time() - began_s) / count
+    packet, in_s = encode('/eol/set/sound/gain_db', -12.0), 0.0
+    for _ in range(count // 20):
+        for _ in range(20):
+            ear.throw(one.input.port, packet)
+        began_s = time.thread_time()
+        one.look()
+        in_s += time.thread_time() - began_s
+        one.open.clear()
+    assert one.input.received == count // 20 * 20 and one.sent == count
+    in_s /= one.input.received
+    with capsys.disabled():
+        print(f'\n1000 packets/s: out {100e3 * out_s:.1f} %, in {100e3 * in_s:.1f} % of a core')
+    assert 1000 * (out_s + in_s) < 0.15  # three times the aim of 5 %: other work shares the core
+
+
+def test_every_topic_that_it_may_subscribe_to_is_in_the_table():
+    assert set(NODES['osc'].optional) <= set(TOPICS)
