@@ -38,13 +38,13 @@ class OscNode(EolNode):
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
         s = self.settings
+        names = osc.addresses(s.send, s.addresses, self.namespace)
         self.outs, self.tuio, self.tuio2 = (
             [OscOut(target) for target in targets] for targets in (s.send_to, s.tuio, s.tuio2)
         )
         self.all = [*self.outs, *self.tuio, *self.tuio2]
         if not self.all and not s.port:
             raise ConfigError(osc.IDLE)
-        names = osc.addresses(s.send, s.addresses, self.namespace)
         self.to = names if self.outs else {}
         self.there = {*self.scene.nodes, *self.scene.elsewhere}
         self.sent = self.refused = 0
@@ -71,10 +71,11 @@ class OscNode(EolNode):
             ('slip', 'slips'),
             ('provisional', 'felt_slips'),
             ('cascade', 'cascades'),
-            ('wall', 'wall'),
         ):
             if name in here:
                 self.subscribe(topic, functools.partial(self.tell, name))
+        if 'wall' in here:
+            self.subscribe('wall', self.on_wall)
         if 'lights' in here:
             self.subscribe('led_commands', self.on_lights)
         if 'meter' in here:
@@ -100,10 +101,10 @@ class OscNode(EolNode):
         self.subscribe('request_results', self.client.heard)
         self.create_timer(LOOK_S, self.look)
 
-    def send(self, name: str, lines: list[osc.Values], stamp_ns: int | None = None) -> None:
-        """Send messages in one bundle with the time of `stamp_ns`, or of now."""
+    def send(self, name: str, lines: list[osc.Values], stamp_ns: int = 0) -> None:
+        """Send messages in one bundle with the time of `stamp_ns`, or of now where it is 0."""
         if name in self.to and lines:
-            unix_ns = time.time_ns() if stamp_ns is None else self.wall_ns(stamp_ns)
+            unix_ns = self.wall_ns(stamp_ns) if stamp_ns else time.time_ns()
             self.transmit(self.outs, unix_ns, [(self.to[name], *line) for line in lines])
 
     def transmit(self, outs: list[OscOut], unix_ns: int, messages: list) -> None:
@@ -147,6 +148,9 @@ class OscNode(EolNode):
         for out in self.tuio2:
             tag, size = TimeTag.of(unix_ns), self.table.platform_m
             self.transmit([out], unix_ns, tuio2(frame, tag, size, self.namespace, out.own))
+
+    def on_wall(self, message) -> None:
+        self.send('wall', [osc.ROWS['wall'].of(message)], to_ns(message.flip))
 
     def on_lights(self, message) -> None:
         levels = list(message.white)
@@ -198,6 +202,7 @@ class OscNode(EolNode):
 
     def look(self) -> None:
         """Do what peers ask; of a setting that comes several times, the last counts."""
+        assert self.input is not None  # there is a timer only then
         latest: dict[object, tuple[Peer, str, list]] = {}
         for peer, (address, *values) in self.input.take(time.monotonic(), self.warn):
             key: object = address if address.startswith(self.sets) else len(latest)
@@ -242,6 +247,7 @@ class OscNode(EolNode):
         self.reply(peer, address, 0, why)
 
     def reply(self, peer: Peer, address: str, done: int, text: str) -> None:
+        assert self.input is not None
         to = Peer(peer.host, self.settings.reply_port or peer.port)
         self.input.reply(to, encode(full_name('reply', self.namespace), address, done, str(text)))
 

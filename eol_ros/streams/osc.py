@@ -18,7 +18,6 @@ from eol_ros.errors import ConfigError, UsageError, nearest
 from eol_ros.settings import OSC_MESSAGES, live_fields
 from eol_ros.streams import corpus
 from eol_ros.streams.graph import NODES, full_name
-from eol_ros.streams.record import seconds
 from eol_ros.streams.requests import KINDS, SET, Asked, as_setting, no_request
 
 AGAIN_S = 5.0  # period at which all that holds is sent again, for a listener that comes later
@@ -31,18 +30,18 @@ Values = tuple[Any, ...]
 
 @dataclass(frozen=True)
 class Row:
-    """One kind of message; `of` makes its values of a message of the graph, None: the node does."""
+    """One kind of message; `of` makes its values of a message of the graph, or the node does."""
 
     name: str
     takes: str
     doc: str
-    of: Callable[[Any], Values] | None = None
+    of: Callable[[Any], Values] = lambda message: ()
 
 
 def _since_s(message: Any) -> float:
     """Return when it began, in s from its stamp on: the time tag has what a float32 has not."""
     began, stamp = message.onset, message.header.stamp
-    return float(began.sec - stamp.sec) + (began.nanosec - stamp.nanosec) * 1e-9
+    return float(began.sec - stamp.sec + (began.nanosec - stamp.nanosec) * 1e-9)
 
 
 def _slip(m: Any) -> Values:
@@ -59,8 +58,7 @@ def _cascade(m: Any) -> Values:
 
 
 def _wall(m: Any) -> Values:
-    in_s = seconds(m.flip) - seconds(m.header.stamp)
-    return m.change, int(m.moving), in_s, m.left, m.right, m.caption
+    return m.change, int(m.moving), m.left, m.right, m.caption
 
 
 def _meter(m: Any) -> Values:
@@ -86,8 +84,8 @@ ROWS = {
             'known; on a change by 0.01, at most `rate_hz` times a second'),
         Row('lights', 'level ...', 'level of the light of each place, 0 to 255; at a change, at '
             'most `rate_hz` times a second'),
-        Row('wall', 'change, moving 0 or 1, change s, left, right, caption',
-            'the pair of pictures on the walls, and when it changes', _wall),
+        Row('wall', 'change, moving 0 or 1, left, right, caption',
+            'the pair of pictures that the walls show from the time tag on', _wall),
         Row('grain', 'block, grain, gain, rate, pan, x m, y m, descriptor ...',
             'a grain is triggered (block 255: by a person); from x on only with a corpus'),
         Row('descriptors', 'name ...', 'names of the descriptors of `grain`; at each corpus, and '
@@ -193,6 +191,7 @@ def asked_of(address: str, values: Sequence[Any], namespace: str) -> Asked | Non
     `/eol/call/KIND VALUE ...` or `/eol/call/KIND/NODE VALUE ...`, with the values in the order of
     `eol call --list`; `/eol/set/NODE/NAME VALUE`, with the lines of a list as values.
     """
+    values = [float(f'{v:.7g}') if isinstance(v, float) else v for v in values]  # a float32: 0.1
     call, to_set = full_name('call/', namespace), full_name('set/', namespace)
     words = address.removeprefix(call).split('/')
     if address.startswith(call) and len(words) <= 2:

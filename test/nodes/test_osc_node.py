@@ -132,9 +132,11 @@ def test_events_with_the_time_of_their_image(node, ear):
     blocks_of = [4, 3]
     one.tell('cascade', stamped(Cascade(cascade=2**32 - 1, nucleus=4, area=2, size=3, duration=0.5,
                                         blocks=blocks_of, distance=0.25), at, early))  # fmt: skip
-    wall = stamped(Wall(change=5, moving=True, left='a.png', right='b.png', caption='c'), at)
-    wall.flip = to_msg(at + 500_000_000)
-    one.tell('wall', wall)
+    wall = stamped(
+        Wall(change=5, moving=True, left='a.png', right='b.png', caption='c'), at - 10**10
+    )
+    wall.flip = to_msg(at)
+    one.on_wall(wall)
     one.on_lights(stamped(LedCommand(white=[0, 255, 3]), at))
     one.on_lights(stamped(LedCommand(white=[0, 255, 3]), at))  # no change
     one.on_meter(stamped(SoundMeter(peak_dbfs=-math.inf, voices=3, load=0.5), at))
@@ -143,11 +145,16 @@ def test_events_with_the_time_of_their_image(node, ear):
         ('/eol/slip', 3, 1, 0.5, 0.25, 7, since, 0.125, 0.0, 0.0, 2, 1),
         ('/eol/provisional', 4, 3, 0.0, 0.0, 0, since, 2.0, 0.0),
         ('/eol/cascade', 2**32 - 1, 4, 2, 3, since, 0.5, 0.25, 4, 3),
-        ('/eol/wall', 5, 1, 0.5, 'a.png', 'b.png', 'c'),
+        ('/eol/wall', 5, 1, 'a.png', 'b.png', 'c'),
         ('/eol/lights', 0, 255, 3),
         ('/eol/meter', -math.inf, 0.0, 0.0, 0.0, 3, 0.5),
     ]
     assert set(ear.tags) == {TimeTag.of(at)}
+
+
+def test_what_no_image_has_caused_has_the_time_of_now(node, ear):
+    node().on_lights(LedCommand(white=[1]))
+    assert abs(ear.take() and ear.tags[0] - TimeTag.of(now_ns())) < 5 << 32
 
 
 def test_poses_of_blocks_that_have_moved(node, ear):
@@ -178,7 +185,7 @@ def test_poses_of_blocks_that_have_moved(node, ear):
 def test_a_scene_says_what_is_sent_and_where(node, ear):
     one = node(send=('slip', 'grain'), addresses=('slip /table/slip',))
     one.tell('slip', stamped(Slip(block=3), now_ns(), now_ns()))
-    one.tell('wall', stamped(Wall(), now_ns()))
+    one.on_wall(stamped(Wall(), now_ns()))
     assert [words[0] for words in ear.take()] == ['/table/slip']
     topics = {s.topic_name for s in one.subscriptions if s.topic_name.startswith('/eol/')}
     assert topics - {'/eol/ready'} == {'/eol/slips', '/eol/corpus', '/eol/grain_triggers',
@@ -253,7 +260,8 @@ class Other(EolNode):
         self.NAME = name
         super().__init__(NODES[name].settings(), scene=Scene(name, {name: None}))
         self.asked = []
-        self.requests.serve(sleep=self.serve, wake=self.serve, restore_grain=self.serve)
+        kinds = ('restore_grain',) if name == 'grains' else ('sleep', 'wake')
+        self.requests.serve(**dict.fromkeys(kinds, self.serve))
 
     def serve(self, asked):
         self.asked.append((asked.kind, asked.source, asked.values))
@@ -280,12 +288,12 @@ def test_requests_are_answered(ros, ear, capfd):
         assert montage.asked == [('sleep', 'osc 127.0.0.1', {})]
         for value in range(1, 20):  # a fader: the last of a look counts
             ear.say(port, ('/eol/set/grains/radius', value / 100))
-        nodes.until(lambda: grains.settings.radius > 0.185)
+        nodes.until(lambda: grains.settings.radius == 0.19)
         told = answers(1)
         nodes.run(0.2)
         told += [words[1:] for words in ear.take()]
         assert len(told) < 19 and {words[:2] for words in told} == {('/eol/set/grains/radius', 1)}
-        assert told[-1][2].startswith('radius')
+        assert told[-1][2] == 'radius is 0.19'
         ear.say(port, ('/eol/set/grains/radius', math.nan))
         ear.say(port, ('/eol/call/restore_grain', 3), ('/eol/call/mute',), ('/else', 1))
         found = {address: (done, why) for address, done, why in answers(4)}
@@ -293,7 +301,7 @@ def test_requests_are_answered(ros, ear, capfd):
         assert found['/eol/call/restore_grain'][1] == 'grains: no grain was moved'
         assert found['/eol/call/mute'][1] == 'sound does not run'
         assert found['/else'][1].startswith('no such address')
-        assert grains.settings.radius == pytest.approx(0.19)
+        assert grains.settings.radius == 0.19
         ear.throw(port, b'no packet')
         nodes.until(lambda: one.input.malformed)
         one.report()
