@@ -130,13 +130,14 @@ class OscNode(EolNode):
                 if there[k]
             ]
             self.send('block', lines, message.stamp_ns)
-        state = np.array([[message.state, there.sum()]])
-        for name, changes, values in (
-            ('tracking', self.tracking, state),
-            ('stress', self.stress, osc.strains(poses, self.break_m, self.table)[None]),
-        ):
-            if name in self.to and len(changes.rows(values, now_s)):
-                self.send(name, [tuple(values[0].tolist())], message.stamp_ns)
+        if 'tracking' in self.to:
+            state = message.state, int(there.sum())
+            if len(self.tracking.rows(np.array([state]), now_s)):
+                self.send('tracking', [state], message.stamp_ns)
+        if 'stress' in self.to:
+            found = osc.strains(poses, self.break_m, self.table)
+            if len(self.stress.rows(found[None], now_s)):
+                self.send('stress', [tuple(found.tolist())], message.stamp_ns)
         if self.tuio or self.tuio2:
             self.send_tokens(message.stamp_ns, poses)
 
@@ -249,7 +250,8 @@ class OscNode(EolNode):
     def reply(self, peer: Peer, address: str, done: int, text: str) -> None:
         assert self.input is not None
         to = Peer(peer.host, self.settings.reply_port or peer.port)
-        self.input.reply(to, encode(full_name('reply', self.namespace), address, done, str(text)))
+        words = printable(address)[:200], done, printable(text)
+        self.input.reply(to, encode(full_name('reply', self.namespace), *words))
 
     def warn(self, what: str, why: str) -> None:
         """Warn of what is not done, once an address or host and a minute."""

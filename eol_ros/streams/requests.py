@@ -106,7 +106,9 @@ def as_setting(settings: type, name: str, given: Sequence[Any]) -> Any:
     field = next(f for f in dataclasses.fields(settings) if f.name == name)
     if isinstance(field.default, tuple):
         return list(given)
-    value = given[0] if given else None
+    if len(given) != 1:
+        raise UsageError(f'{name} takes one value, not {len(given)}')
+    value = given[0]
     if isinstance(value, bool):  # `T` is no level of 1
         return value
     if field.type is float and isinstance(value, int):

@@ -104,6 +104,8 @@ def test_requests(address, values, asked):
         ('/eol/set/nowhere', (1,), 'no node has this live setting'),
         ('/eol/set/recorder/folder', ('/',), 'no node has this live setting'),
         ('/eol/set/sound/gain', (1,), 'Did you mean gain_db'),
+        ('/eol/set/sound/gain_db', (), 'gain_db takes one value, not 0'),
+        ('/eol/set/sound/gain_db', (1.0, 2.0), 'gain_db takes one value, not 2'),
         ('/eol/set/sound/channels', (1,), 'sound has no such live setting'),
     ],
 )  # fmt: skip
