@@ -1004,6 +1004,19 @@ class OscSettings:
 
 
 @dataclass(frozen=True)
+class MidiSettings:
+    output: str = setting(
+        'auto',
+        'MIDI output by name or part of the name; auto: the first; virtual: a port to which '
+        'others connect; jack:NAME and so on: by JACK',
+    )
+    lowest_note: int = setting(36, 'MIDI note of block 0; block n is n notes higher', '', 0, 127)
+    fastest_mps: float = setting(
+        0.5, 'speed of a block at which its note has the greatest velocity', 'm/s', 0.01, 10
+    )
+
+
+@dataclass(frozen=True)
 class PanelSettings:
     host: str = setting(
         '127.0.0.1', 'address on which the panel listens; 0.0.0.0 opens it to the network'

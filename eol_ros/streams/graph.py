@@ -129,6 +129,8 @@ _NODES = (
              optional=('blocks', 'slips', 'felt_slips', 'cascades', 'led_commands', 'wall',
                        'corpus', 'grain_triggers', 'felt_triggers', 'sound_meter', 'work_state',
                        'node_states', 'request_results')),
+    NodeSpec('midi', settings.MidiSettings, requires='slips', real_time=SHORT,
+             subscribes=('slips', 'cascades')),
     NodeSpec('panel', settings.PanelSettings, nice=3,
              publishes=('work_state', 'markers', 'block_poses', '/tf_static'),
              on_request=('rim_command', *_ANSWERS),

@@ -275,6 +275,12 @@ def _projectors(settings: Any) -> Iterator[Check]:
         yield 'projectors.addresses', functools.partial(host_and_port, address)
 
 
+def _midi_out(settings: Any) -> Iterator[Check]:
+    from eol_ros.devices.audio.midi import MidiOut
+
+    yield 'midi.output', lambda: MidiOut(settings.output).close()
+
+
 def _osc(settings: Any) -> Iterator[Check]:
     from eol_ros.devices.address import networks, target
     from eol_ros.streams.osc import IDLE, addresses
@@ -326,6 +332,7 @@ _NODES: dict[str, Callable[[Any], Iterator[Check]]] = {
     'hours': _hours,
     'projectors': _projectors,
     'osc': _osc,
+    'midi': _midi_out,
     'panel': _panel,
     'replay': _replay,
     'recorder': _recorder,

@@ -52,8 +52,7 @@ def probe(python, folder, node):
     if 'panel' in nodes:
         nodes['panel']['port'] = 0
     nodes['recorder']['folder'] = str(folder)
-    if node == 'osc':  # no shipped scene has it
-        nodes['osc'] = {'send_to': ['127.0.0.1:9'], 'port': 0}
+    nodes.setdefault(node, {'send_to': ['127.0.0.1:9']} if node == 'osc' else {})
     file = folder / 'scene.yaml'
     file.write_text(yaml.safe_dump(values))
     run = subprocess.run(
@@ -79,6 +78,7 @@ ALL = (
     'sound',
     'montage',
     'osc',
+    'midi',
     'panel',
     'recorder',
 )

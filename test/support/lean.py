@@ -31,6 +31,7 @@ ONLY = {  # which nodes may have loaded a package
     'soundfile': {'sound'},
     'serial': {'leds'},
     'pythonosc': {'osc'},
+    'rtmidi': {'midi'},
 }
 NOBODY = (
     'matplotlib',

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MIDI inputs by python-rtmidi: over ALSA or JACK, CoreMIDI elsewhere.
+"""MIDI ports by python-rtmidi: over ALSA or JACK, CoreMIDI elsewhere.
 
 The library has a thread of its own that fills a queue; a node looks there from a timer.
 """
 
 import contextlib
 import ctypes
+from typing import Any
 
 from eol_ros.errors import DeviceMissing, pip_install
 
@@ -26,10 +27,10 @@ def _silence_alsa() -> None:
         alsa.snd_lib_error_set_handler(_NOTHING)
 
 
-def _client(api: int) -> rtmidi.MidiIn:
+def _client(api: int, kind: Any = rtmidi.MidiIn) -> Any:
     _silence_alsa()
     try:
-        return rtmidi.MidiIn(api, CLIENT, 1024)
+        return kind(api, CLIENT)
     except rtmidi.SystemError as error:
         system, instead = 'JACK', 'start its server'
         if api != rtmidi.API_UNIX_JACK:
@@ -46,40 +47,57 @@ def inputs(jack: bool = False) -> list[str]:
         client.delete()
 
 
-class MidiIn:
-    """Listens to the input `wanted`.
+class _Port:
+    """The port `wanted` of others.
 
     Its name or a part of it, `auto` for the first, `virtual` for a port of ours that others connect
     to; `jack:` before it asks JACK. Raises DeviceMissing where there is none.
     """
 
+    KIND: Any
+    SIDE = ''
+
     def __init__(self, wanted: str):
         jack = wanted.startswith('jack:')
         name = wanted.removeprefix('jack:')
-        self._client = _client(rtmidi.API_UNIX_JACK if jack else rtmidi.API_UNSPECIFIED)
+        self._client = _client(rtmidi.API_UNIX_JACK if jack else rtmidi.API_UNSPECIFIED, self.KIND)
         try:
             self.name = self._open(name)
         except (rtmidi.SystemError, rtmidi.InvalidPortError, DeviceMissing) as error:
             self._client.delete()
             raise DeviceMissing(f'{wanted}: {error}') from None
-        self._client.ignore_types(sysex=True, timing=True, active_sense=True)
 
     def _open(self, name: str) -> str:
         if name == VIRTUAL:
-            self._client.open_virtual_port('in')
-            return f'{CLIENT}:in'
+            self._client.open_virtual_port(self.SIDE)
+            return f'{CLIENT}:{self.SIDE}'
         ports = self._client.get_ports()
         found = [i for i, port in enumerate(ports) if name == 'auto' or name in port]
         if not found:
             there = f'there are {", ".join(ports)}' if ports else 'there is none'
-            raise DeviceMissing(f'no such input; {there}')
-        self._client.open_port(found[0], 'in')
+            raise DeviceMissing(f'no such {self.SIDE}put; {there}')
+        self._client.open_port(found[0], self.SIDE)
         return str(ports[found[0]])
 
     @property
     def there(self) -> bool:
-        """Whether the input has not gone."""
-        return self.name == f'{CLIENT}:in' or self.name in self._client.get_ports()
+        """Whether the port has not gone."""
+        return self.name == f'{CLIENT}:{self.SIDE}' or self.name in self._client.get_ports()
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._client.close_port()
+        self._client.delete()
+
+
+class MidiIn(_Port):
+    """Listens to an input."""
+
+    KIND, SIDE = rtmidi.MidiIn, 'in'
+
+    def __init__(self, wanted: str):
+        super().__init__(wanted)
+        self._client.ignore_types(sysex=True, timing=True, active_sense=True)
 
     def take(self, most: int = 1024) -> list[list[int]]:
         """Return the bytes of each message that has come."""
@@ -88,7 +106,12 @@ class MidiIn:
             found.append(message[0])
         return found
 
-    def close(self) -> None:
-        """Give the input back."""
-        self._client.close_port()
-        self._client.delete()
+
+class MidiOut(_Port):
+    """Plays an output."""
+
+    KIND, SIDE = rtmidi.MidiOut, 'out'
+
+    def send(self, message: tuple[int, ...]) -> None:
+        """Send the bytes of one message."""
+        self._client.send_message(message)

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node midi plays an instrument, over JACK's dummy server."""
+
+import time
+
+import pytest
+from eol_msgs.msg import Cascade, Slip
+from support import needs
+from support.jack import Jack
+from support.waiting import wait_until
+
+from eol_ros.nodes.midi import MidiNode
+from eol_ros.settings import MidiSettings
+from eol_ros.streams.slips import START, STOP
+
+
+@pytest.fixture
+def server(monkeypatch):
+    jack = Jack('eolmidiout')
+    for name, value in jack.environment.items():
+        monkeypatch.setenv(name, value)
+    jack.start()
+    yield jack
+    jack.stop()
+
+
+@pytest.fixture
+def node(ros):
+    made = []
+
+    def make(output):
+        made.append(MidiNode(MidiSettings(output)))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.destroy_node()
+
+
+@pytest.mark.slow
+@needs.marker('jackd2')
+def test_an_instrument_is_played_and_silenced_at_the_end(server, node):
+    rtmidi = pytest.importorskip('rtmidi')
+    one = node('jack:virtual')
+    instrument = rtmidi.MidiIn(rtmidi.API_UNIX_JACK, 'instrument')
+    wait_until(lambda: any('eol_ros' in port for port in instrument.get_ports()), 10.0)
+    instrument.open_port(
+        next(i for i, port in enumerate(instrument.get_ports()) if 'eol_ros' in port)
+    )
+    heard = []
+
+    def until(count):
+        def more():
+            while message := instrument.get_message():
+                heard.append(tuple(message[0]))
+            return len(heard) >= count
+
+        wait_until(more, 10.0, turn=lambda: (one.look(), time.sleep(0.01)))
+
+    one.on_slip(Slip(block=3, kind=START, speed=0.25))
+    one.on_slip(Slip(block=3, kind=STOP))
+    one.on_cascade(Cascade(nucleus=3, area=25))
+    until(4)
+    assert heard == [(0x90, 39, 64), (0x80, 39, 0), (0x91, 39, 127), (0x81, 39, 0)]
+    assert (one.health.level, one.health.text) == (0, 'plays eol_ros:out')
+    one.restart()
+    until(6)
+    assert heard[4:] == [(0xB0, 123, 0), (0xB1, 123, 0)]
+    one.close()
+    instrument.close_port()
+    instrument.delete()
+
+
+@pytest.mark.slow
+@needs.marker('jackd2')
+def test_an_output_that_is_not_there_is_looked_for_again(server, node):
+    rtmidi = pytest.importorskip('rtmidi')
+    one = node('jack:synth')
+    one.on_slip(Slip(block=3, kind=START, speed=0.25))
+    assert one.health.level == 1
+    assert one.health.text == 'no MIDI output: jack:synth: no such output; there is none'
+    synth = rtmidi.MidiIn(rtmidi.API_UNIX_JACK, 'synth')
+    synth.open_virtual_port('keys')
+    wait_until(lambda: one.find() or one.out, 10.0)
+    assert one.health.level == 0 and 'synth' in one.health.text
+    synth.close_port()
+    synth.delete()
+    wait_until(lambda: one.find() or one.health.level == 1, 10.0)
+    one.close()
