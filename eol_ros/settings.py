@@ -974,9 +974,7 @@ class OscSettings:
     addresses: tuple[str, ...] = setting(
         (), 'lines that give OSC messages another address, such as slip /table/slip'
     )
-    rate_hz: float = setting(
-        30.0, 'greatest rate of poses, stress, light levels and sound meter', 'Hz', 1, 240
-    )
+    rate_hz: float = setting(30.0, 'greatest rate of poses, stress and sound meter', 'Hz', 1, 240)
     port: int = setting(
         0, 'UDP port on which requests and settings are received; 0: none', '', 0, 65535
     )

@@ -63,7 +63,8 @@ class OscNode(EolNode):
         least = np.array([osc.MOVED_M, osc.MOVED_M, osc.TURNED_RAD, 0.0])
         self.poses, self.tracking = osc.Changes(s.rate_hz, least), osc.Changes(s.rate_hz)
         self.stress = osc.Changes(s.rate_hz, osc.STRESSED)
-        self.lights, self.meter = osc.Changes(s.rate_hz), osc.Changes(s.rate_hz)
+        self.meter = osc.Changes(s.rate_hz)
+        self.lights: osc.Values = ()
         self.break_m = self.scene.settings('grains').ambience_break_m
         if here & {'block', 'tracking', 'stress'} or self.tuio or self.tuio2:
             self.subscribe('blocks', self.on_blocks)
@@ -154,9 +155,10 @@ class OscNode(EolNode):
         self.send('wall', [osc.ROWS['wall'].of(message)], to_ns(message.flip))
 
     def on_lights(self, message) -> None:
-        levels = list(message.white)
-        if len(self.lights.rows(np.array([levels], float), time.monotonic())):
-            self.send('lights', [tuple(levels)], to_ns(message.header.stamp))
+        levels = tuple(message.white)
+        if levels != self.lights:  # the last of all must not get lost: no limit of the rate
+            self.lights = levels
+            self.send('lights', [levels], to_ns(message.header.stamp))
 
     def on_meter(self, message) -> None:
         values = osc.ROWS['meter'].of(message)
@@ -198,6 +200,8 @@ class OscNode(EolNode):
     def again(self) -> None:
         if self.state:
             self.send('state', [self.state])
+        if self.lights:
+            self.send('lights', [self.lights])
         for out in self.all:
             out.resolve()
 

@@ -82,8 +82,8 @@ ROWS = {
             'slips joined in time and neighbourhood; the blocks are in order of onset', _cascade),
         Row('stress', 'stress ...', 'stress of each place, 1: friction at its limit, NaN: not '
             'known; on a change by 0.01, at most `rate_hz` times a second'),
-        Row('lights', 'level ...', 'level of the light of each place, 0 to 255; at a change, at '
-            'most `rate_hz` times a second'),
+        Row('lights', 'level ...', 'level of the light of each place, 0 to 255; at each change '
+            'and every 5 s'),
         Row('wall', 'change, moving 0 or 1, left, right, caption',
             'the pair of pictures that the walls show from the time tag on', _wall),
         Row('grain', 'block, grain, gain, rate, pan, x m, y m, descriptor ...',
