@@ -7,9 +7,8 @@ import numpy as np
 
 from eol_ros.core import elementary
 from eol_ros.core.compiled import njit, read_only
-from eol_ros.core.elementary_kernels import arctan2
 from eol_ros.core.vision import outline
-from eol_ros.core.vision.calibration import falling_light, profile_steps, profiles
+from eol_ros.core.vision.calibration import falling_light, profiles
 from eol_ros.core.vision.calibration.model import Calibration
 
 BLUR_PX = 1.25  # of a lens in focus
@@ -18,7 +17,7 @@ ROUNDS = 8  # at most, of reading all sides again where they were found
 SETTLED_PX = 0.005  # what no further round would change
 
 
-@njit(cache=True, inner=True)
+@njit(cache=True)
 def _placed(table, half, lines, placed):
     """Fill `placed` (SIZE,) with `table`, or a flat square's, each side moved to its own line.
 
@@ -35,21 +34,17 @@ def _placed(table, half, lines, placed):
                 placed[at] += lines[side, 0] + lines[side, 1] * t
 
 
-@njit(cache=True, inner=True)
-def _line(work, ends, side):
+@njit(cache=True)
+def _line(lines):
     """Return the line a + b t through the offsets of one side, and the share that agrees."""
-    begin = ends[profiles.BEGIN + side]
-    end = begin + ends[profiles.COUNT + side]
-    a = b = 0.0
+    a = b = share = 0.0
     width = 1.5
-    share = 0.0
     for _ in range(5):
         s0 = s1 = s2 = y0 = y1 = rest2 = total = used = 0.0
-        for i in range(begin, end):
-            t, y = work[profiles.T + i], work[profiles.OFFSET + i]
+        for line in lines:
+            t, y, w = line.t, line.offset, line.weight
             rest = y - a - b * t
-            w = work[profiles.WEIGHT + i]
-            if w <= 0 or abs(rest) >= width:
+            if line.valid == 0.0 or w <= 0 or abs(rest) >= width:
                 continue
             tukey = (1 - (rest / width) ** 2) ** 2
             rest2 += tukey * rest * rest
@@ -66,79 +61,74 @@ def _line(work, ends, side):
             return 0.0, 0.0, 0.0
         a = (s2 * y0 - s1 * y1) / det
         b = (s0 * y1 - s1 * y0) / det
-        share = used / max(end - begin, 1)
+        share = used / max(len(lines), 1)
         width = max(6 * math.sqrt(rest2 / total), 0.05)
     return a, b, share
 
 
-@njit(cache=True, inner=True)
-def _gathered(work, ends, sides, seen):
+@njit(cache=True)
+def _gathered(lines, light, sides, seen):
     """Fill `seen` (4, BINS, 3) with the pixels of the profiles, by their distance from the line.
 
     How many, and the sums of their distances and of their light.
     """
-    slope, lean, limit = sides.slope, sides.lean, sides.limit
     seen[:] = 0.0
-    bins = seen.shape[1]
     for side in range(4):
-        begin = ends[profiles.BEGIN + side]
-        for i in range(begin, begin + ends[profiles.COUNT + side]):
-            if work[profiles.VALID + i] == 0.0:
-                continue
-            for k in range(ends[profiles.TAPS_USED]):
-                d = work[profiles.FIRST + i] + slope * k
-                light = work[profiles.TAP + k * profiles.LINES + i]
+        for i in range(lines.shape[1]):
+            line = lines[side, i]
+            for k in range(sides.taps if line.valid else 0):
+                d, grey = line.first + sides.slope * k, light[side, i, k]
                 b = int(math.floor((d + falling_light.REACH_PX) / falling_light.BIN_PX))
-                if abs(work[profiles.T + i] + d * lean) > limit or light >= profile_steps.FULL:
+                if abs(line.t + d * sides.lean) > sides.limit or grey >= profiles.FULL:
                     continue
-                if 0 <= b < bins:
+                if 0 <= b < seen.shape[1]:
                     seen[side, b, 0] += 1.0
                     seen[side, b, 1] += d
-                    seen[side, b, 2] += light
+                    seen[side, b, 2] += grey
 
 
 @njit(cache=True)
-def side_lines(image, squares, blur, tables, work, ends, out, seen):
+def side_lines(image, squares, blur, tables, work, out, seen):
     """Fit a line to each side of `squares` (n, >= 4): u, v, theta, half side.
 
     tables (n, outline.SIZE): where the outline of a cover with relief stands; the lines are then
-    those of a flat one. out (n, 4, 3): distance of the side from the centre in px, its turn against
-    the square in rad, and the share of its profiles that agree. A tilted camera makes the four
-    differ, by a px and more. All are read again where they were found until none moves: a step
-    stops short of its end, and light outside of one that stands wrong is the light of an edge.
+    those of a flat one. work: of profiles.workspace. out (n, 4, 3): distance of the side from the
+    centre in px, its turn against the square in rad, and the share of its profiles that agree. A
+    tilted camera makes the four differ, by a px and more. All are read again where they were found
+    until none moves: a step stops short of its end, and light outside of one that stands wrong is
+    the light of an edge.
 
     seen (n, 4, BINS, 3), or empty: what is seen beside these lines, see falling_light.edges.
     """
-    spread = np.zeros(profiles.SPREAD)
-    lines, placed = np.zeros((4, 2)), np.zeros(outline.SIZE, np.float32)
+    (profile, light), placed = work, np.zeros(outline.SIZE, np.float32)
     for s in range(squares.shape[0]):
         u, v, theta, half = squares[s, 0], squares[s, 1], squares[s, 2], squares[s, 3]
         out[s] = 0.0
-        lines[:] = 0.0
-        soft = tables[s, 0] > 0.0
-        sides = profiles.sides_of(theta, half, blur, soft)
+        lines = np.zeros((4, 2))
+        sides = profiles.sides_of(theta, half, blur, tables[s, 0] > 0.0)
         for _ in range(ROUNDS):
             _placed(tables[s], half, lines, placed)
-            profiles.gather(image, u, v, theta, half, blur, placed, work, ends)
-            contrast, _ = profiles.levels(work, ends, sides, spread)
-            if contrast == 0.0:
+            counts = profiles.gather(image, u, v, theta, half, sides, placed, profile, light)
+            levels = profiles.levels(profile, light, counts, sides)
+            if levels.contrast == 0.0:
                 out[s, :, 2] = 0.0
                 break
-            profiles.shrink_levels(work, ends, spread, soft)
-            profile_steps.offsets(work, ends, sides, spread, contrast)
+            levels = profiles.shrink_levels(profile, levels, sides.soft)
+            profiles.offsets(profile, light, sides, levels)
             most = 0.0
             for side in range(4):
-                a, b, out[s, side, 2] = _line(work, ends, side)
+                its = profile[side, profiles.IDLE : profiles.IDLE + counts[side]]
+                a, b, out[s, side, 2] = _line(its)
                 lines[side, 0] += a
                 lines[side, 1] += b
                 most = max(most, abs(a) + abs(b) * half)
             if most < SETTLED_PX:
                 break
         if len(seen):
-            _gathered(work, ends, sides, seen[s])
+            _gathered(profile, light, sides, seen[s])
         for side in range(4):
             out[s, side, 0] = half + lines[side, 0]
-            out[s, side, 1] = -arctan2(lines[side, 1], 1.0)
+            out[s, side, 1] = -math.atan(lines[side, 1])
 
 
 def sides_px(image: np.ndarray, squares: np.ndarray, camera: Calibration) -> np.ndarray:
@@ -149,9 +139,9 @@ def sides_px(image: np.ndarray, squares: np.ndarray, camera: Calibration) -> np.
     upright, quarters = outline.upright(squares)
     tables = outline.tables(camera, upright, quarters, falling_light.NEAR_SHINE_PX)
     places = np.column_stack([upright['u'], upright['v'], upright['theta'], upright['side_px'] / 2])
-    lines, (work, ends) = np.zeros((len(squares), 4, 3)), profiles.workspace()
+    lines = np.zeros((len(squares), 4, 3))
     seen = np.zeros((0, 4, falling_light.BINS, 3))
-    side_lines(image, places, BLUR_PX, tables, work, ends, lines, seen)
+    side_lines(image, places, BLUR_PX, tables, profiles.workspace(), lines, seen)
     return np.where((lines[..., 2] > WHOLE).all(axis=1), lines[..., 0].sum(axis=1) / 2, np.nan)
 
 
@@ -172,8 +162,7 @@ def corners(
     squares = np.column_stack([blobs['u'], blobs['v'], blobs['theta'], blobs['side_px'] / 2])
     lines = np.zeros((len(squares), 4, 3))
     seen = np.zeros((covers, 4, falling_light.BINS, 3))
-    work, ends = profiles.workspace()
-    side_lines(read_only(image), squares, blur_px, tables, work, ends, lines, seen)
+    side_lines(read_only(image), squares, blur_px, tables, profiles.workspace(), lines, seen)
     if covers:
         wide = float(np.median(blobs['side_px']))
         lines[..., 0] += falling_light.edges(seen, blur_px, wide)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Profiles of light across the sides of a square, and what each of them says.
+"""Profiles of light across the sides of a square, and where along each of them its edge stands.
 
 Sides are read along whole pixels, never resampled, so each pixel counts once. Every profile
 answers by a matched filter how far its edge lies from where it was expected, against the light
@@ -12,16 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.elementary_kernels import cos, sin, tan
 from eol_ros.core.vision import outline
+from eol_ros.core.vision.appearance.fit import quantile
 
 REACH_PX = 4.8  # of a profile at least, along the normal, to both sides of its edge
 TAPS = 22  # pixels of a profile at 45 degrees
-LINES = 384  # profiles of one square
-VECTOR = 16  # lanes; each side begins with a new vector, and two lanes at least stay idle behind it
 SIDE_LINES = 88  # of one side; a wider one is read on every second line
+IDLE = 2  # places before and behind the lines of a side, which are averaged over five
 CORNER = 1.4  # blurs left out at each end of a side, where two edges mix
-UNLIKE = 1.0  # of the variance from line to line, what differs between level zone and edge
 OTHER, SOFT_OTHER = 0.1, 0.2  # of the contrast, light that is not the platform's
 # And of an arm along half a side, of which it leaves hardly a line dark: grains are not so dense.
 ARM, SOFT_ARM, HARDLY = 0.05, 0.1, 0.1
@@ -34,25 +32,39 @@ OWN = 0.85
 FLAT = 2.1  # blurs from the edge at which light counts as inside or outside
 FLAT_TAPS = 6  # pixels at each end of a profile, among which are all that lie so far away
 MIN_CONTRAST = 8.0  # grey levels
+# Blurs from the edge over which the light inside counts as one level: all pixels up to there. Light
+# that falls towards the edge makes the level one of just these pixels, and what is cut off sharply
+# jumps from pixel to pixel as a block moves: on covers with relief their weight falls to nothing.
+EDGE, SOFT_EDGE = 2.4, (1.6, 3.0)
+# Blurs from the edge up to which all pixels are weighed: of the next a hundredth is left.
+REACH = 3.0
+# Saturated pixels say nothing, and beside them nobody knows the light: its variance is 50^2. So a
+# flash does not move the edges of a cover with relief, which shines more on some sides than others.
+FULL, OPEN = 254.0, 1.0 / 50.0**2
+BRIGHT = 0.9 * FULL  # light inside above this may be saturated at the edge
+ROUGH = 0.1  # share of the texture's variance that is new from pixel to pixel
+# On covers with relief the light inside falls and rises by more than that: from pixel to pixel by
+# SOFT_ROUGH of the contrast of its profile. But where pixels inside weigh more, the edge is found
+# further inside; so they weigh as if they differed by INSIDE of the block's contrast, and the level
+# zone from the edge by SOFT_LEVEL, alike on all sides, though one be half as bright.
+SOFT_ROUGH, INSIDE, SOFT_LEVEL = 0.043, 0.03, 0.2
+# By how much the light of a cover with relief moves the edges of its profiles, px RMS, whatever the
+# noise. Else the half of a side that is half as bright would count half, and the block would follow
+# what the other half's edges have of their own.
+UNEVEN_PX = 0.12
 
-# Fields of the profiles, one after the other in one flat array: with distances that the compiler
-# knows, it can tell that they do not overlap and turns every loop over profiles into vector code.
-# Of two arrays it cannot: it then asks at run time where they lie, and where it is in doubt it goes
-# a slower way whose sums have other last bits. No loop here may read one array and write another.
-FIELDS = 13
-(FIRST, T, VALID, IN, OUT, OFFSET, WEIGHT, _A, _B, _C, _D, _E, _F) = (
-    k * LINES for k in range(FIELDS)
-)
-TAP = FIELDS * LINES  # then the pixels of the profiles, tap after tap
-
-# `ends` holds where each side begins, all lanes, taps and lines of each side; then where in the
-# image the lines of one side begin.
-BEGIN, LANES, TAPS_USED, COUNT, PLACES = 0, 4, 5, 6, 10
-
-# `spread` holds what levels finds of all profiles together: the variance of one pixel inside and
-# outside, and the parts of them that are texture, which unlike noise is alike from pixel to pixel.
-VARIANCE_IN, VARIANCE_OUT, TEXTURE_IN, TEXTURE_OUT = range(4)
-SPREAD = 4
+LINE = np.dtype(
+    [
+        ('first', 'f8'), ('t', 'f8'),  # px: outwards to its first pixel, and along the side
+        ('valid', 'f8'),  # 1, or 0: shows no edge like the others
+        # light inside and outside of its edge, of how many pixels, their squared deviations
+        ('inside', 'f8'), ('n_in', 'f8'), ('off_in', 'f8'),
+        ('outside', 'f8'), ('n_out', 'f8'), ('off_out', 'f8'),
+        ('changes', 'f8'),  # squared, from pixel to pixel inside
+        ('offset', 'f8'), ('weight', 'f8'),  # px outwards to its edge; reciprocal variance of that
+    ]
+)  # fmt: skip
+"""One profile, from inside outwards."""
 
 
 class Sides(NamedTuple):
@@ -60,7 +72,8 @@ class Sides(NamedTuple):
 
     slope: by how many px each pixel is further outside than the one before; lean: px along the side
     for each px outwards; limit: px from the middle of a side, where the edge of another begins;
-    blur: of edges, px; soft: of a cover with relief, whose light falls towards its edges.
+    blur: of edges, px; soft: of a cover with relief, whose light falls towards its edges; taps:
+    pixels of a profile.
     """
 
     slope: float
@@ -68,404 +81,272 @@ class Sides(NamedTuple):
     limit: float
     blur: float
     soft: bool
+    taps: int
 
 
-@njit(inline='always')
+class Light(NamedTuple):
+    """Variance of a pixel inside and outside, the parts of them that are texture, and the contrast.
+
+    Texture is alike from pixel to pixel, unlike noise. The contrast is 0 where no edge was found.
+    """
+
+    inside: float
+    outside: float
+    texture_in: float
+    texture_out: float
+    contrast: float
+
+
+@njit(cache=True)
 def sides_of(theta, half, blur, soft):
-    """Return the Sides of a square that `gather` has read."""
-    return Sides(
-        abs(cos(theta)),
-        -tan(theta),
-        half - CORNER * blur,
-        blur,
-        soft,
-    )
+    """Return the Sides of a square."""
+    slope = abs(math.cos(theta))
+    taps = min(2 * int(REACH_PX / slope + 0.5) + 2, TAPS)
+    return Sides(slope, -math.tan(theta), half - CORNER * blur, blur, soft, taps)
 
 
 def workspace() -> tuple[np.ndarray, np.ndarray]:
-    """Return scratch arrays: `work` and `ends`."""
-    ends = np.zeros(PLACES + SIDE_LINES + 1, np.int64)
-    return np.zeros((FIELDS + TAPS) * LINES, np.float32), ends
+    """Return room for profiles (4, n) LINE, side by side, and their pixels (4, n, TAPS)."""
+    lines = np.zeros((4, SIDE_LINES + 1 + 2 * IDLE), LINE)
+    return lines, np.zeros((*lines.shape, TAPS))
 
 
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def gather(image, u, v, theta, half, blur, table, work, ends):
-    """Copy the profiles of all sides into `work`, from TAP on (tap, line), running outwards.
+@njit(cache=True)
+def gather(image, u, v, theta, half, sides, table, lines, light):
+    """Fill first, t and valid of all profiles, and their pixels; return how many (4,) there are.
 
     table: of outline, how far outside of the square the outline of a cover with relief stands.
 
-    Fills first (d of the first tap), t, normal and validity of every line, and ends (see
-    BEGIN). All sides cross their rows or columns at the same slant, so that d grows by cos(theta)
-    from tap to tap, and t by -tan(theta) with d. The edge lies within half a pixel of the middle.
+    All sides cross their rows or columns at the same slant, so that the distance from the side
+    grows by cos(theta) from tap to tap, and t by -tan(theta) with it. The edge lies within half a
+    pixel of the middle.
     """
-    height, width = image.shape
-    flat, places = image.reshape(height * width), ends[PLACES:]
-    steep = abs(cos(theta))
-    taps = min(2 * int(REACH_PX / steep + 0.5) + 2, TAPS)
-    at = 0
+    lines['valid'][:] = 0.0
+    counts, (height, width) = np.zeros(4, np.int64), image.shape
     for side in range(4):
         angle = theta + side * math.pi / 2
-        nu, nv = cos(angle), -sin(angle)
-        tu, tv = -sin(angle), -cos(angle)
-        along_row = side % 2 == 0  # sides 0 and 2 are steep: rows cross them
-        fast, slow = (nu, nv) if along_row else (nv, nu)
-        c_fast, c_slow = (u, v) if along_row else (v, u)
-        t_fast, t_slow = (tu, tv) if along_row else (tv, tu)
-        middle = c_slow + half * slow
-        span = (half - CORNER * blur) * abs(t_slow)
-        low = int(math.ceil(middle - span))
-        high = int(math.floor(middle + span))
-        stride = (high - low) // SIDE_LINES + 1
-        n = (high - low) // stride + 1 if high >= low else 0
-        step = 1 if fast > 0 else -1
-        fast_size, slow_size = (width, height) if along_row else (height, width)
-        ends[BEGIN + side], ends[COUNT + side] = at, n
-        whole = (n + 2 + VECTOR - 1) // VECTOR * VECTOR
-        # places along the line are counted from a whole pixel near the centre: float32 is enough
-        base = math.floor(c_fast)
-        f_middle, f_low = np.float32(c_fast - base), np.float32(low - c_slow)
-        f_stride, f_half, f_slow = np.float32(stride), np.float32(half), np.float32(slow)
-        f_fast, per_fast = np.float32(fast), np.float32(1.0 / fast)
-        f_tf, f_ts = np.float32(t_fast), np.float32(t_slow)
-        back = np.float32(0.5 - step * (taps - 1) * 0.5)
-        # first pixels between these lie in the image with all that follow, and lines between those
-        reach = step * (taps - 1)
-        least = np.float32(max(0, -reach) - base)
-        most = np.float32(fast_size - 1 - max(0, reach) - base)
-        from_line = np.float32(max(-low, 0)) / f_stride
-        to_line = np.float32(slow_size - 1 - low) / f_stride
-        zero, one = np.float32(0.0), np.float32(1.0)
-        last = np.float32(n - 1)
-        lines = work[at:]  # indices that are plainly not negative: else each would be tested
-        for i in range(whole):
-            line = np.float32(i)
-            along = f_low + line * f_stride
-            edge = (f_half - f_slow * along) * per_fast  # from the centre
-            t = edge * f_tf + along * f_ts
-            start = np.floor(f_middle + edge + back)
-            valid = one if start >= least else zero
-            valid = valid if start <= most else zero
-            valid = valid if line >= from_line else zero
-            valid = valid if line <= to_line else zero
-            valid = valid if line <= last else zero
-            lines[VALID + i] = valid
-            lines[FIRST + i] = f_fast * (start - f_middle - edge)
-            lines[T + i] = t
-            lines[_F + i] = start
-        if table[0] > zero:
-            tilt = np.float32(-tan(theta))
-            for i in range(n):
-                line = np.float32(i)
-                along = f_low + line * f_stride
-                edge = (f_half - f_slow * along) * per_fast
-                t = lines[T + i]
-                away = outline.outside(table, side, t)
-                if away == outline.NONE:
-                    lines[VALID + i] = zero
-                    continue
-                t += away * tilt
-                start = np.floor(f_middle + edge + away * per_fast + back)
-                inside = start >= least and start <= most and line >= from_line
-                lines[VALID + i] = one if inside and line <= to_line else zero
-                lines[FIRST + i] = f_fast * (start - f_middle - edge) - away
-                lines[T + i] = t
-                lines[_F + i] = start
-        # Now the pixels, tap after tap: one line after the other would write far apart. By unsigned
-        # indices: signed ones would be tested for being negative.
-        ahead = step if along_row else step * width
-        anywhere = 0 if step > 0 else height * width - 1
-        for i in range(n):
-            row, pixel = low + i * stride, int(lines[_F + i]) + int(base)
-            place = row * width + pixel if along_row else pixel * width + row
-            places[i] = place if lines[VALID + i] > zero else anywhere
-        for k in range(taps):
-            pixels, further = lines[TAP + k * LINES :], np.uint64(k * ahead)
-            for i in range(n):
-                pixels[i] = flat[np.uint64(places[i]) + further]
-        for i in range(n):
-            if lines[VALID + i] == zero:
-                for k in range(taps):
-                    lines[TAP + k * LINES + i] = zero
-        at += whole
-    ends[LANES], ends[TAPS_USED] = at, taps
+        nu, nv = math.cos(angle), -math.sin(angle)
+        tu, tv = nv, -nu
+        by_row = side % 2 == 0  # sides 0 and 2 are steep: rows cross them
+        fast, slow, c_fast, c_slow = (nu, nv, u, v) if by_row else (nv, nu, v, u)
+        t_fast, t_slow = (tu, tv) if by_row else (tv, tu)
+        rows, cols = (height, width) if by_row else (width, height)
+        middle, span = c_slow + half * slow, sides.limit * abs(t_slow)
+        low, high = int(math.ceil(middle - span)), int(math.floor(middle + span))
+        step, stride = 1 if fast > 0 else -1, (high - low) // SIDE_LINES + 1
+        counts[side] = (high - low) // stride + 1 if high >= low else 0
+        reach = step * (sides.taps - 1)
+        for i in range(counts[side]):
+            line, row = lines[side, IDLE + i], low + i * stride
+            along = row - c_slow
+            edge = (half - slow * along) / fast  # from the centre
+            line.t = edge * t_fast + along * t_slow
+            away = outline.outside(table, side, np.float32(line.t))
+            if away == outline.NONE:
+                continue
+            line.t += away * sides.lean
+            start = int(math.floor(c_fast + edge + away / fast + 0.5 - reach * 0.5))
+            line.first = fast * (start - c_fast - edge) - away
+            if min(start, start + reach, row) < 0 or max(start, start + reach) >= cols:
+                continue
+            if row >= rows:
+                continue
+            line.valid = 1.0
+            for k in range(sides.taps):
+                at = start + step * k
+                light[side, IDLE + i, k] = image[row, at] if by_row else image[at, row]
+    return counts
 
 
-# What these take are values, not places in `work`: where a number that is known while compiling
-# is part of an index, loops over them do not become vector code.
-@njit(inline='always')
-def _inside(pixel, before, first, away, t, cut, sums):
-    """Add `pixel`, `away` from its edge and after `before`, to sums of differences to `first`."""
-    one, zero = np.float32(1.0), np.float32(0.0)
-    lean, limit, flat = cut
-    w = one if abs(t + away * lean) <= limit else zero
-    w = w if away < -flat else zero
-    change = w * (pixel - before)
-    x = w * (pixel - first)
-    n, light, rough, square = sums
-    return n + w, light + x, rough + change * change, square + x * x
+@njit(cache=True)
+def _zones(line, pixels, sides):
+    """Set what one profile shows inside and outside of its edge.
 
-
-@njit(inline='always')
-def _outside(pixel, last, away, t, cut, sums):
-    """As _inside, of differences to `last`."""
-    one, zero = np.float32(1.0), np.float32(0.0)
-    lean, limit, flat = cut
-    w = one if abs(t + away * lean) <= limit else zero
-    w = w if away > flat else zero
-    x = w * (pixel - last)
-    n, light, square = sums
-    return n + w, light + x, square + x * x
-
-
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _zones(work, n, taps, sides):
-    """Sum each profile's pixels inside and outside: counts to A and C, sums to B and D.
-
-    Sums are of differences to the innermost and the outermost pixel, so that their squares, to
-    OFFSET and WEIGHT, keep their digits. To E the squared changes from pixel to pixel inside.
     Left out is what lies further along the side than its limit.
     """
-    f_slope, f_lean = np.float32(sides.slope), np.float32(sides.lean)
-    f_limit, f_flat = np.float32(sides.limit), np.float32(FLAT * sides.blur)
-    zero = np.float32(0.0)
-    # all FLAT_TAPS pixels in one go: sums stay in registers, and loops over profiles vector code
-    cut = f_lean, f_limit, f_flat
-    d1, d2, d3 = f_slope, f_slope * np.float32(2), f_slope * np.float32(3)
-    d4, d5 = f_slope * np.float32(4), f_slope * np.float32(5)
-    for i in range(n):
-        d, t, sums = work[FIRST + i], work[T + i], (zero, zero, zero, zero)
-        p0, p1, p2 = work[TAP + i], work[TAP + LINES + i], work[TAP + 2 * LINES + i]
-        p3, p4 = work[TAP + 3 * LINES + i], work[TAP + 4 * LINES + i]
-        p5 = work[TAP + 5 * LINES + i]
-        sums = _inside(p0, p0, p0, d, t, cut, sums)
-        sums = _inside(p1, p0, p0, d + d1, t, cut, sums)
-        sums = _inside(p2, p1, p0, d + d2, t, cut, sums)
-        sums = _inside(p3, p2, p0, d + d3, t, cut, sums)
-        sums = _inside(p4, p3, p0, d + d4, t, cut, sums)
-        sums = _inside(p5, p4, p0, d + d5, t, cut, sums)
-        work[_A + i], work[_B + i], work[_E + i], work[OFFSET + i] = sums
-    outside = work[TAP + (taps - FLAT_TAPS) * LINES :]
-    start = f_slope * np.float32(taps - FLAT_TAPS)
-    d0, d1, d2, d3, d4, d5 = start, start + d1, start + d2, start + d3, start + d4, start + d5
-    for i in range(n):
-        d, t, beyond = work[FIRST + i], work[T + i], (zero, zero, zero)
-        p0, p1, p2 = outside[i], outside[LINES + i], outside[2 * LINES + i]
-        p3, p4, p5 = outside[3 * LINES + i], outside[4 * LINES + i], outside[5 * LINES + i]
-        beyond = _outside(p0, p5, d + d0, t, cut, beyond)
-        beyond = _outside(p1, p5, d + d1, t, cut, beyond)
-        beyond = _outside(p2, p5, d + d2, t, cut, beyond)
-        beyond = _outside(p3, p5, d + d3, t, cut, beyond)
-        beyond = _outside(p4, p5, d + d4, t, cut, beyond)
-        beyond = _outside(p5, p5, d + d5, t, cut, beyond)
-        work[_C + i], work[_D + i], work[WEIGHT + i] = beyond
+    line.n_in = line.n_out = line.changes = inner = outer = in2 = out2 = 0.0
+    flat, taps = FLAT * sides.blur, sides.taps
+    first, last = pixels[0], pixels[taps - 1]
+    for k in range(FLAT_TAPS):
+        d = line.first + sides.slope * k
+        if d < -flat and abs(line.t + d * sides.lean) <= sides.limit:
+            x = pixels[k] - first
+            line.n_in, inner, in2 = line.n_in + 1.0, inner + x, in2 + x * x
+            line.changes += (pixels[k] - pixels[max(k - 1, 0)]) ** 2
+        k = taps - 1 - k
+        d = line.first + sides.slope * k
+        if d > flat and abs(line.t + d * sides.lean) <= sides.limit:
+            x = pixels[k] - last
+            line.n_out, outer, out2 = line.n_out + 1.0, outer + x, out2 + x * x
+    if min(line.n_in, line.n_out) < 2.0:
+        line.valid = 0.0
+        return
+    inner, outer = inner / line.n_in, outer / line.n_out
+    line.inside, line.off_in = first + inner, in2 - inner * inner * line.n_in
+    line.outside, line.off_out = last + outer, out2 - outer * outer * line.n_out
 
 
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _quantiles(work, n, contrasts, bares):
-    """Return the grey levels that so many valid profiles exceed: of IN - OUT, and of OUT.
-
-    By quartering 0..256 four times: counting is vector code, a histogram is not.
-    """
-    zero, two, three = np.float32(0.0), np.float32(2.0), np.float32(3.0)
-    step = np.float32(64.0)
-    low = base = zero
-    for _ in range(4):
-        a1, a2, a3 = low + step, low + two * step, low + three * step
-        b1, b2, b3 = base + step, base + two * step, base + three * step
-        n1 = n2 = n3 = m1 = m2 = m3 = zero
-        for i in range(n):
-            valid, outer = work[VALID + i], work[OUT + i]
-            contrast = work[IN + i] - outer
-            n1 += valid if contrast > a1 else zero
-            n2 += valid if contrast > a2 else zero
-            n3 += valid if contrast > a3 else zero
-            m1 += valid if outer > b1 else zero
-            m2 += valid if outer > b2 else zero
-            m3 += valid if outer > b3 else zero
-        low += (
-            (step if n1 > contrasts else zero)
-            + (step if n2 > contrasts else zero)
-            + (step if n3 > contrasts else zero)
-        )
-        base += (
-            (step if m1 > bares else zero)
-            + (step if m2 > bares else zero)
-            + (step if m3 > bares else zero)
-        )
-        step *= np.float32(0.25)
-    return float(low + two * step), float(base + two * step)
-
-
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _mute_covered(work, ends, dark):
-    """Clear VALID of each half of a side beside which hardly a line is as dark as `dark`."""
-    zero, one = np.float32(0.0), np.float32(1.0)
-    for half in range(8):
-        begin, n = ends[BEGIN + half // 2], ends[COUNT + half // 2]
-        first, last = (0, n // 2) if half % 2 == 0 else (n // 2, n)
-        lines = work[begin + first :]
-        valid = bare = zero
-        for i in range(last - first):
-            valid += lines[VALID + i]
-            bare += lines[VALID + i] if lines[OUT + i] <= dark else zero
-        keep = one if bare >= np.float32(HARDLY) * valid else zero
-        for i in range(last - first):
-            lines[VALID + i] *= keep
-
-
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def levels(work, ends, sides, spread):
+@njit(cache=True)
+def levels(lines, light, counts, sides):
     """Measure the light inside and outside along every profile, and judge which ones show an edge.
 
-    Fills IN, OUT and `spread` (SPREAD,), and clears VALID of profiles that show no edge like the
-    others. Returns (contrast, level inside) of the block, or zeros.
+    Sets these, clears valid of profiles that show no edge like the others, and returns a Light.
     """
-    soft = sides.soft
-    wide, taps = ends[LANES], ends[TAPS_USED]
-    outermost = work[TAP + (taps - 1) * LINES :]
-    _zones(work, wide, taps, sides)
-    zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
-    total = zero
-    for i in range(wide):
-        a, c = work[_A + i], work[_C + i]
-        full = one if a >= two else zero
-        full = full if c >= two else zero
-        valid = full * work[VALID + i]
-        work[VALID + i] = valid
-        total += valid
-        work[IN + i] = work[TAP + i] + work[_B + i] / (a if a > one else one)
-        work[OUT + i] = outermost[i] + work[_D + i] / (c if c > one else one)
-    if total < 8.0:
-        return 0.0, 0.0
+    steps, outsides = np.empty((2, lines.size))
+    soft, n, none = sides.soft, 0, Light(0.0, 0.0, 0.0, 0.0, 0.0)
+    for side in range(4):
+        for i in range(IDLE, IDLE + counts[side]):
+            line = lines[side, i]
+            if line.valid:
+                _zones(line, light[side, i], sides)
+            if line.valid:
+                steps[n], outsides[n] = line.inside - line.outside, line.outside
+                n += 1
+    if n < 8:
+        return none
     # the contrast that a quarter of all profiles exceeds: right as long as a quarter is in sight;
     # and the platform's own light about here: where more stands outside, it may be an arm's edge
-    contrast, bare = _quantiles(work, wide, np.float32(0.25) * total, np.float32(0.75) * total)
+    contrast, bare = quantile(steps, n, 0.75), quantile(outsides, n, 0.25)
     if contrast < MIN_CONTRAST:
-        return 0.0, 0.0
-    _mute_covered(work, ends, np.float32(bare + max((SOFT_ARM if soft else ARM) * contrast, 4.0)))
-    bare = np.float32(bare + max((SOFT_OTHER if soft else OTHER) * contrast, 4.0))
-    low, high = np.float32((SOFT_LEAST if soft else LEAST) * contrast), np.float32(2.0 * contrast)
-    mean_in = count = zero
-    for i in range(wide):
-        step = work[IN + i] - work[OUT + i]
-        valid = work[VALID + i] if step >= low else zero
-        valid = valid if step <= high else zero
-        valid = valid if work[OUT + i] <= bare else zero
-        work[VALID + i] = valid
-        mean_in += valid * work[IN + i]
-        count += valid
-    if count < 8.0:
-        return 0.0, 0.0
-    mean_in /= count
-    near = np.float32(1e9 if soft else 0.5 * contrast)
-    v_in = v_out = k_in = k_out = changes = zero
-    for i in range(wide):
-        valid = work[VALID + i] if abs(work[IN + i] - mean_in) <= near else zero
-        work[VALID + i] = valid
-    for i in range(wide):  # apart from what is written: `outermost` might be part of that
-        valid = work[VALID + i]
-        off_in, off_out = work[IN + i] - work[TAP + i], work[OUT + i] - outermost[i]
-        v_in += valid * (work[OFFSET + i] - work[_B + i] * off_in)
-        v_out += valid * (work[WEIGHT + i] - work[_D + i] * off_out)
-        k_in += valid * (work[_A + i] - one)
-        changes += valid * work[_E + i]
-        k_out += valid * (work[_C + i] - one)
-    inner, outer = max(float(k_in), 1.0), max(float(k_out), 1.0)
-    spread[VARIANCE_IN] = max(v_in / inner, 0.25)
-    spread[VARIANCE_OUT] = max(v_out / outer, 0.25)
-    # the innermost pixel has no neighbour, so there are as many changes as degrees of freedom
-    noise = max(0.55 * changes / inner, spread[VARIANCE_OUT])
-    spread[TEXTURE_IN] = max(spread[VARIANCE_IN] - noise, 0.0)
-    spread[TEXTURE_OUT] = 0.0
-    return contrast, mean_in
-
-
-@njit(inline='always')
-def _smooth(work, n, column, taps, variance):
-    """Draw the levels in `column` to their mean; return what of their variance is not noise."""
-    zero, one = np.float32(0.0), np.float32(1.0)
-    total = count = zero
-    for i in range(n):
-        total += work[VALID + i] * work[column + i]
-        count += work[VALID + i]
-    if count < one:
-        return 0.0
-    mean = total / count
-    seen = noise = zero
-    for i in range(n):
-        v0, v1, v2, v3, v4 = (
-            work[VALID + i - 2],
-            work[VALID + i - 1],
-            work[VALID + i],
-            work[VALID + i + 1],
-            work[VALID + i + 2],
-        )
-        used = v0 + v1 + v2 + v3 + v4
-        light = (
-            v0 * work[column + i - 2]
-            + v1 * work[column + i - 1]
-            + v2 * work[column + i]
-            + v3 * work[column + i + 1]
-            + v4 * work[column + i + 2]
-        )
-        pixels = (
-            v0 * work[taps + i - 2]
-            + v1 * work[taps + i - 1]
-            + v2 * work[taps + i]
-            + v3 * work[taps + i + 1]
-            + v4 * work[taps + i + 2]
-        )
-        off = light / (used if used > one else one) - mean
-        off = off if v2 > zero else zero
-        work[_B + i] = off
-        seen += off * off
-        noise += v2 / (pixels if pixels > one else one)
-    noise *= np.float32(1.25 * variance)
-    keep = max(one - noise / seen, zero) if seen > zero else zero
-    for i in range(n):
-        level = mean + keep * work[_B + i]
-        work[column + i] = level if work[VALID + i] > zero else work[column + i]
-    return max(seen - noise, zero) / count
-
-
-@njit(inline='always')
-def _beside_sides(work, ends):
-    """Fill _F with what of the light outside of each side is its own."""
-    total = light = np.float32(0.0)
+        return none
+    arm = bare + max((SOFT_ARM if soft else ARM) * contrast, 4.0)
+    bare += max((SOFT_OTHER if soft else OTHER) * contrast, 4.0)
+    low = (SOFT_LEAST if soft else LEAST) * contrast
+    mean = count = 0.0
     for side in range(4):
-        lines = work[ends[BEGIN + side] :]
-        mine = count = np.float32(0.0)
-        for i in range(ends[COUNT + side]):
-            mine += lines[VALID + i] * lines[OUT + i]
-            count += lines[VALID + i]
-        light += mine
-        total += count
-        mine /= max(count, np.float32(1.0))
-        for i in range(ends[COUNT + side]):
-            lines[_F + i] = np.float32(OWN) * mine
-    light *= np.float32(OWN) / max(total, np.float32(1.0))
-    for i in range(ends[LANES]):
-        work[_F + i] -= light
+        whole = lines[side, IDLE : IDLE + counts[side]]
+        for part in (whole[: len(whole) // 2], whole[len(whole) // 2 :]):
+            dark = (part['valid'] * (part['outside'] <= arm)).sum()
+            if dark < HARDLY * part['valid'].sum():  # an arm lies along it
+                part['valid'][:] = 0.0
+            for line in part:
+                step = line.inside - line.outside
+                if not low <= step <= 2.0 * contrast or line.outside > bare:
+                    line.valid = 0.0
+                mean += line.valid * line.inside
+                count += line.valid
+    if count < 8.0:
+        return none
+    mean /= count
+    in2 = out2 = n_in = n_out = changes = 0.0
+    for line in lines.reshape(-1):
+        if line.valid == 0.0 or (not soft and abs(line.inside - mean) > 0.5 * contrast):
+            line.valid = 0.0
+            continue
+        in2, n_in, changes = in2 + line.off_in, n_in + line.n_in - 1.0, changes + line.changes
+        out2, n_out = out2 + line.off_out, n_out + line.n_out - 1.0
+    inner, outer = max(n_in, 1.0), max(n_out, 1.0)
+    inside, outside = max(in2 / inner, 0.25), max(out2 / outer, 0.25)
+    # the innermost pixel has no neighbour, so there are as many changes as degrees of freedom
+    noise = max(0.55 * changes / inner, outside)
+    return Light(inside, outside, max(inside - noise, 0.0), 0.0, contrast)
 
 
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def shrink_levels(work, ends, spread, soft):
+@njit(cache=True)
+def _smooth(valid, level, pixels, variance):
+    """Draw the levels (4, n) to their mean; return what of their variance is not noise."""
+    count = valid.sum()
+    if count < 1.0:
+        return 0.0
+    mean, off = (valid * level).sum() / count, np.zeros(level.shape)
+    seen = noise = 0.0
+    for side in range(4):
+        for i in range(IDLE, level.shape[1] - IDLE):
+            if valid[side, i]:
+                used = light = n = 0.0
+                for k in range(i - 2, i + 3):
+                    used += valid[side, k]
+                    light += valid[side, k] * level[side, k]
+                    n += valid[side, k] * pixels[side, k]
+                off[side, i] = light / used - mean
+                seen += off[side, i] ** 2
+                noise += 1.0 / n
+    noise *= 1.25 * variance
+    keep = max(1.0 - noise / seen, 0.0) if seen > 0.0 else 0.0
+    level[:] = mean + keep * off
+    return max(seen - noise, 0.0) / count
+
+
+@njit(cache=True)
+def shrink_levels(lines, light, soft):
     """Replace the level of each profile by one that owes no more to noise than it must.
 
     Neighbours are averaged over five lines; the result is drawn to the block's mean as far as the
     variation seen can be noise (James and Stein 1961). Common levels cancel between opposite sides.
     soft: of a cover with relief the light outside of each side is drawn to that side's own, see
-    OWN.
+    OWN. Returns the Light with what differs from line to line as texture: it differs as well from
+    the level zone to the edge.
     """
-    n = ends[LANES]
-    work[VALID - 2] = work[VALID - 1] = 0.0  # what stands before the first line
+    valid, outside, own = lines['valid'], lines['outside'], np.zeros(4)
     if soft:
-        _beside_sides(work, ends)
-        for i in range(n):
-            work[OUT + i] -= work[_F + i]
-    # light that differs from line to line differs as well from the level zone to the edge
-    spread[TEXTURE_IN] += UNLIKE * _smooth(work, n, IN, _A, spread[VARIANCE_IN])
-    spread[TEXTURE_OUT] += UNLIKE * _smooth(work, n, OUT, _C, spread[VARIANCE_OUT])
-    if soft:
-        for i in range(n):
-            work[OUT + i] += work[_F + i]
+        for side in range(4):
+            mine = (valid[side] * outside[side]).sum() / max(valid[side].sum(), 1.0)
+            own[side] = OWN * (mine - (valid * outside).sum() / max(valid.sum(), 1.0))
+        for side in range(4):
+            outside[side] -= own[side]
+    inner = light.texture_in + _smooth(valid, lines['inside'], lines['n_in'], light.inside)
+    outer = light.texture_out + _smooth(valid, outside, lines['n_out'], light.outside)
+    for side in range(4):
+        outside[side] += own[side]
+    return Light(light.inside, light.outside, inner, outer, light.contrast)
+
+
+@njit(cache=True)
+def offsets(lines, pixels, sides, light):
+    """Answer for every profile how far its edge lies outside the present square, and how surely.
+
+    One step of maximum likelihood for a Gaussian-blurred step between known levels, each pixel
+    weighted by its own variance: noise grows with the share of light from the cover, texture with
+    its square, so that a speckled cover is measured by the outer foot of its edge. Pixels further
+    than REACH from the edge say nothing of it.
+    """
+    soft, blur, contrast = sides.soft, sides.blur, light.contrast
+    used = min(2 * int(math.ceil(REACH * blur / sides.slope)), sides.taps)
+    first = (sides.taps - used) // 2
+    more = max(light.inside - light.texture_in, light.outside) - light.outside
+    texture = (INSIDE * contrast) ** 2 if soft else ROUGH * light.texture_in
+    loose = (SOFT_LEVEL * contrast) ** 2 if soft else light.texture_in
+    near, far = SOFT_EDGE if soft else (EDGE, EDGE)
+    # how much a pixel on the edge varies: as it was weighed, and by the light of its own profile
+    noise = light.outside + 0.5 * more + 0.25 * light.texture_out
+    before = after = 0.0
+    for side in range(4):
+        for n in range(lines.shape[1]):
+            line = lines[side, n]
+            if line.valid == 0.0:
+                continue
+            a = b = c = d = e = 0.0
+            gap = line.inside - line.outside
+            for k in range(first, first + used):
+                away, pixel = line.first + sides.slope * k, pixels[side, n, k]
+                if abs(line.t + away * sides.lean) >= sides.limit or (soft and pixel >= FULL):
+                    continue
+                x = away / blur
+                bell, cover = math.exp(-0.5 * x * x), 0.5 * math.erfc(x / math.sqrt(2.0))
+                rest = pixel - line.outside - gap * cover
+                bare = 1.0 - cover
+                w = light.outside + cover * (more + cover * texture)
+                w = 1.0 / (w + bare * bare * light.texture_out)
+                a += w * bell * rest
+                b += w * bell * bell
+                if abs(x) < far:  # of the level inside
+                    w *= cover * min((far * far - x * x) / max(far * far - near * near, 1e-9), 1.0)
+                    c += w * bell
+                    d += w * cover
+                    e += w * rest
+            open_ = soft and line.inside >= BRIGHT
+            held = d + (OPEN if open_ else 1.0 / max(loose, 1e-3))
+            bottom = b - c * c / held + 1e-9
+            far_by = (a - c * e / held) / bottom
+            # what stands at the edge is the light there, not that further inside
+            less = (e - c * far_by) / held if soft else 0.0
+            slant = max((gap + less) / (blur * math.sqrt(2 * math.pi)), 1.0)  # grey levels a px
+            line.offset, line.weight = far_by / slant, bottom * slant * slant
+            if soft:
+                own = (SOFT_ROUGH * gap) ** 2
+                line.weight *= (noise + 0.25 * texture) / (noise + 0.25 * own)
+                before += line.weight
+                line.weight /= 1.0 + line.weight * UNEVEN_PX**2
+                after += line.weight
+    if soft:  # the sum of all weights stays, and so does what they say of the scatter
+        lines['weight'][:] *= before / max(after, 1e-9)
