@@ -95,7 +95,9 @@ class Sizes:
         if whole.sum() < self._enough:
             return False
         ratios = np.full(len(world), np.nan)
-        ratios[whole] = sides_px()[whole] / self._expected_px(world[whole])
+        camera = self.calibration
+        px = camera.to_pixels(world[whole])
+        ratios[whole] = sides_px()[whole] / camera.side_px(px, camera.table.block_side_m)
         self._ratios.append(ratios)
         if len(self._ratios) < SIZED_IMAGES:
             return False
@@ -106,14 +108,6 @@ class Sizes:
         sizes = np.nanmedian(np.array(self._ratios)[:, often], axis=0)
         self.spread = float(1.4826 * np.median(np.abs(sizes - np.median(sizes))))
         return True
-
-    def _expected_px(self, world: np.ndarray) -> np.ndarray:
-        half = self.calibration.table.block_side_m / 2
-        sides = [
-            self.calibration.to_pixels(world + step) - self.calibration.to_pixels(world - step)
-            for step in (np.array([half, 0.0]), np.array([0.0, half]))
-        ]
-        return np.sqrt(np.abs(sides[0][:, 0] * sides[1][:, 1] - sides[0][:, 1] * sides[1][:, 0]))
 
     def fault(self) -> str:
         """Return what is wrong with the covers, in one line, or an empty string."""

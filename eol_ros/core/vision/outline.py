@@ -44,21 +44,27 @@ def _draw(table, reach, t0, d0, t1, d1):
             table[b] = d
 
 
+@njit(cache=True, inner=True)
+def lean(theta):
+    """Return by how much rows or columns lean along a side of a square at `theta`, px a px."""
+    return -tan(theta - np.rint(theta / (math.pi / 2)) * (math.pi / 2))
+
+
 @njit(cache=True)
 def tabulate(
-    camera, heights, u, v, theta, half, quarter, table, shine=SHINE_PX, slanted=True
+    camera, heights, u, v, theta, half, table, shine=SHINE_PX, slanted=True
 ):  # fmt: skip
     """Fill `table` (SIZE,) with how far outside the sides of a flat square the outline stands.
 
     camera: Calibration.packed(). heights (4, 1 + POINTS) m over the calibration's plane. The square
-    is at `u`, `v` px, angle `theta`, half side in px as the fit takes it; `quarter` right angles
-    further is the block's own x axis; `shine` is what the light of a wall in sight adds, px.
+    is at `u`, `v` px, angle `theta` of the block's own x axis, half side in px as the fit takes it;
+    `shine` is what the light of a wall in sight adds, px.
 
     Rows and columns cross a side at a slant: what they meet further out is further along the side
-    by -tan(theta) a px. The table is read where they would cross the flat square. Without `slanted`
-    it is read where a line at right angles would, and theta is any angle.
+    by `lean` a px. The table is read where they would cross the flat square. Without `slanted` it
+    is read where a line at right angles would.
     """
-    slant = -tan(theta) if slanted else 0.0
+    slant = lean(theta) if slanted else 0.0
     table[0] = REACH * half
     cu, cv = undistorted(camera, u, v)
     low = heights[0, 0]
@@ -88,7 +94,7 @@ def tabulate(
         mine = table[1 + k * BINS : 1 + (k + 1) * BINS]
         mine[:] = NONE
         upper[:] = NONE
-        physical = (quarter - k) % 4 if mirrored else (k - quarter) % 4
+        physical = -k % 4 if mirrored else k
         d0, d1 = one[0, 0] * nu + one[0, 1] * nv, other[0, 0] * nu + other[0, 1] * nv
         t0, t1 = one[0, 0] * tu + one[0, 1] * tv, other[0, 0] * tu + other[0, 1] * tv
         _draw(mine, table[0], t0 - half - d0 * slant, d0, t1 + half - d1 * slant, d1)
@@ -150,23 +156,9 @@ def outside(table, side, t):
     return first + (at - np.float32(b)) * (second - first)
 
 
-def upright(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return squares with angles within 45 degrees, and right angles (n,) to the blocks' x axes."""
-    quarters = np.rint(squares['theta'] / (np.pi / 2))
-    upright = squares.copy()
-    upright['theta'] -= quarters * (np.pi / 2)
-    return upright, quarters.astype(int) % 4
-
-
-def tables(
-    calibration: Calibration,
-    blobs: np.ndarray,
-    quarters: np.ndarray,
-    shine: np.float32 = SHINE_PX,
-) -> np.ndarray:
+def tables(calibration: Calibration, blobs: np.ndarray, shine: np.float32 = SHINE_PX) -> np.ndarray:
     """Return tables (n, SIZE) of blocks 0 to n - 1, found as `blobs` (n,), a SQUARE array.
 
-    quarters (n,): right angles from each square's angle in the image to the block's own x axis;
     shine: as of `tabulate`.
     """
     found = np.zeros((len(blobs), SIZE), np.float32)
@@ -175,17 +167,17 @@ def tables(
     camera, heights = calibration.packed(), calibration.covers.over(calibration.cover_height_m)
     for i, blob in enumerate(blobs):
         u, v, theta, half = (float(blob[k]) for k in ('u', 'v', 'theta', 'side_px'))
-        tabulate(camera, heights[i], u, v, theta, half / 2, int(quarters[i]), found[i], shine)
+        tabulate(camera, heights[i], u, v, theta, half / 2, found[i], shine)
     return found
 
 
-def corner_shifts(calibration: Calibration, blobs: np.ndarray, quarters: np.ndarray) -> np.ndarray:
+def corner_shifts(calibration: Calibration, blobs: np.ndarray) -> np.ndarray:
     """Return how far (n, 4, 2) px the corners of outlines stand beside those of flat covers.
 
     Arguments as of `tables`; order of the corners as of corners.corners. A side stands where the
     straight line nearest to its outline does.
     """
-    sides = tables(calibration, blobs, quarters)[:, 1:].reshape(-1, 4, BINS).astype(float)
+    sides = tables(calibration, blobs)[:, 1:].reshape(-1, 4, BINS).astype(float)
     there = sides < NONE
     t = ((np.arange(BINS) + 0.5) / BINS * 2 - 1) * REACH
     weight = np.where(there & (abs(t) < MIDDLE), 1.0, 0.0)

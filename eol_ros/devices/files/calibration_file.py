@@ -28,14 +28,14 @@ LEFT_HANDED = (
 _NUMBERS = ('cover_height_m', 'residual_px', 'residual_mm')
 
 
-def save(path: str | Path, calibration: Calibration, camera_name: str = 'eol') -> None:
+def save(path: str | Path, calibration: Calibration) -> None:
     """Write `calibration` to `path`, whole or not at all.
 
     Raises:
         ConfigError: the folder is absent or cannot be written.
     """
     try:
-        DISK.write(Path(path), _text(calibration, camera_name))
+        DISK.write(Path(path), _text(calibration))
     except OSError as error:
         raise ConfigError(
             f'{path}: cannot write the calibration ({error.strerror}); '
@@ -48,11 +48,11 @@ def signed(calibration: Calibration) -> str:
     return f'{_text(calibration)}digest: {calibration.digest}\n'
 
 
-def _text(calibration: Calibration, camera_name: str = 'eol') -> str:
+def _text(calibration: Calibration) -> str:
     content = {
         'image_width': int(calibration.image_width),
         'image_height': int(calibration.image_height),
-        'camera_name': camera_name,
+        'camera_name': 'eol',
         'camera_matrix': _matrix(calibration.camera_matrix),
         'distortion_model': 'plumb_bob',
         'distortion_coefficients': _matrix(calibration.distortion_coefficients[None]),

@@ -336,8 +336,7 @@ def _gather(image, c, heights, n, half_m, near, table, f, patch, px, at):
     if heights.shape[0]:
         theta = arctan2(-d[7], d[1])
         outline.tabulate(
-            c, heights[n], d[0], d[6], theta, half_m * patch.scale, 0, table, outline.SHINE_PX,
-            False,
+            c, heights[n], d[0], d[6], theta, half_m * patch.scale, table, outline.SHINE_PX, False,
         )  # fmt: skip
     rows, cols = image.shape
     pixels.gather(

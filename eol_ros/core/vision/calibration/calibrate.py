@@ -179,107 +179,79 @@ def from_blocks(
     Raises:
         ConfigError: fewer whole covers in all than four fifths of the blocks.
     """
-    covers = _whole_covers(views, start)
-    bundle = _Bundle(covers, start, lens, rest_sigma_m, side_sigma, corner_sigma_px)
+    bundle = _Bundle(views, start, lens, (rest_sigma_m, side_sigma, corner_sigma_px))
     if relief is not None:
         bundle.lean(*relief)
     done = least_squares(
         bundle.rests, bundle.x0, bundle.slopes, method='lm', x_scale='jac', max_nfev=60
     )
-    n = len(covers.ids)
+    n = len(bundle.ids)
     left = (done.fun[: 8 * n] * corner_sigma_px).reshape(n, 4, 2).reshape(-1, 2)
-    sigma, platform_mm = _sigmas(done, bundle.camera, bundle.n_camera, 1.0)
-    solution = _solution(
-        bundle.camera(done.x),
-        covers.corners.reshape(-1, 2),
-        left,
-        [f'block {i}' for i in covers.ids for _ in range(4)],
-        sigma,
-        cover_height_m,
-        freedom=(10 * n - len(bundle.x0) + len(_CAMERA_SIGMA)) / (8 * n),
-    )
-    return replace(solution, platform_mm=platform_mm, lens=lens, misfit=2 * float(done.cost))
-
-
-@dataclass(frozen=True)
-class _Covers:
-    """The n covers that show all four sides, in all views, and where they are at first sight.
-
-    ids (n,), corners (n, 4, 2) px in the order of the table's, which is `turn` of that of the
-    views, view (n,), rest (n, 2) m, rims (v, 3), homography (3, 3), poses (n, 3); whole (m,) tells
-    which of all covers they are.
-    """
-
-    ids: np.ndarray
-    corners: np.ndarray
-    turn: list[int]
-    view: np.ndarray
-    rest: np.ndarray
-    rims: np.ndarray
-    homography: np.ndarray
-    poses: np.ndarray
-    whole: np.ndarray
-
-
-def _whole_covers(views: list[tuple[np.ndarray, np.ndarray]], start: Calibration) -> _Covers:
-    """Return the covers of all views that can be used; raise ConfigError for too few."""
-    ids = np.concatenate([np.asarray(i) for i, _ in views])
-    corners = np.concatenate([c for _, c in views])
-    view = np.repeat(np.arange(len(views)), [len(i) for i, _ in views])
-    whole = np.isfinite(corners).all(axis=(1, 2))
-    least = math.ceil(_WHOLE_SHARE * start.table.count)
-    if whole.sum() < least:
-        raise ConfigError(said('few_covers', count=int(whole.sum()), least=least))
-    ids, corners = ids[whole], corners[whole]
-    rest = start.table.rest[ids]
-    view = np.unique(view[whole], return_inverse=True)[1]
-    flat = start.undistort(corners.mean(axis=1))
-    rims = _rim_places(rest, flat, view)
-    first, _ = cv2.findHomography(_pushed(rest, rims[view]), flat)
-    # poses of the covers under that homography
-    there = replace(start, homography=first)
-    turn = [1, 0, 3, 2] if there.mirrored else [0, 1, 2, 3]  # round the square, as the table has it
-    corners = corners[:, turn]
-    table = there.to_table(corners.reshape(-1, 2)).reshape(-1, 4, 2)
-    side = table[:, 0] - table[:, 3] + table[:, 1] - table[:, 2]
-    poses = np.column_stack([table.mean(axis=1), np.arctan2(side[:, 1], side[:, 0])])
-    return _Covers(ids, corners, turn, view, rest, rims, first, poses, whole)
+    corner_mm, platform_mm = _sigmas(done, bundle.camera, bundle.n_camera, 1.0)
+    return Solution(
+        _judged(
+            replace(bundle.camera(done.x), cover_height_m=cover_height_m), left,
+            (10 * n - len(bundle.x0) + len(_CAMERA_SIGMA)) / (8 * n),
+        ),
+        bundle.corners.reshape(-1, 2), left, [f'block {i}' for i in bundle.ids for _ in range(4)],
+        corner_mm, platform_mm, lens=lens, misfit=2 * float(done.cost),
+    )  # fmt: skip
 
 
 class _Bundle:
     """What the bundle adjustment solves for, x: the camera, places of the rim, poses of covers.
 
-    `x0` is where it starts.
+    Of the n covers of all views that show all four sides: ids (n,), corners (n, 4, 2) px in the
+    order of the table's. `x0` is where it starts.
+
+    Raises:
+        ConfigError: fewer whole covers in all than four fifths of the blocks.
     """
 
     def __init__(
         self,
-        covers: _Covers,
+        views: list[tuple[np.ndarray, np.ndarray]],
         start: Calibration,
         n_lens: int,
-        rest_sigma_m: float,
-        side_sigma: float,
-        corner_sigma_px: float,
+        sigmas: tuple[float, float, float],
     ):
-        first, self._covers, self._start = covers.homography, covers, start
+        ids = np.concatenate([np.asarray(i) for i, _ in views])
+        corners = np.concatenate([c for _, c in views])
+        view = np.repeat(np.arange(len(views)), [len(i) for i, _ in views])
+        self._whole = whole = np.isfinite(corners).all(axis=(1, 2))
+        least = math.ceil(_WHOLE_SHARE * start.table.count)
+        if whole.sum() < least:
+            raise ConfigError(said('few_covers', count=int(whole.sum()), least=least))
+        self.ids, corners = ids[whole], corners[whole]
+        self._rest = rest = start.table.rest[self.ids]
+        self._view = view = np.unique(view[whole], return_inverse=True)[1]
+        flat = start.undistort(corners.mean(axis=1))
+        rims = _rim_places(rest, flat, view)
+        first, _ = cv2.findHomography(_pushed(rest, rims[view]), flat)
+        there = replace(start, homography=first)
+        # round the square, as the table has it
+        self._turn = [1, 0, 3, 2] if there.mirrored else [0, 1, 2, 3]
+        self.corners = corners = corners[:, self._turn]
+        # poses of the covers under that homography
+        table = there.to_table(corners.reshape(-1, 2)).reshape(-1, 4, 2)
+        side = table[:, 0] - table[:, 3] + table[:, 1] - table[:, 2]
+        poses = np.column_stack([table.mean(axis=1), np.arctan2(side[:, 1], side[:, 0])])
+        self._start, self._sigmas = start, sigmas  # of a place at rest, of sides, of corners
         self._scale = np.abs(first.ravel()[:8]) + 1e-3 * np.abs(first).max() * np.array(
             [1, 1, 1, 1, 1, 1, 1e-3, 1e-3]
         )
-        self._sigmas = rest_sigma_m, side_sigma, corner_sigma_px
-        self._n_lens, self._n_known = n_lens, 8 + n_lens + (side_sigma > 0)
+        self._n_lens, self._n_known = n_lens, 8 + n_lens + (sigmas[1] > 0)
         self.n_camera = self._n_known + len(_CAMERA_SIGMA)  # with what is known of it
-        rims = covers.rims
         self._n_rim = 3 * len(rims) if len(rims) > 1 else 0  # of one view the rim is the frame
         self._n_shared = self.n_camera + self._n_rim
-        # of relief, by each number of the camera
-        self._leads = np.zeros((8 + n_lens, len(covers.ids), 4, 2))
+        self._leads = np.zeros((8 + n_lens, *corners.shape))  # of relief, by each of the camera's
         self.x0 = np.concatenate(
             [
                 first.ravel()[:8] / first[2, 2] / self._scale,
                 start.distortion_coefficients[:n_lens],
                 np.zeros(self.n_camera - 8 - n_lens),
                 rims.ravel()[: self._n_rim],
-                covers.poses.ravel(),
+                poses.ravel(),
             ]
         )
 
@@ -291,10 +263,9 @@ class _Bundle:
         x0[8 : 8 + n_lens] = known.distortion_coefficients[:n_lens]
         steps = np.full(8 + n_lens, 0.01)
         steps[6:8] = 0.003 / self._scale[6:]
-        whole, turn = self._covers.whole, self._covers.turn
         for k, step in enumerate(np.diag(steps)):
             ahead, back = (beside(self.camera(x0[: 8 + n_lens] + d)) for d in (step, -step))
-            self._leads[k] = ((ahead - back) / (2 * steps[k]))[whole][:, turn]
+            self._leads[k] = ((ahead - back) / (2 * steps[k]))[self._whole][:, self._turn]
 
     def camera(self, x: np.ndarray) -> Calibration:
         """Return the camera of x."""
@@ -306,7 +277,7 @@ class _Bundle:
     def rests(self, x: np.ndarray) -> np.ndarray:
         """Return what x leaves of everything measured and known, in standard deviations."""
         rest_sigma_m, side_sigma, corner_sigma_px = self._sigmas
-        n_lens, at = self._n_lens, self._covers
+        n_lens = self._n_lens
         pose, longer = x[self._n_shared :].reshape(-1, 3), x[8 + n_lens : self._n_known]
         known = x[self._n_known : self.n_camera]
         rim = x[self.n_camera : self._n_shared].reshape(-1, 3)
@@ -314,10 +285,10 @@ class _Bundle:
         covers = _cover_corners(pose, side_m).reshape(-1, 2)
         seen = self.camera(x).to_pixels(covers).reshape(-1, 4, 2)
         seen += np.tensordot(x[: 8 + n_lens] - self.x0[: 8 + n_lens], self._leads, 1)
-        place = _pushed(at.rest, rim[at.view]) if self._n_rim else at.rest
+        place = _pushed(self._rest, rim[self._view]) if self._n_rim else self._rest
         return np.concatenate(
             [
-                ((seen - at.corners) / corner_sigma_px).ravel(),
+                ((seen - self.corners) / corner_sigma_px).ravel(),
                 ((pose[:, :2] - place) / rest_sigma_m).ravel(),
                 longer / (side_sigma or 1.0),
                 known / _CAMERA_SIGMA,
@@ -328,7 +299,7 @@ class _Bundle:
 
     def slopes(self, x: np.ndarray) -> np.ndarray:
         """Return the Jacobian: a cover's pose moves nothing but its own corners."""
-        n = len(self._covers.ids)
+        n = len(self.ids)
         base, cover = self.rests(x), np.arange(n)
         found = np.zeros((len(base), len(x)))
         for k in range(self._n_shared):
@@ -437,20 +408,17 @@ def from_squares(
         ConfigError: as `from_blocks`.
     """
     ids, covers = start.table.ids, start.covers
-    looks = [(image, *outline.upright(squares)) for image, squares in seen]
 
     def solved(camera: Calibration | None, lens: int) -> Solution:
         views = []
-        for image, blobs, turns in looks:
-            tables = None if camera is None else outline.tables(camera, blobs, turns, NEAR_SHINE_PX)
-            views.append((ids, corners(image, blobs, tables=tables)))
+        for image, blobs in seen:
+            tables = None if camera is None else outline.tables(camera, blobs, NEAR_SHINE_PX)
+            views.append((ids, corners(image, blobs, tables)))
         if covers is None:
             return from_blocks(views, start, start.cover_height_m, lens=lens)
 
         def shifts(camera: Calibration) -> np.ndarray:
-            return np.concatenate(
-                [outline.corner_shifts(camera, blobs, turns) for _, blobs, turns in looks]
-            )
+            return np.concatenate([outline.corner_shifts(camera, blobs) for _, blobs in seen])
 
         return from_blocks(
             views,
@@ -562,19 +530,11 @@ def from_points(
         lambda x: (camera(x).to_pixels(xy) - px).ravel(), first.ravel()[:8] / first[2, 2] / scale
     )
     n = len(px)
-    sigma, platform_mm = _sigmas(done, camera, 8) if n > 4 else (np.full(4, np.nan), np.nan)
+    corner_mm, platform_mm = _sigmas(done, camera, 8) if n > 4 else (np.full(4, np.nan), np.nan)
     solved = raise_plane(camera(done.x), cover_height_m - point_height_m)
-    left = done.fun.reshape(-1, 2)
-    solution = _solution(
-        solved,
-        px,
-        left,
-        [f'point {i + 1}' for i in range(n)],
-        sigma,
-        cover_height_m,
-        freedom=max(2 * n - 8, 0) / (2 * n),
-    )
-    return replace(solution, platform_mm=platform_mm)
+    solved, left = replace(solved, cover_height_m=cover_height_m), done.fun.reshape(-1, 2)
+    solved = _judged(solved, left, max(2 * n - 8, 0) / (2 * n))
+    return Solution(solved, px, left, [f'point {i + 1}' for i in range(n)], corner_mm, platform_mm)
 
 
 def raise_plane(calibration: Calibration, height_m: float) -> Calibration:
@@ -631,20 +591,7 @@ def _sigmas(
     return corner, float(np.sqrt(max(variance, least) * variances(left).mean()))
 
 
-def _solution(
-    calibration: Calibration,
-    px: np.ndarray,
-    left: np.ndarray,
-    names: list[str],
-    corner_mm: np.ndarray,
-    cover_height_m: float,
-    freedom: float,
-) -> Solution:
+def _judged(calibration: Calibration, left: np.ndarray, freedom: float) -> Calibration:
+    """Return it with the RMS of residuals (n, 2) px, of which a share `freedom` is free."""
     rms = float(np.sqrt((left**2).mean() / freedom)) if freedom > 0 else 0.0
-    done = replace(
-        calibration,
-        cover_height_m=cover_height_m,
-        residual_px=rms,
-        residual_mm=rms / calibration.px_per_m() * 1e3,
-    )
-    return Solution(done, px, left, names, corner_mm)
+    return replace(calibration, residual_px=rms, residual_mm=rms / calibration.px_per_m() * 1e3)

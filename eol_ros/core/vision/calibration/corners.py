@@ -131,26 +131,27 @@ def side_lines(image, squares, blur, tables, work, out, seen):
             out[s, side, 1] = -math.atan(lines[side, 1])
 
 
+def _read(
+    image: np.ndarray, blobs: np.ndarray, tables: np.ndarray, covers: int = 0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return places (n, 4) of `blobs`, their lines (n, 4, 3), and `covers` times what is seen."""
+    squares = np.column_stack([blobs['u'], blobs['v'], blobs['theta'], blobs['side_px'] / 2])
+    lines, seen = np.zeros((len(squares), 4, 3)), np.zeros((covers, 4, falling_light.BINS, 3))
+    side_lines(read_only(image), squares, BLUR_PX, tables, profiles.workspace(), lines, seen)
+    return squares, lines, seen
+
+
 def sides_px(image: np.ndarray, squares: np.ndarray, camera: Calibration) -> np.ndarray:
     """Return how wide blocks (n,) are between their sides, px; NaN where a side is not whole.
 
-    squares: SQUARE (n,), where they stand in `image`, of type `read_only`.
+    squares: SQUARE (n,), where they stand in `image`.
     """
-    upright, quarters = outline.upright(squares)
-    tables = outline.tables(camera, upright, quarters, falling_light.NEAR_SHINE_PX)
-    places = np.column_stack([upright['u'], upright['v'], upright['theta'], upright['side_px'] / 2])
-    lines = np.zeros((len(squares), 4, 3))
-    seen = np.zeros((0, 4, falling_light.BINS, 3))
-    side_lines(image, places, BLUR_PX, tables, profiles.workspace(), lines, seen)
+    tables = outline.tables(camera, squares, falling_light.NEAR_SHINE_PX)
+    _, lines, _ = _read(image, squares, tables)
     return np.where((lines[..., 2] > WHOLE).all(axis=1), lines[..., 0].sum(axis=1) / 2, np.nan)
 
 
-def corners(
-    image: np.ndarray,
-    blobs: np.ndarray,
-    blur_px: float = BLUR_PX,
-    tables: np.ndarray | None = None,
-) -> np.ndarray:
+def corners(image: np.ndarray, blobs: np.ndarray, tables: np.ndarray | None = None) -> np.ndarray:
     """Return the corners (n, 4, 2) in px of `blobs` (SQUARE array); NaN where a side is not whole.
 
     Order as seen from the block's own axes: (+x -y), (+x +y), (-x +y), (-x -y). With tables of
@@ -159,29 +160,20 @@ def corners(
     covers = len(blobs) if tables is not None else 0
     if tables is None:
         tables = np.zeros((len(blobs), outline.SIZE), np.float32)
-    squares = np.column_stack([blobs['u'], blobs['v'], blobs['theta'], blobs['side_px'] / 2])
-    lines = np.zeros((len(squares), 4, 3))
-    seen = np.zeros((covers, 4, falling_light.BINS, 3))
-    side_lines(read_only(image), squares, blur_px, tables, profiles.workspace(), lines, seen)
+    squares, lines, seen = _read(image, blobs, tables, covers)
     if covers:
         wide = float(np.median(blobs['side_px']))
-        lines[..., 0] += falling_light.edges(seen, blur_px, wide)
-    angle = squares[:, 2, None] + np.arange(4) * np.pi / 2 + lines[:, :, 1]
-    square_angle = squares[:, 2, None] + np.arange(4) * np.pi / 2
+        lines[..., 0] += falling_light.edges(seen, BLUR_PX, wide)
+    flat = squares[:, 2, None] + np.arange(4) * np.pi / 2
+    angle = flat + lines[:, :, 1]
     # a point on each side, and its normal; a line is n . (p - c) = d
-    foot = (
-        np.stack([elementary.cos(square_angle), -elementary.sin(square_angle)], axis=-1)
-        * lines[:, :, :1]
-    )
+    foot = np.stack([elementary.cos(flat), -elementary.sin(flat)], axis=-1) * lines[:, :, :1]
     normal = np.stack([elementary.cos(angle), -elementary.sin(angle)], axis=-1)
     reach = (normal * foot).sum(axis=-1)
-    found = np.full((len(squares), 4, 2), np.nan)
-    for corner, (one, other) in enumerate(((3, 0), (0, 1), (1, 2), (2, 3))):
-        pair = np.stack([normal[:, one], normal[:, other]], axis=1)
-        whole = (lines[:, one, 2] > WHOLE) & (lines[:, other, 2] > WHOLE)
-        if whole.any():
-            offset = np.stack([reach[whole, one], reach[whole, other]], axis=1)
-            found[whole, corner] = (
-                np.linalg.solve(pair[whole], offset[..., None])[..., 0] + squares[whole, :2]
-            )
+    found, whole = np.full((len(squares), 4, 2), np.nan), lines[:, :, 2] > WHOLE
+    both = whole & np.roll(whole, 1, axis=1)  # each corner is between a side and the one before
+    pairs = np.stack([np.roll(normal, 1, axis=1), normal], axis=2)[both]
+    offset = np.stack([np.roll(reach, 1, axis=1), reach], axis=2)[both]
+    centre = np.broadcast_to(squares[:, None, :2], found.shape)[both]
+    found[both] = np.linalg.solve(pairs, offset[..., None])[..., 0] + centre
     return found

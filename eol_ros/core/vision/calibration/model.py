@@ -277,9 +277,7 @@ class Calibration:
         a w + b conj(w); the angle of a square is that of `a`. In a mirror w is the vector's mirror
         image.
         """
-        centre = self.to_table(np.asarray(px, float).reshape(-1, 2))
-        ends = [self.to_pixels(centre + sign * s) for s in np.eye(2) * 0.02 for sign in (1, -1)]
-        across, along = ends[0] - ends[1], ends[2] - ends[3]
+        across, along = self._axes(px, 0.02)
         one, other = across[:, 0] - 1j * across[:, 1], along[:, 0] - 1j * along[:, 1]
         kept = one + 1j * other if self.mirrored else one - 1j * other
         yaw = np.asarray(yaw, float)
@@ -287,13 +285,14 @@ class Calibration:
 
     def side_px(self, px: ArrayLike, side_m: float) -> np.ndarray:
         """Return the image side (n,) of a square of `side_m` centred at `px` (n, 2)."""
-        px = np.asarray(px, float).reshape(-1, 2)
+        across, along = self._axes(px, side_m / 2)
+        return np.sqrt(np.abs(across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0]))
+
+    def _axes(self, px: ArrayLike, half_m: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return what lengths of 2 half_m along x and y are at `px` (n, 2) in the image."""
         centre = self.to_table(px)
-        step = np.array([[side_m / 2, 0], [0, side_m / 2]])
-        ends = [self.to_pixels(centre + sign * s) for s in step for sign in (1, -1)]
-        across, along = ends[0] - ends[1], ends[2] - ends[3]
-        area = np.abs(across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0])
-        return np.sqrt(area)
+        ends = [self.to_pixels(centre + sign * s) for s in np.eye(2) * half_m for sign in (1, -1)]
+        return ends[0] - ends[1], ends[2] - ends[3]
 
     def packed(self) -> np.ndarray:
         """Return all numbers of it in one row (32,), as mapping takes them."""
@@ -317,9 +316,8 @@ class Calibration:
         (REP 103). The homography K [r1 r2 t] has the pose of the plane of the covers (Zhang 2000).
         Not for a camera that sees the table in a mirror, which has no such pose.
         """
-        pose = algebra.solve(self.camera_matrix, self.homography)
-        scale = np.sqrt(algebra.norm(pose[:, 0]) * algebra.norm(pose[:, 1]))
-        pose = pose / (scale if pose[2, 2] > 0 else -scale)
+        pose, scale = self._pose()
+        pose = pose / scale
         right = pose[:, 0] / algebra.norm(pose[:, 0])
         ahead = pose[:, 1] - (pose[:, 1] * right).sum() * right
         table = np.stack([right, ahead / algebra.norm(ahead), np.zeros(3)], axis=1)
@@ -334,12 +332,15 @@ class Calibration:
         to the camera. A mirror turns r1 x r2 away from the camera, while what stands on the plane
         still stands on the camera's side of it.
         """
+        pose, scale = self._pose()
+        up = np.cross(pose[:, 0], pose[:, 1]) * (-1 if self.mirrored else 1)
+        return algebra.matmul(self.camera_matrix, up) * scale / algebra.norm(up)
+
+    def _pose(self) -> tuple[np.ndarray, float]:
+        """Return [r1 r2 t] times a scale, and that scale, by which the plane lies ahead."""
         pose = algebra.solve(self.camera_matrix, self.homography)
         scale = np.sqrt(algebra.norm(pose[:, 0]) * algebra.norm(pose[:, 1]))
-        up = np.cross(pose[:, 0], pose[:, 1]) * (-1 if self.mirrored else 1)
-        if pose[2, 2] < 0:
-            scale = -scale
-        return algebra.matmul(self.camera_matrix, up) * scale / algebra.norm(up)
+        return pose, float(scale if pose[2, 2] > 0 else -scale)
 
     def px_per_m(self) -> float:
         """Return the scale at the table's centre in pixels per metre."""

@@ -100,9 +100,10 @@ class Light(NamedTuple):
 @njit(cache=True)
 def sides_of(theta, half, blur, soft):
     """Return the Sides of a square."""
-    slope = abs(math.cos(theta))
+    lean = outline.lean(theta)
+    slope = 1.0 / math.sqrt(1.0 + lean * lean)
     taps = min(2 * int(REACH_PX / slope + 0.5) + 2, TAPS)
-    return Sides(slope, -math.tan(theta), half - CORNER * blur, blur, soft, taps)
+    return Sides(slope, lean, half - CORNER * blur, blur, soft, taps)
 
 
 def workspace() -> tuple[np.ndarray, np.ndarray]:
@@ -118,7 +119,7 @@ def gather(image, u, v, theta, half, sides, table, lines, light):
     table: of outline, how far outside of the square the outline of a cover with relief stands.
 
     All sides cross their rows or columns at the same slant, so that the distance from the side
-    grows by cos(theta) from tap to tap, and t by -tan(theta) with it. The edge lies within half a
+    grows by the slope from tap to tap, and t by the lean with it. The edge lies within half a
     pixel of the middle.
     """
     lines['valid'][:] = 0.0
@@ -127,7 +128,7 @@ def gather(image, u, v, theta, half, sides, table, lines, light):
         angle = theta + side * math.pi / 2
         nu, nv = math.cos(angle), -math.sin(angle)
         tu, tv = nv, -nu
-        by_row = side % 2 == 0  # sides 0 and 2 are steep: rows cross them
+        by_row = abs(nu) > abs(nv)  # steep: rows cross it
         fast, slow, c_fast, c_slow = (nu, nv, u, v) if by_row else (nv, nu, v, u)
         t_fast, t_slow = (tu, tv) if by_row else (tv, tu)
         rows, cols = (height, width) if by_row else (width, height)
