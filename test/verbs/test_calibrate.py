@@ -15,6 +15,15 @@ from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.devices.files import calibration_file
 
 pytestmark = pytest.mark.slow  # the first run compiles
+TRUTH = clutter_calibration('clean')
+AROUND = np.array([[-0.7, -0.7], [0.7, -0.7], [0.7, 0.7], [-0.7, 0.7]])
+
+
+def pointed(path, xy=AROUND, off=0.0, says=None):
+    """Write points xy (n, 2) m as a camera sees them; `says` is what the file says in place."""
+    px = TRUTH.to_pixels(xy) + off
+    np.savetxt(path, np.hstack([px, xy if says is None else says]), delimiter=',')
+    return ['calibrate', 'points', str(path), '--size', '1280x800']
 
 
 @pytest.fixture(scope='module')
@@ -30,23 +39,8 @@ def picture(tmp_path_factory):
 
 def test_blocks_to_yaml_and_picture(picture, tmp_path, capsys):
     out, seen = tmp_path / 'c.yaml', tmp_path / 'p.png'
-    assert (
-        cli.main(
-            [
-                'calibrate',
-                'blocks',
-                picture,
-                '--output',
-                str(out),
-                '--picture',
-                str(seen),
-                '--json',
-                '--cover-height',
-                '0.06',
-            ]
-        )
-        == 0
-    )
+    words = ['blocks', picture, '--output', str(out), '--picture', str(seen)]
+    assert cli.main(['calibrate', *words, '--json', '--cover-height', '0.06']) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures['residual_px'] < 0.1
     assert figures['refused'] == '' and figures['verdict']['grade'] in ('good', 'usable')
@@ -63,11 +57,8 @@ def test_blocks_to_yaml_and_picture(picture, tmp_path, capsys):
 
 
 def test_printed_covers_are_kept_with_the_calibration(tmp_path, capsys):
-    truth = clutter_calibration('clean')
-    xy = np.array([[-0.7, -0.7], [0.7, -0.7], [0.7, 0.7], [-0.7, 0.7]])
     path, out, stl = tmp_path / 'p.csv', tmp_path / 'c.yaml', tmp_path / 'covers'
-    np.savetxt(path, np.hstack([truth.to_pixels(xy), xy]), delimiter=',')
-    way = ['calibrate', 'points', str(path), '--size', '1280x800', '--output', str(out)]
+    way = [*pointed(path), '--output', str(out)]
     stl.mkdir()
 
     assert cli.main([*way, '--covers', str(stl)]) == 78
@@ -81,20 +72,17 @@ def test_printed_covers_are_kept_with_the_calibration(tmp_path, capsys):
 
 
 def test_points_need_a_size_and_four_columns(tmp_path, capsys):
-    truth = clutter_calibration('clean')
-    xy = np.array([[-0.7, -0.7], [0.7, -0.7], [0.7, 0.7], [-0.7, 0.7]])
-    path = tmp_path / 'p.csv'
-    np.savetxt(path, np.hstack([truth.to_pixels(xy), xy]), delimiter=',')
-    out = str(tmp_path / 'c.yaml')
-    assert cli.main(['calibrate', 'points', str(path), '--size', '1280x800', '--output', out]) == 0
+    path, out = tmp_path / 'p.csv', str(tmp_path / 'c.yaml')
+    words = pointed(path)
+    assert cli.main([*words, '--output', out]) == 0
     assert np.abs(calibration_file.load(out).to_table([[639.5, 399.5]])).max() < 1e-6
     assert 'four points fit any table' in capsys.readouterr().out
     assert cli.main(['calibrate', 'points', str(path)]) == 2
     assert cli.main(['calibrate', 'points', str(path), '--size', 'big']) == 2
-    np.savetxt(path, xy, delimiter=',')
-    assert cli.main(['calibrate', 'points', str(path), '--size', '1280x800']) == 78
+    np.savetxt(path, AROUND, delimiter=',')
+    assert cli.main(words) == 78
     path.write_text('u,v,x,y\n')
-    assert cli.main(['calibrate', 'points', str(path), '--size', '1280x800']) == 78
+    assert cli.main(words) == 78
     errors = capsys.readouterr().err.strip().splitlines()
     assert all(line.startswith('eol calibrate: ') for line in errors if 'usage' not in line)
 
@@ -117,14 +105,10 @@ def test_what_is_no_lattice_of_blocks_is_refused_in_a_line(tmp_path, capsys, sid
 
 def test_points_are_judged(tmp_path, capsys):
     """Four fit any table; more tell how good they are, and where they are not what they should."""
-    truth, path = clutter_calibration('clean'), tmp_path / 'p.csv'
-    around = np.array([[-0.7, -0.7], [0.7, -0.7], [0.7, 0.7], [-0.7, 0.7]])
-    xy = np.vstack([around, 0.5 * around, 0.9 * around[:, ::-1]])
-    words = ['calibrate', 'points', str(path), '--size', '1280x800']
+    xy = np.vstack([AROUND, 0.5 * AROUND, 0.9 * AROUND[:, ::-1]])
     for points, off_px, grade in ((xy[:4], 0, 'usable'), (xy, 0.05, 'good'), (xy, 0.6, 'usable')):
         off = off_px * np.random.default_rng(1).normal(size=(len(points), 2))
-        np.savetxt(path, np.hstack([truth.to_pixels(points) + off, points]), delimiter=',')
-        assert cli.main(words) == 0
+        assert cli.main(pointed(tmp_path / 'p.csv', points, off)) == 0
         assert capsys.readouterr().out.splitlines()[-1].startswith(f'{grade}: '), off_px
 
 
@@ -142,11 +126,8 @@ def test_a_mirror_is_said_and_kept(picture, tmp_path, capsys):
 
 
 def test_points_whose_y_runs_down_are_refused(tmp_path, capsys):
-    truth = clutter_calibration('clean')
-    xy = np.array([[-0.7, -0.7], [0.7, -0.7], [0.7, 0.7], [-0.7, 0.7]])
     path, out = tmp_path / 'p.csv', tmp_path / 'c.yaml'
-    np.savetxt(path, np.hstack([truth.to_pixels(xy), xy * [1, -1]]), delimiter=',')
-    words = ['calibrate', 'points', str(path), '--size', '1280x800', '--output', str(out)]
+    words = [*pointed(path, says=AROUND * [1, -1]), '--output', str(out)]
     assert cli.main(words) == 78
     (error,) = capsys.readouterr().err.strip().splitlines()
     assert 'add --mirror' in error
@@ -154,7 +135,7 @@ def test_points_whose_y_runs_down_are_refused(tmp_path, capsys):
     assert not out.exists()
     assert cli.main([*words, '--mirror']) == 0
     assert calibration_file.load(out).mirrored
-    np.savetxt(path, np.hstack([truth.to_pixels(xy), xy]), delimiter=',')
+    pointed(path)
     assert cli.main([*words, '--mirror']) == 78
     assert 'leave out --mirror' in capsys.readouterr().err
 
@@ -295,17 +276,7 @@ def test_a_board_is_printed_to_scale(tmp_path, kind, read):
         (['b.pdf', '--paper', 'A3'], 78, 'needs 690 x 533 mm, paper A3 is smaller'),
         (['b.pdf', '--square', '0.2'], 78, 'more than A0'),
         (
-            [
-                'b.svg',
-                '--board',
-                '3x3',
-                '--square',
-                '0.02',
-                '--marker',
-                '0.015',
-                '--paper',
-                '190x150',
-            ],
+            ['b.svg', '--board=3x3', '--square=0.02', '--marker=0.015', '--paper=190x150'],
             78,
             'needs 200 x 103 mm',
         ),  # ruler and words are wider than such a board

@@ -95,14 +95,6 @@ def test_black_and_white_images_are_one_line(capsys, tmp_path, level, words):
     assert len(lines) == 1 and words in lines[0]
 
 
-def test_frozen_images_are_one_line(capsys, tmp_path):
-    calibration, images = resting(110)
-    np.save(tmp_path / 'frozen.npy', images + [images[-1]] * 90)
-    lines = told(capsys, tmp_path / 'frozen.npy', calibration)
-
-    assert len(lines) == 1 and 'image is frozen for more than 0.5 s' in lines[0]
-
-
 def test_covers_that_are_others_than_before_are_told_once(
     relief, relief_stack, capsys, monkeypatch
 ):

@@ -22,7 +22,6 @@ from eol_ros.core.vision.calibration import covers
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import NOISE_LEVELS, Renderer, RenderOptions
-from eol_ros.core.vision.states import FAULT, LOST, SEARCHING, TRACKING
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
@@ -131,27 +130,6 @@ def test_a_patch_moves_along_where_the_image_is_the_same_map_of_the_table(shift)
     np.testing.assert_allclose(patch[0].offset, there, atol=1e-3)
     assert not moved([40 * s for s in shift])  # a lens bends the image
     assert not moved([camera.image_width - middle[0] - 10, 0], 1e-3)  # out of the image
-
-
-@njit
-def read(*arguments):
-    pixels.read(*arguments)
-
-
-def test_grey_levels_are_read_where_the_patch_lies():
-    rng, px = np.random.default_rng(2), pixels.empty()
-    image, at = read_only(rng.integers(0, 256, (40, 60), dtype=np.uint8)), np.full(24, -1, np.int32)
-    at[:21] = rng.permutation(2400)[:21]
-    read(image, at, np.array([0, 0]), 3, px)
-    n = np.arange(24)
-    np.testing.assert_array_equal(px[n // 8, n % 8 + pixels.GREY][:21], image.ravel()[at[:21]])
-    moved = np.array([-3, 2])
-    read(np.roll(image, (2, -3), (0, 1)), at, moved, 3, px)
-    inside = (at[:21] % 60 >= 3) & (at[:21] // 60 < 38)
-    np.testing.assert_array_equal(
-        px[n // 8, n % 8 + pixels.GREY][:21][inside], image.ravel()[at[:21]][inside]
-    )
-    np.testing.assert_array_equal(px[n // 8, n % 8 + pixels.TRUST], at >= 0)
 
 
 def test_normal_equations_are_those_of_dense_algebra():
@@ -506,23 +484,6 @@ def followed(images, camera, step_s=1 / 60):
     )
 
 
-def test_a_whole_turn_of_the_rim_keeps_all_names():
-    renderer = Renderer(RenderOptions(noise='L2'), None, 2)
-    angles = np.linspace(0, 2 * np.pi, 240)  # 94 degrees a second
-    poses = [turned(a) for a in angles]
-    found = followed(
-        (
-            renderer.render(*p.T, np.full(25, a), k)
-            for k, (p, a) in enumerate(zip(poses, angles, strict=True))
-        ),
-        renderer.calibration,
-    )
-    assert found['seen'].all()
-    off = np.stack([found['x'], found['y']], axis=2) - np.array(poses)
-    assert np.abs(off).max() < 1e-3
-    np.testing.assert_allclose(found['yaw'], angles[:, None] * np.ones(25), atol=0.02)
-
-
 def test_light_that_changes_moves_no_block():
     renderer = Renderer(RenderOptions(noise='none'), None, 2)
     steady = renderer.render(*REST.T, np.zeros(25), 0).astype(float)
@@ -535,9 +496,10 @@ def test_light_that_changes_moves_no_block():
         assert np.abs(found[name][40:] - found[name][39]).max() * 545 < 0.035
 
 
-def textured(image, camera, at, yaw, patterns):
-    """Return the image with each block's light modulated by a pattern (4,) of its own."""
-    image = image.astype(float)
+def textured(image, camera, at, yaw):
+    """Return the image with each block's light modulated by a pattern of its own."""
+    image, rng = image.astype(float), np.random.default_rng(4)
+    patterns = np.column_stack([rng.uniform(*r, 25) for r in ((0.05, 0.2), (0, 6)) * 2])
     for (x, y), p in zip(at, patterns, strict=True):
         u, v = np.rint(camera.to_pixels([[x, y]])[0]).astype(int)
         j, i = np.mgrid[v - 22 : v + 23, u - 22 : u + 23]
@@ -550,18 +512,14 @@ def textured(image, camera, at, yaw, patterns):
 
 @pytest.mark.parametrize('quarters', [1, 2])
 def test_a_quarter_turn_in_the_dark_is_told_by_the_covers(quarters):
-    renderer, rng = Renderer(RenderOptions(noise='L2'), None, 2), np.random.default_rng(4)
-    patterns = np.column_stack(
-        [rng.uniform(0.05, 0.2, 25), rng.uniform(0, 6, 25), rng.uniform(0.05, 0.2, 25),
-         rng.uniform(0, 6, 25)]
-    )  # fmt: skip
+    renderer = Renderer(RenderOptions(noise='L2'), None, 2)
     dark = np.random.default_rng(1).integers(8, 14, (800, 1280)).astype(np.uint8)
     images = []
     for k in range(120):
         angle = quarters * math.pi / 2 * (k > 70)
         at = turned(angle)
         image = renderer.render(*at.T, np.full(25, angle), k)
-        images.append(textured(image, renderer.calibration, at, angle, patterns))
+        images.append(textured(image, renderer.calibration, at, angle))
     images[50:71] = [dark] * 21
     found = followed(images, renderer.calibration)
     assert found['seen'][76:].all()
@@ -596,41 +554,6 @@ def test_which_way_round_the_lattice_lies_is_told_by_taps(quarters):
     assert found.seen.all()
 
 
-def covered(image, camera, block, share, level=40):
-    """Return the image with `share` of a block's width under something flat, from the left."""
-    u, v = camera.to_pixels(REST[block : block + 1])[0]
-    side = round(0.084 * 545)
-    image = image.copy()
-    left = round(u - side / 2) - 40
-    image[round(v - side) : round(v + side), left : round(u - side / 2 + share * side)] = level
-    return image
-
-
-def test_a_covered_block_is_not_reported_and_comes_back_by_its_name():
-    renderer = Renderer(RenderOptions(noise='L2'), None, 2)
-    camera = renderer.calibration
-    images = [renderer.render(*REST.T, np.zeros(25), k) for k in range(90)]
-    for k in range(40, 60):
-        images[k] = covered(images[k], camera, 12, 1.2)
-    found = followed(images, camera)
-    seen = found['seen']
-    assert seen[:40].all() and seen[61:].all()
-    assert not seen[40:60, 12].any()
-    assert np.delete(seen[40:60], 12, axis=1).all()
-    assert np.hypot(found['x'] - REST[:, 0], found['y'] - REST[:, 1])[:, 12].max() < 0.005
-
-
-def test_half_a_block_in_sight_lies_where_the_whole_does():
-    renderer = Renderer(RenderOptions(noise='L2'), None, 2)
-    camera = renderer.calibration
-    images = [renderer.render(*REST.T, np.zeros(25), k) for k in range(70)]
-    for k in range(40, 70):
-        images[k] = covered(images[k], camera, 12, 0.3)
-    found = followed(images, camera)
-    assert found['seen'].all()
-    assert np.abs(found['x'][40:, 12] * 545).max() < 0.5
-
-
 def test_the_glow_of_a_lamp_is_no_block():
     renderer = Renderer(RenderOptions(noise='L2'), None, 2)
     v, u = np.mgrid[0:800, 0:1280]
@@ -648,23 +571,6 @@ def test_the_glow_of_a_lamp_is_no_block():
     assert np.delete(found['seen'], 12, axis=1)[12:].all()
 
 
-def test_states_of_the_tracker():
-    renderer = Renderer(RenderOptions(noise='L2'), None, 2)
-    camera = renderer.calibration
-    tracker = Tracker(TrackerSettings(), camera)
-    dark = np.random.default_rng(1).integers(8, 14, (800, 1280)).astype(np.uint8)
-    empty = tracker.update(0.0, dark)
-    assert empty.state == SEARCHING and np.isnan(empty.world).all() and not empty.seen.any()
-    good = tracker.update(0.1, renderer.render(*REST.T, np.zeros(25), 0))
-    assert good.state == TRACKING and good.seen.all() and not good.symmetry_ambiguous
-    assert np.abs(good.px - camera.to_pixels(REST)).max() < 0.05
-    assert tracker.update(0.2, dark).state == LOST
-    bad = tracker.update(0.3, np.zeros((80, 128), np.uint8))
-    assert bad.state == FAULT and '128x80' in bad.why
-    assert tracker.update(0.4, renderer.render(*REST.T, np.zeros(25), 1)).state == TRACKING
-    assert 45.0 < tracker.side_px() < 46.5
-
-
 def test_in_the_dark_the_lattice_is_not_sought_in_every_image(monkeypatch):
     renderer, sought = Renderer(RenderOptions(noise='L2'), None, 2), []
     seek = find.find_lattice
@@ -677,17 +583,13 @@ def test_in_the_dark_the_lattice_is_not_sought_in_every_image(monkeypatch):
 
 
 def test_what_was_learned_is_known_to_the_next_tracker_in_its_first_image():
-    renderer, rng = Renderer(RenderOptions(noise='L2'), None, 2), np.random.default_rng(4)
+    renderer = Renderer(RenderOptions(noise='L2'), None, 2)
     camera = renderer.calibration
-    patterns = np.column_stack(
-        [rng.uniform(0.05, 0.2, 25), rng.uniform(0, 6, 25), rng.uniform(0.05, 0.2, 25),
-         rng.uniform(0, 6, 25)]
-    )  # fmt: skip
 
     def image(k, angle):
         at = turned(angle)
         drawn = renderer.render(*at.T, np.full(25, angle), k)
-        return textured(drawn, camera, at, angle, patterns)
+        return textured(drawn, camera, at, angle)
 
     first = Tracker(TrackerSettings(), camera)
     for k in range(30):

@@ -62,11 +62,6 @@ def test_lamps_are_learnt_and_taken_off(monkeypatch):
     assert rms['with'] < 0.7 * rms['without']
 
 
-def test_lit_blocks_are_no_clutter(monkeypatch):
-    with pytest.raises(ConfigError, match='25 blocks are lit'):
-        learn(lit(monkeypatch), images=8, ir=1.0).result()
-
-
 def test_what_cannot_be_a_map():
     with pytest.raises(ConfigError, match='0 dark images were taken'):
         BackgroundLearner(Table()).result()

@@ -95,11 +95,6 @@ def test_arms_hide_what_they_say_they_hide():
     assert lit == pytest.approx(1 - 0.04 / 0.084, abs=0.05)
 
 
-def test_blocks_go_dark_on_command():
-    renderer = Renderer(RenderOptions(noise='none'), SMALL, n_blocks=1)
-    assert renderer.render([0], [0], [0], 0, ir=[0.0]).max() <= 14
-
-
 @pytest.mark.parametrize('level', list(LEVELS))
 def test_every_clutter_level_keeps_the_scale_of_the_table(level):
     camera = clutter_calibration(level)

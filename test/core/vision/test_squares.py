@@ -4,7 +4,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.paper import rest_lattice
-from support.relief import films
 
 from eol_ros.core.table import Table
 from eol_ros.core.vision.appearance.squares import find_squares, lattice
@@ -12,7 +11,6 @@ from eol_ros.core.vision.calibration import calibrate
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
-from eol_ros.errors import ConfigError
 
 pytestmark = pytest.mark.slow  # the first run compiles
 WORN = np.random.default_rng(0)
@@ -121,21 +119,6 @@ def test_most_blocks_are_found_while_some_are_dark():
     assert (found.seen == (light > 0)).sum() >= 17
 
 
-@pytest.mark.parametrize('name', ['straight-40mm', 'aside', 'steep-40mm', 'lens'])
-def test_printed_covers_are_found(name):
-    film = next((f for f in films.load() if f.name.startswith(name)), None)
-    camera = films.calibration(film, True)
-    start = replace(
-        calibrate.nominal(1280, 800), cover_height_m=films.SKIRT_M, covers=camera.covers
-    )
-    image = films.sensed(film.light, 0)
-    image.flags.writeable = False
-    found = looked(image, start)
-    assert found.seen.all() and found.calibration.covers is camera.covers
-    assert found.calibration.cover_height_m == films.SKIRT_M
-    assert off_truth(found, camera, film.shot.poses)[0] < 3
-
-
 def test_images_without_a_lattice():
     dark = np.full((800, 1280), 12, np.uint8)
     dark.flags.writeable = False
@@ -150,11 +133,3 @@ def test_images_without_a_lattice():
     image = lamps.render(*rest_lattice().T, np.zeros(25), 0, ir=np.zeros(25))
     image.flags.writeable = False
     assert looked(image).calibration is None
-
-
-def test_fewer_than_25_blocks_are_refused():
-    light = np.ones(25)
-    light[7] = 0.0
-    image, _ = drawn(Calibration.ideal(), ir=light)
-    with pytest.raises(ConfigError, match='24 squares seen, not 25'):
-        calibrate.all_blocks(image, calibrate.nominal(1280, 800), False)

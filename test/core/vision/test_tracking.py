@@ -52,17 +52,7 @@ def test_first_image_is_enough(tracker, stills):
     assert np.allclose(tracked.yaw, 0, atol=2e-3)
     assert (tracked.sigma_m < 1e-4).all()
     assert (tracked.visibility > 0.9).all()
-
-
-def test_follows_a_turning_and_moving_table(tracker):
-    renderer = Renderer(RenderOptions(), Calibration.ideal(), 2)
-    for k in range(60):
-        angle = 0.02 * k
-        xy = turned(rest_lattice(), angle) + [0.002 * k, 0]
-        tracked = tracker.update(k / 60, renderer.render(*xy.T, np.full(25, angle), k))
-        assert tracked.seen.all()
-        assert np.allclose(tracked.world, xy, atol=2e-4)
-        assert np.allclose(tracked.yaw, angle, atol=5e-3)
+    assert 45.0 < tracker.side_px() < 46.5
 
 
 @pytest.mark.parametrize(
@@ -88,16 +78,6 @@ def test_an_unusable_image_is_a_fault_in_one_line_and_no_pose(tracker, stills, i
     assert back.state == TRACKING
     assert back.seen.all()
     assert np.allclose(back.world, rest_lattice(), atol=1e-4)
-
-
-def test_noise_without_blocks_is_no_lattice(tracker):
-    random = np.random.default_rng(0)
-    for k in range(5):
-        noise = np.clip(random.normal(14, 3, (800, 1280)), 0, 255).astype(np.uint8)
-        tracked = tracker.update(k / 60, noise)
-        assert tracked.state == SEARCHING
-        assert not tracked.seen.any()
-        assert np.isnan(tracked.world).all()
 
 
 def test_a_frozen_image_is_a_fault_but_a_still_table_is_not(tracker, stills):
@@ -135,18 +115,6 @@ def test_a_calibration_of_another_camera_gives_no_pose(stills, scale):
         assert tracked.why
 
 
-def test_without_calibration_pixels_come_at_once_and_metres_after_rest(stills):
-    tracker = Tracker(TrackerSettings(), None)
-    answers = feed(tracker, stills)
-    assert answers[0].state == CALIBRATING
-    assert answers[0].seen.all()
-    assert np.isnan(answers[0].world).all()
-    assert answers[-1].state == TRACKING
-    assert np.allclose(answers[-1].world, rest_lattice(), atol=1e-4)
-    for tracked in answers:
-        assert np.allclose(tracked.px, Calibration.ideal().to_pixels(rest_lattice()), atol=0.03)
-
-
 def test_blocks_that_rest_off_their_lattice_are_no_measure():
     xy = rest_lattice()
     xy[[3, 8, 11, 20]] += [[0.04, 0], [0.03, 0.02], [-0.03, 0.02], [0.02, 0.04]]
@@ -170,18 +138,6 @@ def test_darkness_then_light_says_that_the_turn_is_open(tracker, stills):
     assert again.state == TRACKING
     assert again.symmetry_ambiguous
     assert np.allclose(again.world, rest_lattice(), atol=1e-4)
-
-
-def test_same_images_same_answer_to_the_bit(stills):
-    def run():
-        tracker = Tracker(TrackerSettings(), Calibration.ideal())
-        tracker.warm_up()
-        answers = feed(tracker, stills[:20])
-        return b''.join(
-            a.tobytes() for t in answers for a in (t.world, t.px, t.yaw, t.sigma_m, t.visibility)
-        )
-
-    assert run() == run()
 
 
 def night(renderer, seed=1):
@@ -414,7 +370,9 @@ def test_blocks_out_of_the_picture_do_no_harm(tracker):
     ids=['noise', 'ramp'],
 )
 def test_nothing_is_found_where_nothing_is(tracker, image):
-    assert not any(tracked.seen.any() for tracked in feed(tracker, [image] * 3))
+    for tracked in feed(tracker, [image] * 3):
+        assert tracked.state == SEARCHING
+        assert not tracked.seen.any() and np.isnan(tracked.world).all()
 
 
 def test_path_traced_covers_are_known_again_with_their_names_turned():
