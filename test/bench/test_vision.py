@@ -20,26 +20,8 @@ def test_the_bound_is_that_of_a_long_edge(psf):
 
 
 def test_films_and_noise_levels_are_measured(capsys, tmp_path):
-    assert (
-        cli.main(
-            [
-                'bench',
-                'vision',
-                '--images',
-                '2',
-                '--seconds',
-                '0.5',
-                '--seeds',
-                '1',
-                '--levels',
-                'ordinary',
-                '--json',
-                '--plots',
-                str(tmp_path),
-            ]
-        )
-        == 0
-    )
+    line = 'bench vision --images 2 --seconds 0.5 --seeds 1 --levels ordinary --json --plots'
+    assert cli.main([*line.split(), str(tmp_path)]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result['machine']['vector_bits'] >= 128
     film = result['clutter']['ordinary']['seed 11']
