@@ -144,20 +144,6 @@ def tile(heights: np.ndarray, row: int, col: int, cells: int) -> np.ndarray:
     return heights[row * cells : (row + 1) * cells + 1, col * cells : (col + 1) * cells + 1]
 
 
-def land_edges(heights: np.ndarray, shape: CoverShape, cells: int) -> np.ndarray:
-    """Return the height of the land along the sides of each cover, (n, 4, cells + 1).
-
-    In mm over the lower rim; sides +x, +y, -x, -y, each counter-clockwise seen from above.
-    """
-    rows, cols = (heights.shape[0] - 1) // cells, (heights.shape[1] - 1) // cells
-    found = []
-    for i in range(rows * cols):
-        row, col = divmod(i, cols)
-        land = tile(heights, row, col, cells)
-        found.append([land[:, -1], land[-1, ::-1], land[::-1, 0], land[0]])
-    return shape.skirt_mm + shape.relief_mm * np.array(found)
-
-
 def cover_mesh(heights: np.ndarray, shape: CoverShape) -> np.ndarray:
     """Return one cover as triangles, shape (n, 3, 3) in mm, counter-clockwise from outside.
 

@@ -4,10 +4,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from support.relief.land import outlines
 
 from eol_ros.core.terrain import CoverShape, landscape
 from eol_ros.core.vision.background.model import BackgroundModel
-from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.devices.files import background_file, calibration_file
 from eol_ros.errors import ConfigError, DeviceMissing
@@ -41,7 +41,7 @@ def test_what_is_saved_is_loaded_to_the_bit(tmp_path, camera):
 
 def test_covers_are_kept_to_the_bit(tmp_path, camera):
     land = landscape(1, cells=8)
-    camera = replace(camera, covers=CoverOutlines.of_landscape(land, CoverShape(), 1.0, 8))
+    camera = replace(camera, covers=outlines(land, CoverShape(), 1.0, 8))
     calibration_file.save(tmp_path / 'c.yaml', camera)
     back = calibration_file.load(tmp_path / 'c.yaml')
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from eol_msgs.msg import RimCommand
 from support.paper import BLOCK_SIDE_M, rest_lattice
+from support.relief.land import outlines
 from support.spinning import Nodes
 
 from eol_ros.core.table import Table
 from eol_ros.core.terrain import CoverShape, landscape
-from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.devices.board import block
@@ -112,7 +112,7 @@ def test_a_table_in_a_mirror_is_tracked_as_it_stands(graph):
 @pytest.fixture
 def printed(tmp_path):
     """A calibration file of a camera above covers with relief, for images of 640 x 400."""
-    land = CoverOutlines.of_landscape(landscape(1, cells=16), CoverShape(), 1.0, 16)
+    land = outlines(landscape(1, cells=16), CoverShape(), 1.0, 16)
     camera = replace(Calibration.ideal(640, 400), cover_height_m=0.013, covers=land)
     calibration_file.save(tmp_path / 'c.yaml', camera)
     return str(tmp_path / 'c.yaml')

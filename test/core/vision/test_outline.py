@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 import pytest
 from support.paper import BLOCK_SIDE_M, BODY_HEIGHT_M, rest_lattice
+from support.relief.land import land_edges, outlines
 
-from eol_ros.core.terrain import CoverShape, cover_mesh, land_edges, landscape, tile
+from eol_ros.core.terrain import CoverShape, cover_mesh, landscape, tile
 from eol_ros.core.vision import outline
 from eol_ros.core.vision.appearance.squares import SQUARE
 from eol_ros.core.vision.calibration.calibrate import raise_plane
@@ -30,7 +31,7 @@ HALF_M = BLOCK_SIDE_M / 2
 def printed():
     """Return the form of covers, the heights of a landscape and the outlines that follow."""
     shape, heights = CoverShape(), landscape(3, cells=CELLS)
-    return shape, heights, CoverOutlines.of_landscape(heights, shape, 1e3 * GAP_M, CELLS)
+    return shape, heights, outlines(heights, shape, 1e3 * GAP_M, CELLS)
 
 
 def tilted(k1=0.0, mirror=False):
@@ -209,7 +210,7 @@ def test_a_mesh_in_metres_is_named():
 def test_the_twin_draws_covers_with_their_parallax(mirror):
     heights, shape = landscape(3, cells=CELLS), CoverShape()
     on_platform, turn, shift = tilted(-0.1, mirror)
-    covers = CoverOutlines.of_landscape(heights, shape, 1e3 * GAP_M, CELLS)
+    covers = outlines(heights, shape, 1e3 * GAP_M, CELLS)
     camera = replace(raise_plane(on_platform, PLANE_M), cover_height_m=PLANE_M)
     poses = np.column_stack([rest_lattice(), np.linspace(-3, 3, 25)])
     drawn = Renderer(calibration=replace(camera, covers=covers)).corners_px(poses)
@@ -242,7 +243,7 @@ def test_the_tracker_is_right_about_the_twins_covers(shape, gap_m):
     land = landscape(3, cells=CELLS)
     meshes = [cover_mesh(tile(land, *divmod(i, 5), CELLS), shape) for i in range(25)]
     covers = CoverOutlines.of_meshes(meshes, 1e3 * gap_m)
-    expected = CoverOutlines.of_landscape(land, shape, 1e3 * gap_m, CELLS)
+    expected = outlines(land, shape, 1e3 * gap_m, CELLS)
     assert covers.land_mm == pytest.approx(expected.land_mm, abs=0.02)  # the lip is none of it
     plane_m = gap_m + 1e-3 * shape.skirt_mm
     flat = replace(raise_plane(on_platform, plane_m), cover_height_m=plane_m)

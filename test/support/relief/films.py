@@ -20,6 +20,7 @@ from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
 from support.relief import scene
+from support.relief.land import outlines
 from support.relief.scene import Shot, View
 
 FOLDER = Path(__file__).parent / 'films'
@@ -62,7 +63,7 @@ def calibration(film: Film, known: bool) -> Calibration:
 def covers(film: Film) -> CoverOutlines:
     """Return the outlines of the covers of an image."""
     land = terrain.landscape(film.shot.landscape, cells=scene.CELLS)
-    return CoverOutlines.of_landscape(land, film.shot.shape(), 1e3 * scene.GAP_M, scene.CELLS)
+    return outlines(land, film.shot.shape(), 1e3 * scene.GAP_M, scene.CELLS)
 
 
 def small_set() -> list[Shot]:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eol_ros.core.terrain import CoverShape, land_edges
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TableSettings
 
@@ -46,14 +45,6 @@ class CoverOutlines:
             )
         land.setflags(write=False)
         object.__setattr__(self, 'land_mm', land)
-
-    @classmethod
-    def of_landscape(
-        cls, heights: np.ndarray, shape: CoverShape, gap_mm: float, cells: int
-    ) -> 'CoverOutlines':
-        """Return those of the covers that `eol covers` cuts, their lower rims `gap_mm` high."""
-        edges = gap_mm + _resampled(land_edges(heights, shape, cells))
-        return cls(gap_mm, np.round(edges, 2))  # as a file keeps them
 
     @classmethod
     def of_meshes(
