@@ -147,6 +147,7 @@ def _fit(camera, looks, f, patch, kept, at, px, room):
     face, spread, fresh, own_face, own_px = looks
     z, own, work, starts = room.z, room.own, room.work, patch.starts
     half, judged, widen, odd, without = 1.0, False, 1.0, False, -1
+    whole = False  # whether the last step was of every one of these pixels, as judging needs
     dense = m.DENSE[0 if flat or fresh else 1]
     doubtful = not fresh and _unlike(f)
     rests, begins = not (fresh or doubtful) and f.start_px < m.RESTS_PX, True
@@ -155,6 +156,7 @@ def _fit(camera, looks, f, patch, kept, at, px, room):
         renew = fresh and (it == 2 or it == 4)
         moved = math.sqrt(z[0] ** 2 + z[1] ** 2) + abs(z[2]) * half
         if it == 0 or renew or moved > max(0.5 * sigma_px, 1.0):
+            whole = False
             near = dense * blur_px + m.MARGIN_PX + 0.5 * min(max(sigma_px, 0.7), 5.0)
             keep = not fresh and it == 0 and _lies_in(patch, c, f, half_m, near, image.shape, flat)
             if keep:
@@ -183,14 +185,14 @@ def _fit(camera, looks, f, patch, kept, at, px, room):
         elif doubtful and sigma_px < 1.0 and not (odd and without < 0):
             fit.all_residuals(px, starts, 1, half, blur_px, noise, z, own, sigma_px**2)
             fit.trust(px, starts[4], _usual(f, widen, room), room.bins)
-            if it > 3:
+            if it > 3 and whole:
                 _judge(px, starts, noise, z, widen, f)
                 if f.visible < m.HOPELESS:
                     break
         _priors(f, half, sigma_px, room)
-        every = 2 if begins and not rests else 1
+        whole = not begins or rests or it == m.ROUNDS - 1
         fit.all_equations(
-            px, starts, every, half, blur_px, noise, z, own, f.usual,
+            px, starts, 1 if whole else 2, half, blur_px, noise, z, own, f.usual,
             room.own_prior, sigma_px**2, widen, (room.rows, room.sums, room.matrix), room.kept,
             room.equations,
         )  # fmt: skip
@@ -204,7 +206,8 @@ def _fit(camera, looks, f, patch, kept, at, px, room):
             fit.restore(room.kept[side], work[:, 7], z[3], own[side])
         sure_px = math.sqrt(max(work[0, 8], 0.0))
         least_px = m.JUDGED_PX if rests else m.SETTLED * sure_px
-        judged = sigma_px <= max(m.JUDGED_PX, 2 * sure_px, 2.5 * f.edge_px) and f.step_px < least_px
+        close = sigma_px <= max(m.JUDGED_PX, 2 * sure_px, 2.5 * f.edge_px)
+        judged = whole and close and f.step_px < least_px
         begins = rests and not (judged and abs(work[3, 7]) < m.STEADY * z[3])
         if judged and not begins and (not fresh or it > 4):
             if odd:
