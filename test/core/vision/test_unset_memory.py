@@ -42,7 +42,7 @@ for level, mirror in (('ordinary', True), ('hard', False)):
 @pytest.mark.soak
 @pytest.mark.timeout(900)
 def test_no_position_depends_on_memory_that_nobody_set(tmp_path):
-    """A patch that was gathered anew was judged by what an earlier one had left behind it."""
+    """A patch that was gathered again was judged by what an earlier one had left behind it."""
     found = {poisoned(tmp_path / str(k), poison) for k, poison in enumerate(('1e30', '-5.0'))}
 
     assert len(found) == 1
