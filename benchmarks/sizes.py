@@ -67,7 +67,7 @@ def measure(side: int, seconds: float, seed: int) -> dict[str, Any]:
     play, motion = Play(seed, 0, None, table), Motion(MotionSettings(), table)
     field = new_field(leds.flash_limit, leds.decay_s, leds.peak, table)
     known, sigma = np.ones(table.cells, bool), np.full(table.cells, NOISE_M)
-    energy = series.KineticEnergy(seconds, 0, table.count, TwinSettings.block_kg)
+    energy = series.KineticEnergy.without_bag(seconds, table.count)
     areas: list[int] = []
     onsets: list[float] = []
     moments = np.zeros((int(seconds / light.MOMENT_S) + 1, table.cells), bool)

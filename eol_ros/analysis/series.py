@@ -139,9 +139,20 @@ class KineticEnergy:
     fields = {'blocks': ('stamp', 'blocks.x', 'blocks.y')}
 
     def __init__(self, bag: Bag):
-        bins = 0 if sparse(bag) else round(bag.duration_s * RATE_HZ)
-        self._start_ns, self._table = bag.start_ns, recorded_table(bag)
-        self._twin = recorded_settings(bag, 'twin') or TwinSettings()
+        twin = recorded_settings(bag, 'twin') or TwinSettings()
+        self._begin(0.0 if sparse(bag) else bag.duration_s, recorded_table(bag).count, twin)
+        self._start_ns = bag.start_ns
+
+    @classmethod
+    def without_bag(cls, duration_s: float, blocks: int) -> 'KineticEnergy':
+        """Return that of stamps from 0 on."""
+        energy = cls.__new__(cls)
+        energy._begin(duration_s, blocks, TwinSettings())
+        return energy
+
+    def _begin(self, duration_s: float, blocks: int, twin: TwinSettings) -> None:
+        bins = round(duration_s * RATE_HZ)
+        self._start_ns, self._blocks, self._twin = 0, blocks, twin
         self._total, self._count = np.zeros(bins), np.zeros(bins)
         self._before: tuple[np.ndarray, np.ndarray] | None = None
 
@@ -173,7 +184,7 @@ class KineticEnergy:
         values = np.zeros(len(middle))
         if known.any():
             values = np.interp(middle, middle[known], self._total[known] / self._count[known])
-        rest_j = REST_J / TwinSettings.block_kg * max(1.0, self._table.count / PAPER)
+        rest_j = REST_J / TwinSettings.block_kg * max(1.0, self._blocks / PAPER)
         return Series('kinetic energy', block_kg * values, rest=block_kg * rest_j)
 
 

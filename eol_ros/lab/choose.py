@@ -88,15 +88,28 @@ def simulate(
     times = sample_times(scene.duration_s, sample_s)
     given = scene, model, times, limits
     chosen = choose_path(scene) if path == 'auto' else path
-    if chosen == 'exact':
+    run = _solved(chosen, given, ledger, tolerance, step_s)
+    return cut_short(run, scene.duration_s, limits)
+
+
+def _solved(
+    path: str,
+    given: tuple[Scene, Model, np.ndarray, Limits],
+    ledger: bool,
+    tolerance: float | None,
+    step_s: float,
+) -> Run:
+    """Return what the solver of `path` finds; raise UsageError where it cannot solve the scene."""
+    scene = given[0]
+    if path == 'exact':
         if not along_x(scene):
             raise UsageError(
                 'path exact: this scene has geometric springs or moves along y; use event'
             )
         from eol_ros.lab.exact.solver import solve as solve_exact
 
-        run = solve_exact(*given, ledger)
-    elif chosen == 'event':
+        return solve_exact(*given, ledger)
+    if path == 'event':
         if scene.weakening_speed > 0:
             raise UsageError(
                 'path event: friction that weakens with speed is on exact and stepping'
@@ -110,15 +123,12 @@ def simulate(
                 'looser, events would be lost'
             )
         if scene.rotation is None:
-            run = event.solve(*given, ledger, tolerance)
-        else:
-            from eol_ros.core.physics.rotation.solver import solve as solve_rotation
+            return event.solve(*given, ledger, tolerance)
+        from eol_ros.core.physics.rotation.solver import solve as solve_rotation
 
-            run = solve_rotation(*given, ledger, tolerance)
-    else:
-        if scene.rotation is not None:
-            raise UsageError('path stepping: blocks cannot rotate; use event')
-        from eol_ros.lab.stepping.solver import solve as solve_in_steps
+        return solve_rotation(*given, ledger, tolerance)
+    if scene.rotation is not None:
+        raise UsageError('path stepping: blocks cannot rotate; use event')
+    from eol_ros.lab.stepping.solver import solve as solve_in_steps
 
-        run = solve_in_steps(*given, step_s)
-    return cut_short(run, scene.duration_s, limits)
+    return solve_in_steps(*given, step_s)

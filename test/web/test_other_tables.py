@@ -56,7 +56,7 @@ def shown(request, serve):
 
 def test_the_monitor_shows_each_block_where_it_is(shown, browser, request):
     table, server, put = shown
-    visit(browser, f'http://127.0.0.1:{server.port}', '/', 1600, 1000)
+    visit(browser, f'http://127.0.0.1:{server.port}', '/', 1920, 1080)
     areas = [0] * table.count + [3]
     areas[1] = 40
     server.hub.put('notices', {'t': 'cascades', 'areas': areas, 'recent': [], 'law': {}})

@@ -27,10 +27,10 @@ def _silence_alsa() -> None:
         alsa.snd_lib_error_set_handler(_NOTHING)
 
 
-def _client(api: int, kind: Any = rtmidi.MidiIn) -> Any:
+def _client(api: int, kind: str = 'MidiIn') -> Any:
     _silence_alsa()
     try:
-        return kind(api, CLIENT)
+        return getattr(rtmidi, kind)(api, CLIENT)
     except rtmidi.SystemError as error:
         system, instead = 'JACK', 'start its server'
         if api != rtmidi.API_UNIX_JACK:
@@ -54,8 +54,7 @@ class _Port:
     to; `jack:` before it asks JACK. Raises DeviceMissing where there is none.
     """
 
-    KIND: Any
-    SIDE = ''
+    KIND = SIDE = ''
 
     def __init__(self, wanted: str):
         jack = wanted.startswith('jack:')
@@ -93,7 +92,7 @@ class _Port:
 class MidiIn(_Port):
     """Listens to an input."""
 
-    KIND, SIDE = rtmidi.MidiIn, 'in'
+    KIND, SIDE = 'MidiIn', 'in'
 
     def __init__(self, wanted: str):
         super().__init__(wanted)
@@ -110,7 +109,7 @@ class MidiIn(_Port):
 class MidiOut(_Port):
     """Plays an output."""
 
-    KIND, SIDE = rtmidi.MidiOut, 'out'
+    KIND, SIDE = 'MidiOut', 'out'
 
     def send(self, message: tuple[int, ...]) -> None:
         """Send the bytes of one message."""

@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from eol_ros.core.table import check_same
 from eol_ros.devices.bag.file import add_topic
 from eol_ros.devices.bag.mcap_file import BagFile, BagTopic
 from eol_ros.devices.bag.reader import BagMessage, BagReader, table_in
@@ -96,6 +95,8 @@ def merged(bags: Sequence[BagReader]) -> tuple[list[BagTopic], Iterator[BagMessa
     A further definition of a type is a topic of its own, as it is in one bag. Raises ConfigError
     where bags have other types on one topic, or are of different tables.
     """
+    from eol_ros.core.table import check_same  # NumPy, which others of this module need not
+
     tables = [(bag, table) for bag in bags if (table := table_in(bag.about.get('settings', '')))]
     for bag, table in tables:
         advice = 'merge the bags of each table apart'
