@@ -9,6 +9,8 @@ Needs chromium and chromedriver.
 """
 
 import argparse
+import contextlib
+import itertools
 import json
 import os
 import signal
@@ -24,8 +26,11 @@ from typing import Any
 
 import cv2
 import numpy as np
+from support.chromium import healthy
 
 from benchmarks.web_browser import start as start_browser
+from benchmarks.web_browser import wait
+from eol_ros.errors import EolError
 from eol_ros.verbs.progress import track
 from eol_ros.web.routes import PAGES
 
@@ -55,7 +60,8 @@ const all = (what) => [...document.querySelectorAll(what)].filter((e) =>
   e.getClientRects().length && style(e).visibility !== 'hidden' && !e.matches('.unseen, .skip'));
 const texts = all('body *:not(script, style)').filter((e) =>
   [...e.childNodes].some((n) => n.nodeType === Node.TEXT_NODE && n.data.trim()));
-const controls = touch ? all('a, button, input, select') : [];
+const controls = !touch ? [] : [...document.querySelectorAll('a, button, input, select')]
+  .filter((e) => e.getClientRects().length && !e.matches('.skip'));
 const names = (found) => found.map((e) => (e.id || e.textContent).trim().slice(0, 40));
 const wide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
 return {
@@ -75,34 +81,36 @@ def main(argv: list[str] | None = None) -> int:
     """Run the work, look at it; return 1 where anything is wrong."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--output', type=Path, default=ROOT / 'build' / 'screens')
-    parser.add_argument('--states', default=','.join(STATES), help='parted by commas')
+    parser.add_argument('--states', nargs='+', choices=STATES, default=list(STATES))
     args = parser.parse_args(argv)
     args.output.mkdir(parents=True, exist_ok=True)
     wrong: dict[str, set[str]] = {}
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-        work, address = begin(Path(folder))
-        browser = start_browser(Path(folder) / 'profile')
+    with (
+        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,
+        contextlib.ExitStack() as ending,
+    ):
         try:
-            jobs = [(s, one) for s in args.states.split(',') for one in LANGUAGES]
-            for state, language in track(jobs, 'sheets'):
+            browser = start_browser(Path(folder) / 'profile')
+            ending.callback(browser.quit)
+            address = begin(Path(folder), ending)
+            for state, language in track(list(itertools.product(args.states, LANGUAGES)), 'sheets'):
                 lead_to(address, state)
                 sheet = [
                     np.hstack(list(row_of(browser, address, path, state, language, wrong)))
                     for path in PAGES
                 ]
                 cv2.imwrite(str(args.output / f'{state}-{language}.png'), np.vstack(sheet))
-        finally:
-            browser.quit()
-            work.send_signal(signal.SIGINT)
-            work.wait(60)
+        except EolError as error:
+            print(f'no screens: {error}', file=sys.stderr)
+            return 1
     for what, where in sorted(wrong.items()):
         print(f'{what}: {"; ".join(sorted(where))}')
     print(args.output)
     return bool(wrong)
 
 
-def begin(folder: Path) -> tuple[subprocess.Popen, str]:
-    """Start a rehearsal that nobody touches; return it and the address of its panel."""
+def begin(folder: Path, ending: contextlib.ExitStack) -> str:
+    """Start a rehearsal that nobody touches; return the address of its panel."""
     with socket.socket() as probe:
         probe.bind(('127.0.0.1', 0))
         port = probe.getsockname()[1]
@@ -114,24 +122,14 @@ def begin(folder: Path) -> tuple[subprocess.Popen, str]:
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         env=os.environ | {'EOL_STATE': str(folder / 'state')},
     )  # fmt: skip
+    ending.callback(work.wait, 60)
+    ending.callback(work.send_signal, signal.SIGINT)
     address, end = f'http://127.0.0.1:{port}', time.monotonic() + 120
-    while not {'tracker', 'sound', 'montage'} <= {
-        n for n, s in status(address).items() if s['level'] in ('ok', 'warn')
-    }:
+    while not healthy(address) >= {'tracker', 'sound', 'montage'}:
         if work.poll() is not None or time.monotonic() > end:
-            raise SystemExit('the rehearsal did not start: try `eol run rehearsal`')
+            raise EolError('the rehearsal did not start: try `eol run rehearsal`')
         time.sleep(0.5)
-    return work, address
-
-
-def status(address: str) -> dict[str, Any]:
-    """Return the states of the nodes; empty while no panel answers."""
-    try:
-        with urllib.request.urlopen(f'{address}/status', timeout=5) as answer:
-            found: dict[str, Any] = json.load(answer)
-            return found
-    except OSError:
-        return {}
+    return address
 
 
 def lead_to(address: str, state: str) -> None:
@@ -157,13 +155,7 @@ def row_of(
         browser.execute_script(f"localStorage.setItem('language', '{language}')")
         if browser.execute_script('return document.documentElement.lang') != language:
             browser.refresh()
-        end = time.monotonic() + 10
-        while not browser.execute_script(
-            f"return Boolean(window.eol && document.querySelector('{READY[path]}'))"
-        ):
-            if time.monotonic() > end:
-                break
-            time.sleep(0.1)
+        wait(browser, f"document.querySelector('{READY[path]}')")
         time.sleep(0.7)  # pictures and figures come
         for what, names in browser.execute_script(
             LOOK, 14 if path == '/table' else 12, touch

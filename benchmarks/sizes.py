@@ -67,7 +67,7 @@ def measure(side: int, seconds: float, seed: int) -> dict[str, Any]:
     play, motion = Play(seed, 0, None, table), Motion(MotionSettings(), table)
     field = new_field(leds.flash_limit, leds.decay_s, leds.peak, table)
     known, sigma = np.ones(table.cells, bool), np.full(table.cells, NOISE_M)
-    energy = series.KineticEnergy.without_bag(seconds, table.count)
+    energy = series.Energy(seconds, table.count)
     areas: list[int] = []
     onsets: list[float] = []
     moments = np.zeros((int(seconds / light.MOMENT_S) + 1, table.cells), bool)
@@ -113,9 +113,7 @@ def _law(areas: list[int], blocks: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _spectra(
-    energy: series.KineticEnergy, counts: np.ndarray, times_s: np.ndarray
-) -> dict[str, Any]:
+def _spectra(energy: series.Energy, counts: np.ndarray, times_s: np.ndarray) -> dict[str, Any]:
     found: dict[str, Any] = {}
     both = energy.series(), series.Series('slips', counts, times_s=times_s)
     for name, one in zip(('energy', 'slips'), both, strict=True):

@@ -54,7 +54,8 @@ def measure_browser(url: str, seconds: float, sound_latency_s: float) -> dict[st
             driver.quit()
 
 
-def _wait(driver: Any, condition: str) -> None:
+def wait(driver: Any, condition: str) -> None:
+    """Return when `condition` holds in the page; raise EolError where it never does."""
     end = time.monotonic() + 30
     while not driver.execute_script(f'return Boolean(window.eol) && ({condition})'):
         if time.monotonic() > end:
@@ -68,7 +69,7 @@ def _idle(driver: Any, url: str, seconds: float) -> dict[str, Any]:
     Of a core, in percent; an empty page beside it.
     """
     driver.get(f'{url}/table')
-    _wait(driver, 'eol.counts.packets > 30 && eol.drawing.land')
+    wait(driver, 'eol.counts.packets > 30 && eol.drawing.land')
     found = {}
     for name, script in (
         ('table_hint_percent', 'eol.hands.heldAt = -Infinity'),
@@ -99,9 +100,9 @@ def _used_s(pids: list[int]) -> float:
 
 def _monitor(driver: Any, url: str, seconds: float) -> dict[str, Any]:
     driver.get(url)
-    _wait(driver, 'eol.link.viewer')
+    wait(driver, 'eol.link.viewer')
     driver.execute_script(_SHAKE)
-    _wait(driver, 'eol.drawn.starts > 3 && eol.link.offsets.length > 4')
+    wait(driver, 'eol.drawn.starts > 3 && eol.link.offsets.length > 4')
     driver.execute_script('eol.drawn.latencies.length = 0')
     time.sleep(seconds)
     drawn = driver.execute_script('return eol.drawn.latencies')
@@ -112,9 +113,9 @@ def _table(driver: Any, url: str, seconds: float, sound_latency_s: float) -> dic
     driver.get('about:blank')
     empty = driver.execute_async_script(_TICKS, 3000)
     driver.get(f'{url}/table')
-    _wait(driver, 'eol.counts.packets > 30 && eol.drawing.land')
+    wait(driver, 'eol.counts.packets > 30 && eol.drawing.land')
     driver.find_element('id', 'listen').click()
-    _wait(driver, 'eol.listener.latency !== null')
+    wait(driver, 'eol.listener.latency !== null')
     time.sleep(6)  # the ring learns how little it may hold
     played = driver.execute_async_script(_PLAY, seconds * 1e3, CASCADES)
     heard = [(sound_latency_s + s) * 1e3 for s in played['sounds']]
@@ -139,11 +140,11 @@ def _walls(driver: Any, url: str, seconds: float) -> dict[str, Any]:
     driver.switch_to.new_window('window')
     second = driver.current_window_handle
     driver.get(f'{url}/wall/right')
-    _wait(driver, 'eol.link.viewer')
+    wait(driver, 'eol.link.viewer')
     driver.execute_script(_SHAKE)
     for window in (first, second):
         driver.switch_to.window(window)
-        _wait(driver, 'eol.flips.length > 1')
+        wait(driver, 'eol.flips.length > 1')
     time.sleep(seconds)
     for window in (first, second):
         driver.switch_to.window(window)

@@ -35,6 +35,12 @@ enum { /* first byte of a frame */
 /* Flags of a word. FALLS: the light of all may fall. EACH: those may of `falls`, and the 25th of the group with LAST. */
 enum { EOL_WORD_BY_ITSELF = 1, EOL_WORD_FALLS = 4, EOL_WORD_EACH = 8, EOL_WORD_LAST = 16, EOL_WORD_GROUPS_BIT = 28 };
 
+/* How many groups `blocks` make. */
+static inline uint8_t eol_link_groups(uint8_t blocks)
+{
+    return (uint8_t)((blocks + EOL_GROUP - 1) / EOL_GROUP);
+}
+
 /* How often an order is repeated, and for how long a block takes it for the same: the more, the rarer its words. */
 static inline uint8_t eol_link_orders(uint8_t groups)
 {

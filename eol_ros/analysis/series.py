@@ -53,7 +53,7 @@ class Absent:
 
 
 def of(bag: Bag, measured: TwinSettings | None = None) -> Iterator[Series | Absent]:
-    """Yield every series, or why it is absent; `measured`: see KineticEnergy.series."""
+    """Yield every series, or why it is absent; `measured`: see Energy.series."""
     why = f'the bag is of {bag.duration_s:.1f} s' if bag.duration_s < SHORTEST_S else sparse(bag)
     if why:
         for name in NAMES:
@@ -129,30 +129,18 @@ def light(bag: Bag) -> Series:
     return Series('light', values, rest=0.0)
 
 
-class KineticEnergy:
-    """The kinetic energy of the blocks, J: from their steps between images.
+class Energy:
+    """The kinetic energy of `blocks` blocks, J: from their steps between images.
 
     Their rotation is left out. `add` takes the rows of `blocks` in pieces, for a day of them does
-    not fit into memory.
+    not fit into memory. Stamps count from `start_ns`.
     """
 
-    fields = {'blocks': ('stamp', 'blocks.x', 'blocks.y')}
-
-    def __init__(self, bag: Bag):
-        twin = recorded_settings(bag, 'twin') or TwinSettings()
-        self._begin(0.0 if sparse(bag) else bag.duration_s, recorded_table(bag).count, twin)
-        self._start_ns = bag.start_ns
-
-    @classmethod
-    def without_bag(cls, duration_s: float, blocks: int) -> 'KineticEnergy':
-        """Return that of stamps from 0 on."""
-        energy = cls.__new__(cls)
-        energy._begin(duration_s, blocks, TwinSettings())
-        return energy
-
-    def _begin(self, duration_s: float, blocks: int, twin: TwinSettings) -> None:
+    def __init__(
+        self, duration_s: float, blocks: int, twin: TwinSettings | None = None, start_ns: int = 0
+    ):
         bins = round(duration_s * RATE_HZ)
-        self._start_ns, self._blocks, self._twin = 0, blocks, twin
+        self._start_ns, self._blocks, self._twin = start_ns, blocks, twin or TwinSettings()
         self._total, self._count = np.zeros(bins), np.zeros(bins)
         self._before: tuple[np.ndarray, np.ndarray] | None = None
 
@@ -186,6 +174,18 @@ class KineticEnergy:
             values = np.interp(middle, middle[known], self._total[known] / self._count[known])
         rest_j = REST_J / TwinSettings.block_kg * max(1.0, self._blocks / PAPER)
         return Series('kinetic energy', block_kg * values, rest=block_kg * rest_j)
+
+
+class KineticEnergy(Energy):
+    """That of the blocks of a bag."""
+
+    fields = {'blocks': ('stamp', 'blocks.x', 'blocks.y')}
+
+    def __init__(self, bag: Bag):
+        duration_s = 0.0 if sparse(bag) else bag.duration_s
+        super().__init__(
+            duration_s, recorded_table(bag).count, recorded_settings(bag, 'twin'), bag.start_ns
+        )
 
 
 def loudness(bag: Bag) -> Iterator[Series]:

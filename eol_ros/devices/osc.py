@@ -25,7 +25,7 @@ except ImportError:  # in a ROS workspace, where rosdep has no key for it
 LARGEST = 65536  # bytes in a datagram
 DEEPEST = 16  # bundles in bundles; the specification names no limit, Python's stack has one
 NTP_S = 2_208_988_800  # s from 1900, where time tags count from, to 1970
-KNOWN = 1000  # peers remembered; of strangers that many are told apart, at most
+KNOWN = 1000  # peers with a budget of messages in memory; with one more all start full
 _BUNDLE, _HEAD = b'#bundle\0', 16  # then a time tag, then sizes with what they measure
 # python-osc says on the root logger what is wrong with a packet; here it is counted instead, or a
 # stranger's packets would fill the logs.

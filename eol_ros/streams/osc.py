@@ -119,7 +119,7 @@ def addresses(send: Iterable[str], renamed: Iterable[str], namespace: str) -> di
 class Changes:
     """Tells which rows of an array have changed since they were told, `rate_hz` times a second.
 
-    All rows are told again every AGAIN_S. Rows with NaN are as good as any other.
+    All rows are returned again every AGAIN_S. NaN equals NaN.
     """
 
     def __init__(self, rate_hz: float, least: Any = 0.0):

@@ -23,7 +23,7 @@ static uint32_t to_ms(uint64_t us)
 
 static uint8_t groups(const eol_bridge *b)
 {
-    return (uint8_t)((b->places + EOL_GROUP - 1) / EOL_GROUP);
+    return eol_link_groups(b->places);
 }
 
 /* A packet that does not fit is dropped whole. */

@@ -14,11 +14,13 @@
 
 #include <stdint.h>
 
+#include "../link.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-enum { EOL_FLASH_BLOCKS = 225 }; /* at most */
+enum { EOL_FLASH_BLOCKS = EOL_GROUP * EOL_GROUPS }; /* at most */
 
 typedef struct {
     double decay_s, peak;

@@ -147,7 +147,7 @@ void eol_local_shape(eol_local_field *field, uint8_t columns, uint8_t most, uint
 
 double eol_local_period(uint8_t count)
 {
-    return 1.05 + 0.02 * ((count + EOL_GROUP - 1) / EOL_GROUP);
+    return 1.05 + 0.02 * eol_link_groups(count);
 }
 
 void eol_local_set(eol_local_field *field, double now_s, double decay_s, double peak)

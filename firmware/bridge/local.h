@@ -9,7 +9,6 @@
 #ifndef EOL_LOCAL_H
 #define EOL_LOCAL_H
 
-#include "../link.h"
 #include "flash.h"
 
 #ifdef __cplusplus

@@ -6,7 +6,7 @@ import time
 import pytest
 from eol_msgs.msg import Cascade, Slip
 from support import needs
-from support.jack import Jack
+from support.jack import served
 from support.waiting import wait_until
 
 from eol_ros.nodes.midi import MidiNode
@@ -16,12 +16,7 @@ from eol_ros.streams.slips import START, STOP
 
 @pytest.fixture
 def server(monkeypatch):
-    jack = Jack('eolmidiout')
-    for name, value in jack.environment.items():
-        monkeypatch.setenv(name, value)
-    jack.start()
-    yield jack
-    jack.stop()
+    yield from served('eolmidiout', monkeypatch)
 
 
 @pytest.fixture

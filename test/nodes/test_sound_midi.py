@@ -6,7 +6,7 @@ import threading
 
 import pytest
 from support import needs
-from support.jack import Jack
+from support.jack import served
 from support.waiting import wait_until
 
 from eol_ros.cli import main
@@ -21,12 +21,7 @@ pytestmark = needs.marker('jackd2')
 
 @pytest.fixture
 def server(monkeypatch):
-    jack = Jack('eolmidi')
-    for name, value in jack.environment.items():
-        monkeypatch.setenv(name, value)
-    jack.start()
-    yield jack
-    jack.stop()
+    yield from served('eolmidi', monkeypatch)
 
 
 class Hand:

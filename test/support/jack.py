@@ -71,3 +71,13 @@ class Jack:
                 self.process.kill()
                 self.process.wait()
             self.process = None
+
+
+def served(name, monkeypatch):
+    """Yield a server for one test, which clients of this process find."""
+    jack = Jack(name)
+    for variable, value in jack.environment.items():
+        monkeypatch.setenv(variable, value)
+    jack.start()
+    yield jack
+    jack.stop()

@@ -78,6 +78,7 @@ class FlashField:
         self.peak = peak
         self.limited = limited
         self.table = table
+        self.window_s = window_s(table)
         self.lengthened = 0  # falls that had to wait, for the health report
         self._level = np.zeros(table.cells)
         self._now_s = -math.inf
@@ -106,7 +107,7 @@ class FlashField:
         """
         self._now_s = other._now_s if now_s is None else now_s
         self._level, self.lengthened = other.levels(self._now_s), other.lengthened
-        self.hold(self._now_s, self._now_s + window_s(self.table))
+        self.hold(self._now_s, self._now_s + self.window_s)
 
     def levels(self, now_s: float) -> np.ndarray:
         """Return the light of each block at `now_s`, (cells,), 0..1 of full luminance."""

@@ -23,7 +23,7 @@ import math
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.core.light.flash import DARK, FlashField, window_s
+from eol_ros.core.light.flash import DARK, FlashField
 from eol_ros.core.table import Table
 
 BLOCK_FALLS, SQUARE_FALLS = 3, 11
@@ -81,7 +81,6 @@ class LocalField(FlashField):
         super().__init__(decay_s, peak, limited, table)
         n, all_squares = table.cells, squares(table)
         self._squares = [all_squares[(all_squares == b).any(axis=1)] for b in range(n)]
-        self.window_s = window_s(table)
         self._fall_s = np.full(n, -math.inf)  # when its fall began, or the next one may
         self._ends_s = np.full((n, block_falls(table)), -math.inf)  # of its last falls, rising
 
