@@ -75,9 +75,11 @@ class TrackerNode(EolNode):
         )  # fmt: skip
         if self.jpeg:
             self.cost = ConversionCost(self)
-            self.subscribe('camera/image_raw/compressed', self.on_image, read=self.read_jpeg)
+            self.subscribe(
+                'camera/image_raw/compressed', self.on_image, read=self.read_jpeg, slow=True
+            )
         else:
-            self.subscribe('camera/image_raw', self.on_image)
+            self.subscribe('camera/image_raw', self.on_image, slow=True)
         self.lens: CameraInfo | None = None  # of a driver that is not ours
         self.lens_compared: Calibration | None = None
         self.lens_differs = ''

@@ -3,6 +3,7 @@
 
 import statistics
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,44 @@ class ConversionCost:
                 self._node.get_logger().info(
                     f'images are {encoding}: converted to mono8, {cost_ms:.1f} ms each'
                 )
+
+
+class InTurn:
+    """Calls `callback` with one message at a time, after everything else that has arrived by then.
+
+    EventsExecutor takes one message for each arrival, in the order of arrival on all topics. A
+    history that drops messages leaves their arrivals in that queue. So behind a slow callback the
+    other topics of the process wait ever longer: motion, beside an overloaded tracker, by seconds
+    more each minute. Here each message is taken at once. `depth` of them wait, and newer ones
+    replace the oldest.
+    """
+
+    def __init__(self, node: 'EolNode', depth: int, callback: Callable[[bytes], None]):
+        self._node, self._callback = node, callback
+        self._waiting: deque[bytes] = deque(maxlen=depth)
+
+    def take(self, raw: bytes) -> None:
+        """Let a message wait for its turn."""
+        if not self._waiting:
+            self._come_back()
+        self._waiting.append(raw)
+
+    def finish(self) -> None:
+        """Handle everything that waits, now."""
+        while self._waiting:
+            self._callback(self._waiting.popleft())
+
+    def _come_back(self) -> None:
+        assert self._node.executor is not None  # it calls `take`
+        self._node.executor.create_task(self._handle)
+
+    def _handle(self) -> None:
+        if not self._waiting:  # finished meanwhile
+            return
+        raw = self._waiting.popleft()
+        if self._waiting:
+            self._come_back()
+        self._callback(raw)
 
 
 class Intake:

@@ -31,7 +31,7 @@ from eol_ros.core.table import Table
 from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
 from eol_ros.ros.inherited import KEPT
-from eol_ros.ros.intake import Intake
+from eol_ros.ros.intake import Intake, InTurn
 from eol_ros.ros.parameters import checked, checked_live, no_setting
 from eol_ros.ros.qos import OVERRIDES, NodeQoS
 from eol_ros.ros.requests import REQUESTS, RequestServer, parameters
@@ -40,6 +40,7 @@ from eol_ros.ros.startup_barrier import LOOK_S, READY, PeerDiscovery
 from eol_ros.ros.topics import (
     CLOCK,
     CLOCK_QOS,
+    QOS,
     informed,
     type_name,
 )
@@ -102,6 +103,7 @@ class EolNode(Node):
         self.live_from_ns = 0  # the stamp from which the settings that change now count
         self._checked: dict[str, Any] | None = None  # settings being changed, already validated
         self._recorded: dict[str, Any] = {}  # what a replay changed, as it was before
+        self._turns: list[InTurn] = []
         if self.NAME in NODES and REQUESTS in NODES[self.NAME].subscribes:
             self._requests = RequestServer(self, self.HOLDS)
             if live_fields(type(self.settings)):
@@ -218,6 +220,7 @@ class EolNode(Node):
             self._begin_again()
 
     def _begin_again(self) -> None:
+        self.catch_up()
         if self._requests is not None:
             self._requests.forget()
         if self._recorded:  # the new round asks for it again when its time comes
@@ -259,16 +262,27 @@ class EolNode(Node):
         raw: bool = False,
         with_info: bool = False,
         read: Callable[[Any], Any] | None = None,
+        slow: bool = False,
     ) -> Subscription:
         """Subscribe to `topic` with type and QoS of the table.
 
         `callback` gets what `intake` returns, or with `raw` the CDR bytes, which may be anything.
         `with_info`, for `raw`, hands over after them when DDS received and when the publisher
-        sent them, in ns of the system clock, and the publisher's number of them.
+        sent them, in ns of the system clock, and the publisher's number of them. `slow`: messages
+        can come faster than the callback handles them; see `InTurn`.
         """
         if not raw:
             callback = _checked(self.intake(topic, read), callback)
+        if slow:
+            turn = InTurn(self, QOS[TOPICS[topic].qos].depth, callback)
+            self._turns.append(turn)
+            callback = turn.take
         return self.qos.subscription(topic, informed(callback) if with_info else callback)
+
+    def catch_up(self) -> None:
+        """Handle all messages that wait for their turn; see `InTurn`."""
+        for turn in self._turns:
+            turn.finish()
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
         """Destroy a subscription, or what was made in its place."""

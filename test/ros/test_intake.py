@@ -104,6 +104,8 @@ def give(node, topic, raw):
                 subscription.callback(raw, info | {'publication_sequence_number': 1})
             else:
                 subscription.callback(raw)
+    if isinstance(node, EolNode):
+        node.catch_up()
 
 
 def packed(message, stamp=True):

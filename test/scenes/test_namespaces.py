@@ -34,11 +34,18 @@ def eol(*words):
     )  # fmt: skip
 
 
+def asked(namespace):
+    """Return what `eol status` has of a namespace, or why it has nothing."""
+    try:
+        return status.ask(DOMAIN, namespace=namespace)
+    except EolError as error:
+        return str(error)
+
+
 def messages(namespace):
     """Return how many messages the recorder has, once all is OK; 0 before, None to compile."""
-    try:
-        answer = status.ask(DOMAIN, namespace=namespace)
-    except EolError:
+    answer = asked(namespace)
+    if isinstance(answer, str):
         return 0
     if any(row['text'].startswith('compiling') for row in answer['nodes']):
         return None
@@ -71,7 +78,8 @@ def run(tmp_path_factory):
             running.append(subprocess.Popen(command, stderr=subprocess.DEVNULL))
         began, end = {}, time.monotonic() + 150
         while True:
-            assert time.monotonic() < end and all(child.poll() is None for child in running)
+            assert all(child.poll() is None for child in running)
+            assert time.monotonic() < end, [asked(namespace) for namespace in SEEDS]
             now = {namespace: messages(namespace) for namespace in SEEDS}
             if None in now.values():
                 end = time.monotonic() + 150  # a cold cache is no fault of the graph
