@@ -34,7 +34,7 @@ EXAMPLES = [
     'eol bench extremes',
     'eol bench extremes --case "mu_s = mu_k" --no-peers',
     'eol bench extremes --json > extremes.json',
-    'eol bench extremes --with extremes.json --markdown > docs/numerics/extremes.md',
+    'eol bench extremes --with extremes.json --markdown > docs/explanation/numerics/extremes.md',
 ]
 PATIENCE_S = 60  # an oracle or a peer that takes longer is left, and the row says so
 SAMPLES = 50
@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--no-peers', action='store_true', help='no peers')
     parser.add_argument('--no-errors', action='store_true', help='no references, the longest part')
     parser.add_argument('--hours', type=float, default=24.0, help='of the live clock (24)')
-    parser.add_argument('--markdown', action='store_true', help='docs/numerics/extremes.md')
+    parser.add_argument('--markdown', action='store_true', help='as extremes.md of the docs')
     parser.add_argument(
         '--with',
         dest='earlier',
@@ -267,7 +267,7 @@ def table(result: dict[str, Any]) -> str:
 
 
 def markdown(result: dict[str, Any]) -> str:
-    """Return the page docs/numerics/extremes.md."""
+    """Return the page docs/explanation/numerics/extremes.md."""
     lines = [INTRODUCTION]
     for where, title in (('line', 'Along a line'), ('plane', 'In the plane')):
         rows = [row for row in result['rows'] if row['where'] == where]

@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument('--scenes', default=','.join(SCENES), help='parted by commas')
     parser.add_argument('--no-verbs', action='store_true', help='scenes only')
-    parser.add_argument('--markdown', action='store_true', help='docs/numerics/lean.md')
+    parser.add_argument('--markdown', action='store_true', help='as lean.md of the docs')
     parser.add_argument('--json', action='store_true')
 
 
@@ -137,7 +137,7 @@ def table(result: dict[str, Any]) -> str:
 
 
 def markdown(result: dict[str, Any]) -> str:
-    """Return the page docs/numerics/lean.md."""
+    """Return the page docs/explanation/numerics/lean.md."""
     lines = [
         INTRODUCTION,
         '\n| scene | processes | PSS, MB | modules | threads | DDS entities | largest |',

@@ -533,7 +533,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--part', choices=[*RANDOM, *FIXED], action='append', help='only this; may be repeated'
     )
     parser.add_argument('--plots', metavar='FOLDER', help='draw method_*.png there')
-    parser.add_argument('--markdown', action='store_true', help='rows as docs/numerics has them')
+    parser.add_argument('--markdown', action='store_true', help='rows of the table of methods')
     parser.add_argument('--json', action='store_true')
 
 
@@ -581,7 +581,7 @@ def table(result: dict[str, Any]) -> str:
 
 
 def markdown(result: dict[str, Any]) -> str:
-    """Return the rows of the table of docs/numerics/README.md."""
+    """Return the rows of the table of docs/explanation/numerics/README.md."""
     lines = []
     for name, curve in result.items():
         if name == 'machine':

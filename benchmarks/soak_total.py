@@ -76,7 +76,7 @@ def total(runs: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def text(found: dict[str, Any]) -> str:
-    """Return the sum for people, as docs/reliability.md has it."""
+    """Return the sum for people, as docs/explanation/reliability.md has it."""
     hours = ', '.join(f'{h:g} h of {part}' for part, h in found['hours'].items()) or '0 h'
     return '\n'.join([
         f'all {found["runs"]} runs: {hours}; {found["faults"]} faults; {found["not_well"]} '

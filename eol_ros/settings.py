@@ -173,7 +173,7 @@ class TwinSettings:
         choices=('visitors', 'nobody'),
     )
     stiffness: float = setting(
-        70.0, 'spring stiffness (docs/science.md says how the default was chosen)', 'N/m', 5, 2000
+        70.0, 'spring stiffness (its choice: docs/explanation/science.md)', 'N/m', 5, 2000
     )
     stiffness_error: float = setting(
         0.0,
@@ -459,7 +459,7 @@ class LedsSettings:
     look: str = live(
         'paper',
         'look of the light: paper takes decay_s, spread_blocks, spread_delay_s and afterglow_s as '
-        'they are set; the others have their own (docs/light.md)',
+        'they are set; the others have their own (docs/explanation/light.md)',
         choices=('paper', 'lightning', 'wildfire', 'embers'),
     )
     spread_blocks: int = live(
@@ -483,8 +483,8 @@ class LedsSettings:
     flash_limit: str = setting(
         'field_of_view',
         'area limited to three flashes a second: each field of view of 10 degrees, seen from at '
-        'least 0.8 m (docs/light.md), or the whole field of blocks; false: no limit. Firmware '
-        'before 2.3 limits the whole field',
+        'least 0.8 m (docs/explanation/light.md), or the whole field of blocks; false: no limit. '
+        'Firmware before 2.3 limits the whole field',
         choices=('field_of_view', 'field', 'false'),
     )
     flash_limit_off_because: str = setting(
@@ -699,7 +699,7 @@ class GrainsSettings:
     )
     ambience_break_m: float = live(
         0.03,
-        'elongation of one spring that moves a block at rest, mu_static m g / k (docs/science.md)',
+        'elongation of one spring that moves a block at rest, mu_static m g / k',
         'm',
         0.001,
         1,

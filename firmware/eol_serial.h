@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * The board's side of docs/serial.md, version 2, in C99: no memory of its own, no library.
+ * The board's side of docs/reference/serial.md, version 2, in C99: no memory of its own, no library.
  *
  *     static eol_decoder line;
  *     while (uart_has_byte()) {

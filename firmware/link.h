@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * What blocks and bridge say to each other by radio, docs/serial.md: frames of one size, little-endian.
+ * What blocks and bridge say to each other by radio, docs/reference/serial.md: frames of one size, little-endian.
  * A word is for one group of blocks, group 0 the first 25; the bridge says the groups in turn.
  * The radio (nRF24L01+, nrf24.h) adds address and checksum, and lets nothing through that is damaged.
  */

@@ -37,7 +37,8 @@ def test_generated_docs_are_up_to_date():
 
 
 def test_the_table_of_nodes_says_what_each_does():
-    table = (ROOT / 'docs' / 'topics.md').read_text().split('## Nodes')[1].split('## Topics')[0]
+    page = (ROOT / 'docs/reference/topics.md').read_text()
+    table = page.split('## Nodes')[1].split('## Topics')[0]
     rows = [row.split(' | ') for row in table.strip().splitlines()[2:]]
 
     assert [row[0].strip('| `') for row in rows] == list(NODES)
@@ -239,10 +240,10 @@ def public_names():
 
 
 def test_public_names_are_made_of_words_of_the_glossary():
-    known = set(re.findall(r'[a-z]+', (ROOT / 'docs/glossary.md').read_text().lower()))
+    known = set(re.findall(r'[a-z]+', (ROOT / 'docs/reference/glossary.md').read_text().lower()))
     for name in public_names():
         for word in re.findall(r'[a-z]+', name.lower()):
             near = difflib.get_close_matches(word, known, 1, 0)
             assert {word, word.removesuffix('s')} & known, (
-                f'{name}: {word} is not in docs/glossary.md; is it {near[0]}?'
+                f'{name}: {word} is not in docs/reference/glossary.md; is it {near[0]}?'
             )

@@ -43,7 +43,7 @@ WORDS = {
 }
 # Words that are right elsewhere and had another meaning in these files.
 WORDS_THERE = {
-    r'(eol_ros|test)/core/physics/.*|benchmarks/physics.*|docs/numerics/physics\.md': {
+    r'(eol_ros|test)/core/physics/.*|benchmarks/physics.*|docs/explanation/numerics/physics\.md': {
         r'\bbooks?\b|\bbooks_of\b': 'energy ledger',
         r'\blean\b': 'uncounted (without reference counting)',
         r'\b([Dd]esk|make_desk)\b': 'Workspace',

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the generated docs: docs/topics.md, docs/settings.md, docs/api.md, a table of docs/osc.md.
+"""Writes the generated pages of docs/reference: topics, settings, api, and a table of osc.
 
 python tools/generate_docs.py            write them
 python tools/generate_docs.py --check    exit 1 when they are not up to date
@@ -122,10 +122,10 @@ def settings_page() -> str:
 
 
 def osc_page() -> str:
-    """Return docs/osc.md as it is, with the table of messages of today."""
+    """Return docs/reference/osc.md as it is, with the table of messages of today."""
     rows = ['| message | address and values | what it tells |', '| --- | --- | --- |']
     rows += [f'| `{r.name}` | `/eol/{r.name}` {r.takes} | {r.doc} |' for r in osc.ROWS.values()]
-    head, _, rest = (ROOT / 'docs/osc.md').read_text().partition(OSC_TABLE)
+    head, _, rest = (ROOT / 'docs/reference/osc.md').read_text().partition(OSC_TABLE)
     return (
         f'{head}{OSC_TABLE}\n'
         + '\n'.join(rows)
@@ -136,10 +136,10 @@ def osc_page() -> str:
 
 def main() -> int:
     pages = {
-        'docs/osc.md': osc_page(),
-        'docs/topics.md': topics_page(),
-        'docs/settings.md': settings_page(),
-        'docs/api.md': public_api.page(),
+        'docs/reference/osc.md': osc_page(),
+        'docs/reference/topics.md': topics_page(),
+        'docs/reference/settings.md': settings_page(),
+        'docs/reference/api.md': public_api.page(),
     }
     stale = [
         name

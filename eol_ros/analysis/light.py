@@ -35,7 +35,7 @@ FRAMES, FRAME_S = 3, 0.5  # of a cascade, and from one to the next, as in the pa
 FIRST_S = 0.05  # from the onset to the first frame: its light is lit by then
 JUDGED = (
     'No person has judged patterns of flashing blocks: the measures were compared with '
-    'judgements of other black and white patterns, at rest (docs/science.md).'
+    'judgements of other black and white patterns, at rest (docs/explanation/science.md).'
 )
 
 

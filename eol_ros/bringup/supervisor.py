@@ -336,7 +336,7 @@ class Supervisor:
                 self._told_priority = True
                 self._note(
                     'no real-time priority here: light and sound may come late when the '
-                    'machine is busy (docs/install.md)'
+                    'machine is busy (docs/guides/install.md)'
                 )
 
     def _end_hung(self, child: Child, now: float) -> None:

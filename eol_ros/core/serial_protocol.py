@@ -5,7 +5,7 @@ A packet on the wire is `00 | COBS(kind, sequence, body, crc) | 00`; the byte 00
 else, so a reader finds its feet again at the next 00 whatever happened before. COBS: Cheshire and
 Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Trans. Networking 7 (1999) 159. The checksum is
 CRC-16 with polynomial 0x1021 and start value 0xFFFF (its value for b'123456789' is 0x29B1) over
-kind, sequence and body. All integers are little-endian. docs/serial.md says the same for people.
+kind, sequence and body. All integers are little-endian. Documented in docs/reference/serial.md.
 
 This is version 2: blocks flash by themselves, and the bridge between them and the host limits the
 flashes. Version 1, in which the host sent the level of each white LED, is no longer supported.

@@ -70,7 +70,8 @@ def simulate(
     References
     ----------
     R. Burridge, L. Knopoff, Bull. Seismol. Soc. Am. 57 (1967) 341. S. R. Brown, C. H. Scholz,
-    J. B. Rundle, Geophys. Res. Lett. 18 (1991) 215. docs/numerics has error against run time.
+    J. B. Rundle, Geophys. Res. Lett. 18 (1991) 215. Error against run time:
+    docs/explanation/numerics.
 
     Examples
     --------

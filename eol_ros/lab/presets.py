@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scenes that methods are compared on; docs/numerics/physics.md says what each is for."""
+"""The scenes that methods are compared on, described in docs/explanation/numerics/physics.md."""
 
 from collections.abc import Callable
 

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """OSC messages of the graph: one table of what is sent, and the requests that messages make.
 
-Addresses begin with the namespace of the graph, here `eol`. `docs/osc.md` is made from this table.
+Addresses begin with the namespace of the graph, here `eol`. The table in
+`docs/reference/osc.md` is made from this one.
 """
 
 import math

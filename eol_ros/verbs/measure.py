@@ -18,7 +18,7 @@ from eol_ros.verbs import reach
 HELP = (
     'Measure springs and friction of your own table with its camera, and write them into a\n'
     'scene, whose twin then is that table; and how late the camera sees a light.\n'
-    'docs/measure.md says what to prepare.'
+    'docs/guides/measure.md says what to prepare.'
 )
 EXAMPLES = [
     'eol measure springs my/rehearsal.yaml --weights 300,600,900,1200,900,600,300',
@@ -32,7 +32,7 @@ HINT_S = 40.0  # after which who waits is told why
 TELL_S = 5.0  # from line to line of progress
 ENOUGH = 8  # slips of each inner block: more make nothing better, for blocks differ
 SCALE_KG = 6e-4  # of a kitchen scale that shows grams
-# Of a hundred twins, error in the median and at most (docs/measure.md): good and usable.
+# Of a hundred twins, error in the median and at most (docs/guides/measure.md): good and usable.
 SPRINGS_PERCENT, FRICTION_PERCENT, LIGHT_MS = (0.7, 3.8), (3.2, 9.7), (1.1, 2.6)
 
 

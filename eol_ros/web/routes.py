@@ -349,7 +349,7 @@ def _error(status: int, why: str) -> web.Response:
 
 
 def describe() -> str:
-    """Return the route table as Markdown, for docs/web.md."""
+    """Return the route table as Markdown, for docs/reference/web.md."""
     rows = ['| route | what |', '| --- | --- |']
     for control in CONTROLS.values():
         takes = ', '.join(f'`{item.name}`' for item in control.takes)

@@ -2,7 +2,7 @@
 """What goes over the WebSocket: small little-endian packets for streams, JSON for events.
 
 Every packet begins with one byte of kind, 7 bytes of its own, and the stamp (f8, s since the
-epoch); `static/link.js` reads them, `docs/web.md` lists them.
+epoch); `static/link.js` reads them, `docs/reference/web.md` lists them.
 """
 
 import json

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
  * The bridge, whatever it is built of: bytes of the host and frames of the blocks in, bytes and
- * frames out (docs/serial.md). bluepill.c gives it a processor.
+ * frames out (docs/reference/serial.md). bluepill.c gives it a processor.
  *
  *     for (;;) {
  *         now_us = ...;                                       64 bits, never backwards

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The long figures of seeing, each row of the table in docs/vision.md; minutes to hours each."""
+"""The long runs of the vision benchmark; minutes to hours each."""
 
 import numpy as np
 import pytest

@@ -40,7 +40,7 @@ def test_the_clock_counts_over_runs(tmp_path):
 
 def test_the_page_publishes_the_sum():
     found = soak_total.total(soak_total.load(soak_total.RESULTS))
-    page = (Path(__file__).parents[2] / 'docs' / 'reliability.md').read_text()
+    page = (Path(__file__).parents[2] / 'docs/explanation/reliability.md').read_text()
 
     hours = ' and '.join(f'{hours:g} h of {part}' for part, hours in found['hours'].items())
     assert f'{hours}**, {found["faults"]} faults' in page

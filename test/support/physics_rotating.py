@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Blocks that rotate with friction, by SciPy between events of its own: shares no code with ours.
 
-The model of docs/numerics/physics.md in plain NumPy: springs at arms, Coulomb friction against
-V = (vx, vy, c omega), c the mean distance of a square's points from its centre.
+The model of docs/explanation/numerics/physics.md in plain NumPy: springs at arms, Coulomb friction
+against V = (vx, vy, c omega), c the mean distance of a square's points from its centre.
 """
 
 import numpy as np

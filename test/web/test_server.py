@@ -575,7 +575,7 @@ def test_documents_are_handed_out(serve):
 
 
 def test_the_documented_routes_are_these():
-    document = Path(__file__).parents[2] / 'docs' / 'web.md'
+    document = Path(__file__).parents[2] / 'docs/reference/web.md'
     assert describe() in document.read_text('utf-8')
 
 

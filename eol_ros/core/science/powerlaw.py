@@ -20,7 +20,7 @@ from eol_ros.errors import EolError
 FEWEST_CASCADES = 200  # fewer reject other laws too seldom (`eol bench laws`)
 REJECTED = 0.05  # the p-value below which a law is called none
 FEWEST = 30  # independent events in the range of a fit: with fewer, a slope would be invented
-AUTOMATON_B = 0.77  # of the 5x5 automaton, alpha 0.20 (docs/science.md)
+AUTOMATON_B = 0.77  # of the 5x5 automaton, alpha 0.20 (docs/explanation/science.md)
 DECADE = 10  # from the lower end of a fit to its upper end, at least
 GREATEST_END = 100  # greatest lower end that is tried
 REPEATS = 400  # number of samples drawn

@@ -22,7 +22,7 @@ TARGET = 180.0  # grey levels of a block: room for flashes, far from the noise
 FULL_SHARE = 0.05  # of the blocks' pixels: more than the lights inside, so edges are, too
 MIN_LEVEL, MAX_LEVEL = 110.0, 225.0
 FLICKER = 0.02  # of the blocks' brightness
-BLUR_PX = 1.55, 1.95  # good, usable: calibrations at 1.53 and 1.92 px (docs/vision_measured.md)
+BLUR_PX = 1.55, 1.95  # good, usable: calibrations at 1.53 and 1.92 px
 
 
 @dataclass(frozen=True)

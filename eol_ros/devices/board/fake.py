@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A board made of software: it speaks the protocol of docs/serial.md, over a pty as a rule.
+"""A board made of software: it speaks the protocol of docs/reference/serial.md, usually over a pty.
 
 It emulates the bridge, with blocks that flash by themselves.
 The twin's rehearsal runs on it, and the tests. It keeps its own clock, which neither agrees with

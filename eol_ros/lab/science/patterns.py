@@ -282,7 +282,7 @@ def ask(
     Patterns
         Each measure beside its surrogates. The test of the static measures is exact whatever the
         mixing of the chain (serial method of Besag and Clifford), as long as moments do not depend
-        on each other; where they do, chance is rejected too often (docs/science.md).
+        on each other; where they do, chance is rejected too often (docs/explanation/science.md).
 
     Raises
     ------

@@ -4,7 +4,7 @@
 A model of `sound.select` and the mixer for tables of any size: each slip asks for one grain, its
 block's own, which does not sound again within `refractory_s`; no block sounds more than `block_cap`
 times in a second and all no more than `total_cap`; a grain has an envelope and no pitch. Gains,
-which follow speed, are left out. docs/science.md holds it against the real chain.
+which follow speed, are left out. docs/explanation/science.md holds it against the real chain.
 """
 
 from collections import deque

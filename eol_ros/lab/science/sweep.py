@@ -2,7 +2,7 @@
 """One task of a parameter sweep: from the parameters of a model to the law of its cascades.
 
 A task depends on its parameters alone, its seed among them: whatever process computes it, in any
-order, the numbers are the same to the bit (on processors of one kind, see docs/science.md).
+order, the numbers are the same to the bit on processors of one kind (docs/explanation/science.md).
 """
 
 import dataclasses

@@ -114,7 +114,7 @@ def test_samples_are_the_force_on_the_block_by_its_mass(exact):
 
 @pytest.mark.slow
 def test_error_against_a_finer_step(exact):
-    """At TRACE = 16 samples of the solver from image to image; docs/knocks.md states it."""
+    """At TRACE = 16 samples of the solver from image to image; stated in docs."""
     fine = [s for _, _, found in play(5, 512) for s in found]
     errors = {}
     for samples in (4, 16, 64):

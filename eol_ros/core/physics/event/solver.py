@@ -41,7 +41,7 @@ def order_for(tolerance: float) -> int:
 def floor_speed(tolerance: float) -> float:
     """Return the speed (m/s) that counts as none: what the model's "speed zero" means in the plane.
 
-    The sequence of events depends on it as its square (docs/numerics/physics.md).
+    The sequence of events depends on it as its square (docs/explanation/numerics/physics.md).
     """
     return float(np.clip(1e-4 * np.sqrt(tolerance), 1e-11, 1e-7))
 

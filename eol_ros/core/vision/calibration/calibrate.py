@@ -29,7 +29,7 @@ from eol_ros.said import clauses, said
 REST_SIGMA_M = 0.004  # friction leaves blocks this far from the lattice when all is still
 MOST_PX = 0.5  # RMS residual, per axis, above which a calibration is refused
 GOOD_PX = 0.26  # two standard deviations of the corners of lit covers, _RELIEF_SIGMA_PX
-GOOD_MM = 1.0  # RMS over the platform: docs/vision_measured.md, calibration from the blocks
+GOOD_MM = 1.0  # RMS over the platform (docs/explanation/vision_measured.md)
 MOST_CORNER_MM = 8.0  # and the standard deviation at a corner of the platform
 LENS_GAIN = 25.0  # of the misfit, for each number of the lens: five standard deviations
 _RELIEF_ROUNDS = 3
