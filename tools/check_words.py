@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fails on words that this project once used for what the field has a name for.
+"""Fails on words that this project once used for what the field has a name for, and on long texts.
 
     tools/check_words.py
 
 What is renamed stays renamed: a word of the table in code, docs or help fails `make lint`, unless
-the place is allowed, with its reason.
+the place is allowed, with its reason. Pages that people write have short sentences and paragraphs,
+unique headings, and few words in all.
 """
 
 import functools
@@ -58,6 +59,17 @@ ALLOWED = {
     (r'bags/sample/metadata\.yaml', r'.*'): 'recorded before, and read as it is',
     (r'eol_ros/core/physics/.*', 'anew'): 'being rewritten',
 }
+MOST_WORDS = 56_000  # of all pages of docs, but the decision records and what is generated
+MOST_IN_SENTENCE, MOST_IN_PARAGRAPH = 35, 120
+GENERATED = re.compile(r'docs/reference/(api|settings|topics)\.md')
+COUNTED = re.compile(r'docs/(?!adr/).*\.md')
+PROSE = re.compile(r'(README|CONTRIBUTING|SECURITY)\.md|docs/.*\.md')
+PASSIVE = re.compile(r'\b(?:is|are|was|were|be|been|being) (?:told|asked|said)\b', re.I)
+# (pattern of the path, pattern of the finding): why it may stand there.
+ALLOWED_PROSE = {
+    (r'docs/(explanation|guides|reference|build)/.*', r'.*'): 'being rewritten',
+}
+Paragraph = tuple[int, str]
 
 
 def allowed(path: str, word: str) -> bool:
@@ -71,12 +83,82 @@ def any_of(patterns: tuple[str, ...]) -> re.Pattern:
     return re.compile(r'\b(?:' + '|'.join(p.replace(r'\b', '') for p in patterns) + ')')
 
 
+def split(text: str) -> tuple[list[Paragraph], list[Paragraph]]:
+    """Return paragraphs and headings of a Markdown text, each with its first line.
+
+    A list item and a cell of a table are paragraphs of their own; code, comments and rules of
+    tables are none.
+    """
+    text = re.sub(r'<!--.*?-->|(?ms:^```.*?^```$)', lambda m: '\n' * m[0].count('\n'), text)
+    text = re.sub(r'!?\[([^\]]*)\]\([^)]*\)', r'\1', text)
+    text = re.sub(r'`[^`\n]*`', 'CODE', text)
+    paragraphs: list[Paragraph] = []
+    headings: list[Paragraph] = []
+    begun = False
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.startswith('#'):
+            headings.append((number, line.strip('# ').lower()))
+        elif line.startswith('|'):
+            cells = [cell for cell in line.split('|') if re.search(r'\w', cell)]
+            paragraphs += [(number, cell.strip()) for cell in cells]
+        elif line.strip() and not line.startswith('    '):
+            if begun and not re.match(r'\s*([-*]|\d+\.) ', line):
+                paragraphs[-1] = (paragraphs[-1][0], f'{paragraphs[-1][1]} {line.strip()}')
+            else:
+                paragraphs.append((number, re.sub(r'^\s*([-*]|\d+\.) ', '', line)))
+            begun = True
+            continue
+        begun = False
+    return paragraphs, headings
+
+
+def words_of(text: str) -> int:
+    """Return the number of words: what has a letter or a digit."""
+    return len(re.findall(r'[^\s|]*\w[^\s|]*', text))
+
+
+def prose_faults(text: str) -> list[Paragraph]:
+    """Return line and description of what is too long, passive or twice in a page."""
+    paragraphs, headings = split(text)
+    found: list[Paragraph] = []
+    for number, paragraph in paragraphs:
+        if words_of(paragraph) > MOST_IN_PARAGRAPH:
+            found.append((number, f'paragraph of {words_of(paragraph)} words: {paragraph[:40]}'))
+        for sentence in re.split(r'(?<=[.!?])[)"*]*\s+(?=[^a-z])', paragraph):
+            if words_of(sentence) > MOST_IN_SENTENCE:
+                found.append((number, f'sentence of {words_of(sentence)} words: {sentence[:40]}'))
+        found += [(number, f'{m[0]!r}: name who') for m in PASSIVE.finditer(paragraph)]
+    seen: set[str] = set()
+    for number, heading in headings:
+        if heading in seen:
+            found.append((number, f'heading twice: {heading}'))
+        seen.add(heading)
+    return found
+
+
+def check_prose(pages: dict[str, str]) -> int:
+    """Print what is wrong with the pages, and their words in all; return the number of faults."""
+    found = total = 0
+    for name, text in pages.items():
+        if GENERATED.fullmatch(name) or not PROSE.fullmatch(name):
+            continue
+        if COUNTED.fullmatch(name):
+            total += words_of(text)
+        for number, fault in prose_faults(text):
+            if not any(re.fullmatch(p, name) and re.match(f, fault) for p, f in ALLOWED_PROSE):
+                print(f'{name}:{number}: {fault}')
+                found += 1
+    print(f'{total} words in docs, of {MOST_WORDS} at most')
+    return found + (total > MOST_WORDS)
+
+
 def main() -> int:
-    """Print every place with a word of the table; return 1 where there is one."""
+    """Print every place with a word of the table or a fault of prose; return 1 where there is."""
     listed = subprocess.run(
         ['git', 'ls-files', '-z'], cwd=ROOT, capture_output=True, text=True, check=True
     )
     found = 0
+    pages: dict[str, str] = {}
     for name in filter(None, listed.stdout.split('\0')):
         path = ROOT / name
         if path.is_symlink() or not path.is_file():
@@ -89,6 +171,8 @@ def main() -> int:
             text = path.read_text(encoding='utf-8')
         except UnicodeDecodeError:
             continue
+        if name.endswith('.md'):
+            pages[name] = text
         if not any_of(tuple(words)).search(text):
             continue
         for number, line in enumerate(text.splitlines(), 1):
@@ -97,7 +181,7 @@ def main() -> int:
                     if not allowed(name, match.group()):
                         print(f'{name}:{number}: {match.group()!r}: the term is {term}')
                         found += 1
-    return int(bool(found))
+    return int(bool(found + check_prose(pages)))
 
 
 if __name__ == '__main__':
