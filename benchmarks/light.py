@@ -13,7 +13,14 @@ field, under that of each 10 degree field with each look, and under none; `recor
               it began before that second: stricter than the standard
     space     contrast between blocks: standard deviation over mean, median of the time with light
     time      share of the change of light that is faster than 1 Hz
+    tau       order of lighting against order of onsets (Kendall), median of cascades of 5 blocks
+    at limit  share of the time with light in which a block or a square of four has as many falls in
+              a second as the limit by field of view allows
+    frames    lit blocks in three frames of the greatest cascade, 0.5 s apart
     cost      run time for each slip and each frame
+
+With `--seeds N` the lightings are those of N rehearsals of the twin, each with another seed: a
+block is lit KNOCK_S after each true onset.
 """
 
 import argparse
@@ -27,6 +34,7 @@ from support.fields_of_view import fields, most_in_a_second
 from support.paper import COLS, N_BLOCKS, ROWS, rest_lattice
 
 from benchmarks.machine import tell
+from benchmarks.twin_slips import Rehearsal
 from eol_ros.analysis import light, open_bag
 from eol_ros.analysis.bag import Bag
 from eol_ros.analysis.recorded_settings import recorded_settings
@@ -43,9 +51,11 @@ EXAMPLES = [
     'eol bench light',
     'eol bench light bags/run --json',
     'eol bench light --sheet light.svg',
+    'eol bench light --seeds 8 --seconds 60',
 ]
 SAMPLE = Path(__file__).parents[1] / 'bags' / 'sample'
 WITHIN_S = 0.005  # from a tap to its light
+KNOCK_S = 0.002  # from an onset to the light of its block: the median of `eol bench taps`
 EYES = [
     (0.0, 0.0, 0.8), (0.0, -0.9, 0.6), (0.0, -1.0, 1.1), (1.0, -1.0, 0.9),
     (0.0, 0.0, 2.2), (0.0, -2.0, 1.5),  # the farthest: from 3 m no field holds 0.006 sr
@@ -69,6 +79,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true')
     parser.add_argument(
         '--sheet', help='write an SVG with twelve frames of the greatest cascade under each limit'
+    )
+    parser.add_argument(
+        '--seeds', type=int, default=0, metavar='N', help='measure N rehearsals of the twin instead'
+    )
+    parser.add_argument(
+        '--seconds', type=float, default=60.0, metavar='S', help='length of each (60 s)'
     )
 
 
@@ -94,10 +110,36 @@ def lightings(bag: Bag) -> list[tuple[float, int, bool]]:
     return sorted(((t - bag.start_ns) * 1e-9, block, long) for (t, block), long in found.items())
 
 
-class Play:
-    """Lightings under one limit, as time goes on: levels, and by how much long slips raised them.
+def rehearsed(seed: int, seconds: float) -> list[tuple[float, int, bool]]:
+    """Return `lightings` of the twin under visitors that follow from `seed`."""
+    fps = 60.0
+    twin = Rehearsal(seed, fps)
+    places = np.stack(
+        [
+            np.stack([twin.play.table.x, twin.play.table.y], axis=1)
+            for _ in twin.images(round(seconds * fps))
+        ]
+    )
 
-    Light that runs on lights no block that has been lit within REST_S.
+    def place(at_s: float) -> np.ndarray:  # the image at the end of that time
+        return places[min(max(math.ceil(at_s * fps) - 1, 0), len(places) - 1)]
+
+    lit = []
+    for slip in twin.slips():
+        after, before = (
+            place(slip.end_s if math.isfinite(slip.end_s) else seconds),
+            place(slip.onset_s - 1 / fps),
+        )
+        far_m = float(np.hypot(*(after - before)[slip.block]))
+        lit.append((slip.onset_s + KNOCK_S, slip.block, far_m > LONG_M))
+    return lit
+
+
+class Play:
+    """Lightings under one limit, as time goes on: levels, and by how much each raised its block.
+
+    `rises`: time in s, block, by how much, whether its slip was long. Light that runs on lights no
+    block that has been lit within REST_S.
     """
 
     def __init__(self, limit: str, lit: list[tuple[float, int, bool]]):
@@ -117,8 +159,7 @@ class Play:
             self._lit_s[block] = at_s
             before = self.field.levels(at_s)[block]
             self.field.slip(at_s, block)
-            if long:
-                self.rises.append(self.field.levels(at_s)[block] - before)
+            self.rises.append((at_s, block, self.field.levels(at_s)[block] - before, long))
         return self.field.levels(now_s)
 
 
@@ -127,13 +168,11 @@ def sheet(bag: Bag, lit: list[tuple[float, int, bool]]) -> str:
 
     The block that slipped first has an orange outline.
     """
-    cascades = bag.table('cascades')
-    if not len(cascades):
+    if not bag.count('cascades'):
         raise EolError('this bag has no cascades to draw')
-    greatest = cascades[np.argmax(cascades['area'])]
-    begin_s = (int(greatest['onset'].astype('i8')) - bag.start_ns) * 1e-9
+    begin_s, number = light.greatest(bag, bag.table('cascades'))
     slips = bag.table('slips')
-    slips = slips[(slips['cascade'] == greatest['cascade']) & (slips['kind'] == START)]
+    slips = slips[(slips['cascade'] == number) & (slips['kind'] == START)]
     first = int(slips['block'][np.argmin(slips['onset'].astype('i8'))])
     width, height = 60 * FRAMES + 10, 80 * len(LIMITS) + 10
     drawn = [
@@ -154,18 +193,34 @@ def sheet(bag: Bag, lit: list[tuple[float, int, bool]]) -> str:
     return '\n'.join([*drawn, '</g></svg>', ''])
 
 
-def measure(lit: list[tuple[float, int, bool]], seconds: float, limit: str) -> dict[str, Any]:
-    """Return the columns of one limit."""
+def measure(
+    lit: list[tuple[float, int, bool]], seconds: float, limit: str, bag: Bag | None = None
+) -> dict[str, Any]:
+    """Return the columns of one limit; with `bag` those of its cascades, too."""
     play, levels = Play(limit, lit), np.zeros((int(seconds * RATE_HZ), N_BLOCKS))
     began = time.perf_counter()
     for k in range(len(levels)):
         levels[k] = play.levels(k / RATE_HZ)
     cost_us = 1e6 * (time.perf_counter() - began) / (len(levels) + 3 * len(lit))
-    return figures(levels) | {
+    at_s, block, rise, long = np.array(play.rises).T
+    own = rise[long > 0]
+
+    def rises(begin_s: float, end_s: float) -> tuple[np.ndarray, np.ndarray]:
+        one = (at_s >= begin_s) & (at_s <= end_s) & (rise >= light.FLASH / 255)
+        return at_s[one], block[one]
+
+    found = figures(levels) | {
         'limit': limit, 'decay_s': play.look.decay_s,
-        'raised': float(np.mean(np.array(play.rises) >= RAISED)) if play.rises else None,
-        'long_slips': len(play.rises), 'held': int(play.field.lengthened), 'cost_us': cost_us,
+        'raised': float(np.mean(own >= RAISED)) if len(own) else None,
+        'long_slips': len(own), 'held': int(play.field.lengthened), 'cost_us': cost_us,
     }  # fmt: skip
+    if bag and (slipped := light.onsets(bag)):
+        tau, share = light.order(slipped, rises)
+        found |= {'order_tau': tau, 'cascade_lit': share}
+        begin_s, _ = light.greatest(bag, bag.table('cascades'))
+        frame = np.rint((begin_s + light.FRAMES_S) * RATE_HZ).astype(int)
+        found |= light.of_frames(levels[np.minimum(frame, len(levels) - 1)])
+    return found
 
 
 def figures(levels: np.ndarray) -> dict[str, Any]:
@@ -173,7 +228,8 @@ def figures(levels: np.ndarray) -> dict[str, Any]:
     shape = light.Measure(Table())
     shape.add(levels)
     areas_sr = np.concatenate([fields(rest_lattice(), eye) for eye in EYES])
-    return shape.figures() | {'most_flashes_per_s': most_in_a_second(levels, areas_sr)}
+    most = most_in_a_second(levels, areas_sr)
+    return shape.figures() | {'most_flashes_per_s': most, 'spectrum': shape.spectrum()}
 
 
 def recorded(bag: Bag, lit: list[tuple[float, int, bool]]) -> dict[str, Any] | None:
@@ -188,11 +244,16 @@ def recorded(bag: Bag, lit: list[tuple[float, int, bool]]) -> dict[str, Any] | N
             rises.append(white[first : last + 1, block].max(initial=0) - white[first - 1, block])
     levels = np.concatenate([part for _, part in light.levels(bag)])
     leds = recorded_settings(bag, 'leds')
-    limit = f'recorded: {getattr(leds, "flash_limit", "not known")}'
-    return figures(levels) | {
-        'limit': limit, 'decay_s': getattr(leds, 'decay_s', float('nan')),
+    tau, share = light.recorded_order(bag)
+    frames = light.frames(bag, bag.table('cascades') if bag.count('cascades') else None)
+    if frames:
+        found_frames = light.of_frames(frames['level'].reshape(light.FRAMES, -1))
+    return figures(levels) | (found_frames if frames else {}) | {
+        'limit': f'recorded: {getattr(leds, "flash_limit", "not known")}',
+        'decay_s': getattr(leds, 'decay_s', float('nan')),
         'raised': float(np.mean(np.array(rises) >= RAISED * 255)) if rises else None,
         'long_slips': len(rises), 'held': None, 'cost_us': None,
+        'order_tau': tau, 'cascade_lit': share,
     }  # fmt: skip
 
 
@@ -264,11 +325,22 @@ def optimum(lit: list[tuple[float, int, bool]]) -> dict[str, Any]:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
+    if args.seeds:
+        found = {
+            'seconds': args.seconds,
+            'limits': [
+                measure(rehearsed(seed, args.seconds), args.seconds, 'field of view, paper')
+                | {'limit': f'twin, seed {seed}'}
+                for seed in range(1, args.seeds + 1)
+            ],
+        }
+        tell(found, args.json, table)
+        return 0
     bag = open_bag(args.bag)
     lit = lightings(bag)
     if args.sheet:
         Path(args.sheet).write_text(sheet(bag, lit))
-    rows = [measure(lit, bag.duration_s, limit) for limit in LIMITS]
+    rows = [measure(lit, bag.duration_s, limit, bag) for limit in LIMITS]
     rows += [row for row in [recorded(bag, lit)] if row]
     found = {
         'lightings': len(lit), 'seconds': bag.duration_s, 'limits': rows, 'optimum': optimum(lit),
@@ -279,23 +351,26 @@ def run(args: argparse.Namespace) -> int:
 
 def table(result: dict[str, Any]) -> str:
     """Return the figures as lines of text."""
-    head = (
+    lines = [
         f'{"limit":25}{"decay":>7}{"flash":>14}{"20 lit":>8}{"raised":>9}{"flashes":>9}'
-        f'{"space":>7}{"time":>6}{"cost":>8}'
-    )
-    lines = [f'{result["lightings"]} lightings in {result["seconds"]:.0f} s', head]
+        f'{"space":>7}{"time":>6}{"at limit":>10}{"tau":>7}{"frames":>10}{"cost":>8}'
+    ]
     for r in result['limits']:
         raised = '-' if r['raised'] is None else f'{r["raised"]:.1%}'
+        tau = '-' if r.get('order_tau') is None else f'{r["order_tau"]:.2f}'
+        frames = ' '.join(map(str, r.get('frames_lit', '-')))
         lines.append(
             f'{r["limit"]:25}{r["decay_s"]:5.2f} s{r["flash_median_s"]:7.2f}'
             f'{r["flash_p90_s"]:5.2f} s{r["many_lit"]:8.1%}{raised:>9}{r["most_flashes_per_s"]:9d}'
-            f'{r["contrast_space"]:7.2f}{r["contrast_time"]:6.0%}'
-            + (f'{r["cost_us"]:5.0f} us' if r['cost_us'] else '')
+            f'{r["contrast_space"]:7.2f}{r["contrast_time"]:6.0%}{r["at_limit"]:10.1%}{tau:>7}'
+            f'{frames:>10}' + (f'{r["cost_us"]:5.0f} us' if r['cost_us'] else '')
         )
-    o = result['optimum']
-    lines.append(
-        f'{o["delayed"]} of {o["falls"]} falls wait, {o["limiter_wait_s"]:.1f} s in all, '
-        f'{o["limiter_us_a_slip"]:.0f} us a slip; with all slips known beforehand (linear '
-        f'programme) {o["least_wait_s"]:.1f} s, {o["programme_us_a_slip"]:.0f} us'
-    )
+    if 'optimum' in result:
+        o = result['optimum']
+        lines.insert(0, f'{result["lightings"]} lightings in {result["seconds"]:.0f} s')
+        lines.append(
+            f'{o["delayed"]} of {o["falls"]} falls wait, {o["limiter_wait_s"]:.1f} s in all, '
+            f'{o["limiter_us_a_slip"]:.0f} us a slip; with all slips known beforehand (linear '
+            f'programme) {o["least_wait_s"]:.1f} s, {o["programme_us_a_slip"]:.0f} us'
+        )
     return '\n'.join(lines)

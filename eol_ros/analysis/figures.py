@@ -87,6 +87,11 @@ def of(
         figures.append(_activity(seconds(starts['stamp']), note))
     if light is not None:
         figures.append(_frames(light, table, note))
+    flash = found.get('light', {}).get('flash', {})
+    if lit := flash.get('lit_over_time'):
+        figures.append(_lit_share({k: np.array(v) for k, v in lit.items()}, note))
+    if spectrum := flash.get('spectrum'):
+        figures.append(_light_spectrum({k: np.array(v) for k, v in spectrum.items()}, note))
     return figures + [_spectrum(a, note) for a in answers if a.spectrum is not None]
 
 
@@ -269,6 +274,23 @@ def _frames(light: dict[str, np.ndarray], table: Table, note: str) -> Figure:
 
     title = 'Light of the greatest cascade, time since its onset'
     return Figure('light', title, light, paint, note)
+
+
+def _lit_share(columns: dict[str, np.ndarray], note: str) -> Figure:
+    def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
+        axes.step(c['time_s'], 100 * c['share'], where='post', color=ORANGE)
+        axes.set(xlabel='time since the start of the bag (s)', ylabel='lit blocks (%)')
+        axes.set(ylim=(0, 100))
+
+    return Figure('light_share', 'Share of blocks that are lit', columns, paint, note)
+
+
+def _light_spectrum(columns: dict[str, np.ndarray], note: str) -> Figure:
+    def paint(axes: Any, c: dict[str, np.ndarray]) -> None:
+        axes.loglog(c['frequency_hz'], c['power_per_hz'], 'o-', markersize=4, color=BLUE)
+        axes.set(xlabel='frequency (Hz)', ylabel='power per Hz (of full light squared)')
+
+    return Figure('light_spectrum', 'Spectrum of the light of a block', columns, paint, note)
 
 
 def _spectrum(answer: Answer, note: str) -> Figure:

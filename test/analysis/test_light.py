@@ -88,6 +88,8 @@ def test_the_report_says_and_shows_it(bag, tmp_path):
     assert said['flash']['frames_turnover'] == pytest.approx(1 / 4)
     assert (tmp_path / 'out' / 'light.svg').read_text().count(' ms</text>') == light.FRAMES
     assert (tmp_path / 'out' / 'light.csv').read_text().count('\n') == 1 + 25 * light.FRAMES
+    lit = np.loadtxt(tmp_path / 'out' / 'light_share.csv', delimiter=',', skiprows=1)
+    assert lit[:, 0].tolist() == [0, 1, 2] and lit[1, 1] > lit[2, 1] > 0
 
 
 def test_a_flash_is_measured_by_its_levels():
@@ -111,7 +113,40 @@ def test_a_flash_is_measured_by_its_levels():
     assert found['contrast_time'] > 0.3
     assert found['most_falls_of_a_block'] == 1
     assert found['most_falls_of_a_square'] == 4
+    assert found['at_limit'] == 0
     assert halves.figures()['flashes'] == 22
+    share = whole.share()
+    assert share['time_s'] == list(range(35))
+    assert share['share'][4] == pytest.approx(20 / 25 * 0.1 * np.log(10), abs=0.01)
+    assert sum(share['share'][5:]) == 0
+
+
+def test_the_time_at_the_limit_is_measured():
+    """Three falls in a second, at 0.1, 0.35 and 0.6 s: as many as are allowed, until 1.1 s."""
+    time_s = np.arange(int(2 * light.RATE_HZ)) / light.RATE_HZ
+    levels = np.zeros((len(time_s), 25))
+    levels[:, 24] = 0.5  # there is light all the time
+    levels[:, 0] = (time_s < 0.6) & (time_s % 0.25 < 0.1 - 1e-9)
+    measure = light.Measure(Table())
+    measure.add(levels)
+
+    assert measure.figures()['at_limit'] == pytest.approx(0.5 / 2, abs=0.01)
+
+
+def test_the_spectrum_has_the_power_of_the_light():
+    time_s = np.arange(int(60 * light.RATE_HZ)) / light.RATE_HZ
+    levels = np.zeros((len(time_s), 25))
+    levels[:, 3] = 0.5 + 0.4 * np.sin(2 * np.pi * 4 * time_s)
+    measure = light.Measure(Table())
+    measure.add(levels)
+    found = measure.spectrum()
+    power = np.array(found['power_per_hz'])
+    at = int(np.argmax(power))
+
+    # bins 102 to 127 of a window of 30 s are one band
+    assert found['frequency_hz'][at] == pytest.approx(np.mean(np.arange(102, 128)) / 30)
+    assert power[at] * 26 / 30 == pytest.approx(0.4**2 / 2 / 25)
+    assert np.delete(power, at).max() < 1e-20
 
 
 def test_light_of_a_table_with_a_hole(tmp_path):
@@ -168,7 +203,7 @@ def test_the_order_of_lighting_is_held_against_that_of_onsets(tmp_path, late_s, 
     for block in range(5):
         slip = Slip(kind=Slip.START, block=block, onset=to_msg(at_ns(1.0 + 0.05 * block)))
         messages.append(('slips', slip, 1.0 + 0.05 * block))
-    found, share = light.order(bag_of(tmp_path / 'run', [*messages, packet(3.0)]))
+    found, share = light.recorded_order(bag_of(tmp_path / 'run', [*messages, packet(3.0)]))
 
     assert found == pytest.approx(tau) and share == 1
 
