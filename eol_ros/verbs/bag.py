@@ -7,6 +7,7 @@ import sys
 import warnings
 from pathlib import Path
 
+from eol_ros.cli import within
 from eol_ros.errors import BagDamaged, UsageError, printable, writing
 
 HELP = 'Look at bags, prove them, repair them, cut and merge them. No ROS needed.'
@@ -54,8 +55,10 @@ def add_arguments(parser):
     cut = command('cut', 'Write a stretch of a bag, or some of its topics, as a new bag.')
     cut.add_argument('bag', help=source)
     cut.add_argument('-o', '--output', metavar='OUT', required=True, help=out)
-    cut.add_argument('--start', type=float, default=0.0, metavar='S', help='from S seconds in')
-    cut.add_argument('--end', type=float, metavar='S', help='up to S seconds in')
+    cut.add_argument(
+        '--start', type=within(0, 1e9), default=0.0, metavar='S', help='from S seconds in'
+    )
+    cut.add_argument('--end', type=within(0, 1e9), metavar='S', help='up to S seconds in')
     cut.add_argument('--topics', metavar='TOPICS', help='these, parted by commas (default: all)')
     merge = command('merge', 'Write several bags as one, in order of reception.')
     merge.add_argument('bags', nargs='+', metavar='BAG', help=source)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from eol_ros import scene as scenes
+from eol_ros.cli import within
 from eol_ros.core.table import Table, check_same
 from eol_ros.devices.bag.reader import table_in
 from eol_ros.errors import ConfigError, UsageError, writing
@@ -48,7 +49,10 @@ def add_arguments(parser):
     parser.add_argument('--picture', metavar='P.png', help='figure of the residuals')
     parser.add_argument('--lens', metavar='YAML', help='camera_info file, whose lens is kept')
     parser.add_argument(
-        '--focal', type=float, metavar='PX', help='focal length in px, where no --lens is known'
+        '--focal',
+        type=within(10, 1e6),
+        metavar='PX',
+        help='focal length in px, where no --lens is known',
     )
     parser.add_argument(
         '--mirror',
@@ -57,7 +61,7 @@ def add_arguments(parser):
     )
     parser.add_argument(
         '--cover-height',
-        type=float,
+        type=within(0, 0.5),
         default=0.0,
         metavar='M',
         help='covers above the platform, in metres',
@@ -69,15 +73,16 @@ def add_arguments(parser):
     )
     parser.add_argument(
         '--cover-gap',
-        type=float,
+        type=within(0, 0.5),
         default=0.001,
         metavar='M',
         help='lower rims of these covers above the platform, in metres',
     )
     parser.add_argument('--size', metavar='WxH', help='image size, for points without --lens')
     parser.add_argument('--board', default='11x8', metavar='CxR', help='squares of the board')
-    parser.add_argument('--square', type=float, default=0.06, metavar='M', help='side of a square')
-    parser.add_argument('--marker', type=float, default=0.045, metavar='M', help='side of a marker')
+    side = within(1e-3, 2)
+    parser.add_argument('--square', type=side, default=0.06, metavar='M', help='side of a square')
+    parser.add_argument('--marker', type=side, default=0.045, metavar='M', help='side of a marker')
     parser.add_argument(
         '--paper',
         default='auto',
@@ -89,7 +94,7 @@ def add_arguments(parser):
     )
     parser.add_argument(
         '--at',
-        type=float,
+        type=within(-MOST_M, MOST_M),
         nargs=2,
         default=(0.0, 0.0),
         metavar=('X', 'Y'),

@@ -49,9 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--scene', help='take camera (or twin) and its settings from here')
     parser.add_argument('--device', help='as camera.device of a scene, or twin')
     parser.add_argument('--size', metavar='WxH', help='of the images (default: 1280x800)')
-    parser.add_argument('--fps', type=float, help='images a second')
-    parser.add_argument('--exposure-us', type=int, help='manual exposure')
-    parser.add_argument('--gain', type=float, help="in the camera's own unit")
+    parser.add_argument('--fps', type=within(0, 240), help='images a second')
+    parser.add_argument('--exposure-us', type=within(50, 16000, int), help='manual exposure')
+    parser.add_argument('--gain', type=within(-1000, 1e6), help="in the camera's own unit")
     parser.add_argument('--trigger', help='input of a GenICam camera')
     parser.add_argument(
         '--seconds', type=within(0.01, 86400), help='stop after SECONDS (latency: 10; else: Ctrl-C)'

@@ -75,7 +75,12 @@ def add_arguments(parser):
         metavar='0..1',
         help='0: measured places, 1: the layout',
     )
-    add('--seed', type=int, default=1, help='of the ice recording, where no sound is given')
+    add(
+        '--seed',
+        type=within(0, 1e18, int),
+        default=1,
+        help='of the ice recording, where no sound is given',
+    )
     add('-o', '--output', metavar='FILE', help='corpus JSON; with show, the image')
     add('--csv', metavar='FILE', help='one line per grain')
     add('--labels-out', metavar='FILE', help='the grains as an Audacity label track')

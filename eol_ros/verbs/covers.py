@@ -34,15 +34,16 @@ def add_arguments(parser):
     parser.add_argument(
         '--cells', type=within(1, 512, int), default=84, help='squares along a side (84: 1 mm)'
     )
-    parser.add_argument('--wall', type=float, default=SIZES.wall_mm, help='thickness, mm')
-    parser.add_argument('--skirt', type=float, default=SIZES.skirt_mm, help='below the land, mm')
-    parser.add_argument('--relief', type=float, default=SIZES.relief_mm, help='of the land, mm')
+    mm = within(0, 1000)
+    parser.add_argument('--wall', type=mm, default=SIZES.wall_mm, help='thickness, mm')
+    parser.add_argument('--skirt', type=mm, default=SIZES.skirt_mm, help='below the land, mm')
+    parser.add_argument('--relief', type=mm, default=SIZES.relief_mm, help='of the land, mm')
     parser.add_argument(
-        '--lip', type=float, default=SIZES.lip_mm, help='into the body of the block, mm; 0: none'
+        '--lip', type=mm, default=SIZES.lip_mm, help='into the body of the block, mm; 0: none'
     )
-    parser.add_argument('--body', type=float, default=SIZES.body_mm, help='walls of the body, mm')
+    parser.add_argument('--body', type=mm, default=SIZES.body_mm, help='walls of the body, mm')
     parser.add_argument(
-        '--clearance', type=float, default=SIZES.clearance_mm, help='of the lip on each side, mm'
+        '--clearance', type=mm, default=SIZES.clearance_mm, help='of the lip on each side, mm'
     )
     parser.add_argument('--json', action='store_true', help='list the files on stdout')
 

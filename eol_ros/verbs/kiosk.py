@@ -10,6 +10,7 @@ import urllib.error
 import urllib.request
 
 from eol_ros import interrupts
+from eol_ros.cli import within
 
 HELP = 'Open the two walls full screen, one on each screen, and bring a lost window back.'
 EXAMPLES = [
@@ -42,7 +43,7 @@ def add_arguments(parser):
         '--windowed', action='store_true', help='open plain windows, not full screen'
     )
     parser.add_argument(
-        '--for', dest='seconds', type=float, metavar='SECONDS', help='close after so long'
+        '--for', dest='seconds', type=within(0, 1e9), metavar='SECONDS', help='close after so long'
     )
 
 

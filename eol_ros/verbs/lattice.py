@@ -7,6 +7,7 @@ import sys
 import time
 
 from eol_ros import folders
+from eol_ros.cli import within
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
 
 HELP = 'run the earthquake automaton (or a rice pile) and fit the law of its sizes'
@@ -26,7 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--model', default='ofc', choices=('ofc', 'oslo'), help='ofc: the automaton'
     )
-    parser.add_argument('--size', type=int, metavar='L', help='sites along a side (64)')
+    parser.add_argument(
+        '--size', type=within(1, 4096, int), metavar='L', help='sites along a side (64)'
+    )
     parser.add_argument(
         '--alpha',
         default='0.2',
@@ -34,9 +37,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='share that each neighbour gets, 0..0.25; written as a fraction (1/5) '
         'it is taken exactly',
     )
-    parser.add_argument('--events', type=int, metavar='N', help='recorded (1000000; exact: 2000)')
-    parser.add_argument('--warmup', type=int, default=0, metavar='W', help='events before that (0)')
-    parser.add_argument('--seed', type=int, default=1, metavar='S', help='of the start (1)')
+    parser.add_argument(
+        '--events', type=within(1, 1e9, int), metavar='N', help='recorded (1000000; exact: 2000)'
+    )
+    parser.add_argument(
+        '--warmup', type=within(0, 1e12, int), default=0, metavar='W', help='events before that (0)'
+    )
+    parser.add_argument(
+        '--seed', type=within(0, 1e18, int), default=1, metavar='S', help='of the start (1)'
+    )
     parser.add_argument(
         '--start',
         metavar='FILE.npy',
@@ -55,8 +64,6 @@ def run(args: argparse.Namespace) -> int:
 
     lattice, exact = _lattice(args)
     count = args.events if args.events is not None else (EXACT_EVENTS if exact else FIXED_EVENTS)
-    if count < 1 or args.warmup < 0:
-        raise UsageError(f'--events {count} --warmup {args.warmup}: at least 1 and 0 are wanted')
     full = bool(args.output)
     if full:
         folders.check_writable(args.output, '--output')
@@ -90,14 +97,10 @@ def _lattice(args):
 
     import numpy as np
 
-    from eol_ros.lab.automaton.ofc import LARGEST_SIDE, Automaton, ExactAutomaton, check
+    from eol_ros.lab.automaton.ofc import Automaton, ExactAutomaton, check
     from eol_ros.lab.automaton.oslo import OsloPile
 
     size = 64 if args.size is None else args.size
-    if not 1 <= size <= LARGEST_SIDE:
-        raise UsageError(f'--size {size}: 1 to {LARGEST_SIDE} are wanted')
-    if args.seed < 0:
-        raise UsageError(f'--seed {args.seed}: 0 or more')
     if args.model == 'oslo':
         if args.start:
             raise UsageError('--model oslo begins with an empty pile: leave out --start')

@@ -56,7 +56,7 @@ def add_arguments(parser):
         help='springs: the block that is pulled, at the rim (default: the middle of the right)',
     )  # fmt: skip
     parser.add_argument(
-        '--natural', type=float, metavar='MM',
+        '--natural', type=within(1, 1000), metavar='MM',
         help='length of a spring that nothing pulls, by a ruler (default: as in the scene)',
     )  # fmt: skip
     parser.add_argument(

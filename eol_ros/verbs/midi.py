@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 from eol_ros import interrupts
+from eol_ros.cli import within
 from eol_ros.errors import DeviceMissing, UsageError
 
 HELP = (
@@ -31,7 +32,14 @@ def add_arguments(parser):
     parser.add_argument('scene', nargs='?', metavar='SCENE', help='learn: write the line into it')
     add('--input', default='auto', metavar='NAME', help='by name or part of it, auto or virtual')
     add('--jack', action='store_true', help='list: the inputs of JACK')
-    add('--for', dest='seconds', type=float, default=0.0, metavar='S', help='end after; 0: Ctrl-C')
+    add(
+        '--for',
+        dest='seconds',
+        type=within(0, 1e9),
+        default=0.0,
+        metavar='S',
+        help='end after; 0: Ctrl-C',
+    )
 
 
 def run(args):

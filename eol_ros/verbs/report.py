@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from eol_ros import folders
+from eol_ros.cli import within
 from eol_ros.errors import DeviceMissing, UsageError, pip_install
 
 HELP = 'Figures, numbers and tables from a bag: one HTML page, SVG, PDF and CSV. No ROS needed.'
@@ -26,7 +27,10 @@ def add_arguments(parser):
         'several become one report, a folder with all that is in it'
     )  # fmt: skip
     parser.add_argument(
-        '--workers', type=int, metavar='N', help='read many bags with N processes (1)'
+        '--workers',
+        type=within(1, 1000, int),
+        metavar='N',
+        help='read many bags with N processes (1)',
     )
     parser.add_argument(
         '--scheduler', metavar='tcp://HOST:8786',

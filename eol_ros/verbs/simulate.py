@@ -7,6 +7,8 @@ import sys
 import time
 from pathlib import Path
 
+from eol_ros.cli import within
+
 HELP = 'simulate a spring-block scene: exact, event-driven, or in time steps'
 EXAMPLES = [
     'eol simulate S3L --json',
@@ -20,29 +22,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('scene', metavar='SCENE', help='a JSON file, or a named scene (S1 ... S6b)')
     parser.add_argument('-o', '--output', metavar='FILE.npz', help='write t, u, v and the events')
     parser.add_argument(
-        '--sample', type=float, default=0.1, metavar='S', help='time between samples (0.1 s)'
+        '--sample',
+        type=within(1e-9, 1e9),
+        default=0.1,
+        metavar='S',
+        help='time between samples (0.1 s)',
     )
     parser.add_argument(
         '--path', default='auto', choices=('auto', 'exact', 'event', 'stepping'), help='the solver'
     )
     parser.add_argument(
         '--tol',
-        type=float,
+        type=within(1e-16, 1),
         metavar='T',
         help='tolerance of the event solver (1e-9 geometric, 1e-12 linear)',
     )
     parser.add_argument(
         '--step',
-        type=float,
+        type=within(1e-12, 1e6),
         default=1e-4,
         metavar='S',
         help='step of the time-stepping solver (1e-4 s)',
     )
     parser.add_argument(
-        '--repeat', type=int, default=1, metavar='N', help='time the best of N runs'
+        '--repeat', type=within(1, 1e9, int), default=1, metavar='N', help='time the best of N runs'
     )
-    parser.add_argument('--max-steps', type=int, default=20_000_000, metavar='N')
-    parser.add_argument('--max-events', type=int, default=4_000_000, metavar='N')
+    most = within(1, 1e9, int)
+    parser.add_argument('--max-steps', type=most, default=20_000_000, metavar='N')
+    parser.add_argument('--max-events', type=most, default=4_000_000, metavar='N')
     parser.add_argument('--write-scene', metavar='FILE.json', help='save the scene and stop')
     parser.add_argument('--json', action='store_true', help='the result as JSON')
 
@@ -57,11 +64,6 @@ def run(args: argparse.Namespace) -> int:
     from eol_ros.verbs import compile
     from eol_ros.verbs.progress import Progress
 
-    for name in ('sample', 'step', 'repeat', 'max_steps', 'max_events'):
-        if not getattr(args, name) > 0:
-            raise UsageError(
-                f'--{name.replace("_", "-")} {getattr(args, name)}: more than 0 is wanted'
-            )
     scene = _scene(args.scene)
     if args.write_scene:
         physics_file.save_scene(args.write_scene, scene.source)

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from eol_ros import interrupts
+from eol_ros.cli import within
 
 HELP = """Run a table, plate, automaton or any scene over all combinations of parameters.
 
@@ -31,7 +32,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='.parquet or .csv (default: named as the sweep file, here)',
     )
     parser.add_argument(
-        '--workers', type=int, metavar='N', help='processes on this machine (default: its cores)'
+        '--workers',
+        type=within(1, 1000, int),
+        metavar='N',
+        help='processes on this machine (default: its cores)',
     )
     parser.add_argument(
         '--scheduler', metavar='tcp://HOST:8786', help='of a Dask cluster, which computes instead'

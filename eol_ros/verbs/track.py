@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from eol_ros import scene as scenes
+from eol_ros.cli import within
 from eol_ros.errors import ConfigError
 
 HELP = 'Follow the blocks through a .npy stack, a video, a folder of images or a bag.'
@@ -40,7 +41,9 @@ CASCADE = [
 def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('frames', metavar='FRAMES', help='.npy stack, video, folder or bag')
-    parser.add_argument('--fps', type=float, help='images a second (default: of the video, or 60)')
+    parser.add_argument(
+        '--fps', type=within(1e-3, 10000), help='images a second (default: of the video, or 60)'
+    )
     parser.add_argument(
         '--stamps', metavar='FILE',
         help='time of each image instead of --fps, for videos with dropped images: mid-exposure, '

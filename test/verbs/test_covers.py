@@ -90,7 +90,7 @@ def test_names_of_many_covers_are_in_order_of_their_ids(tmp_path, capsys):
         (['--wall', '60'], 2, 'no room'),
         (['--skirt', '5'], 2, 'too low for the shoulder above a lip, which is 3.8 mm high'),
         (['--body', '41'], 2, 'a body of 41 mm leaves no room for a lip'),
-        (['--clearance', '-1'], 2, 'lip, body and clearance must be 0 mm or more'),
+        (['--clearance', '-1'], 2, '--clearance: -1 is outside 0 to 1000'),
         (['--cells', '0'], 2, '--cells: 0 is outside 1 to 512'),
         (['--scene', 'nowhere.yaml'], 78, 'nowhere.yaml'),
         (['--seed', '-1'], 2, '--seed: -1 is'),
