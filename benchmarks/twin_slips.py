@@ -22,6 +22,7 @@ from eol_ros.core.motion.noise import exceedance
 from eol_ros.core.motion.slips import START, SlipDetector
 from eol_ros.core.physics.twin.live import Coupling
 from eol_ros.core.physics.twin.play import Play
+from eol_ros.errors import UsageError
 from eol_ros.settings import MotionSettings
 
 NOISE_M = 9e-6
@@ -185,6 +186,10 @@ def compare(
     asked = [s for s in truth if s.rest_images >= 2 and span[0] < s.onset_s < span[1]]
     hits = sum(s in named for s in asked)
     right = len(errors)
+    if not hits or not right:
+        raise UsageError(
+            f'{len(asked)} slips from {span[0]:.0f} to {span[1]:.0f} s: measure for longer'
+        )
     return {
         'slips': len(asked), 'recall': hits / len(asked),
         'recall_low': wilson(hits, len(asked))[0],

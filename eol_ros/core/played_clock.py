@@ -27,6 +27,7 @@ class PlayedClock:
         self._slope = 1.0  # wall ns for a recorded one
         self._offset_ns = 0.0  # wall time of the newest recorded time, less that of its message
         self._sure = False  # of the slope
+        self._known = 1.0  # the slope that was last sure
         self._stands_since_ns: int | None = None  # wall time
 
     def take(self, recorded_ns: int, wall_ns: int) -> bool:
@@ -56,9 +57,9 @@ class PlayedClock:
         """How many times longer a wait is behind a replay that is slower than the run was.
 
         Whatever took a moment in the run takes so much longer in its replay. 1 where the replay is
-        as fast or faster, and while its pace is not known: messages take their time all the same.
+        as fast or faster, and before its pace is known. A late message does not change it.
         """
-        return max(self._slope, 1.0) if self._sure else 1.0
+        return max(self._known, 1.0)
 
     def _fit(self) -> None:
         recorded, wall = self._relative()
@@ -66,7 +67,7 @@ class PlayedClock:
         if self._sure:
             x = recorded - recorded.mean()
             slope = float(x @ (wall - wall.mean()) / (x @ x))
-            self._slope = max(slope, 1e-6)
+            self._slope = self._known = max(slope, 1e-6)
         elif len(wall) > 1 and recorded[-1] > recorded[0]:
             self._slope = max(float((wall[-1] - wall[0]) / (recorded[-1] - recorded[0])), 1e-6)
         self._offset_ns = float((wall - self._slope * recorded)[-NEWEST:].min())

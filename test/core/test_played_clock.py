@@ -51,6 +51,17 @@ def test_what_waits_waits_longer_behind_a_slower_replay(rate, times):
     assert replay.clock.stretch == pytest.approx(times, rel=0.01)
 
 
+def test_what_waits_waits_as_long_while_messages_are_late():
+    replay = Replay(0.25)
+    replay.run(2.0)
+    replay.wall += 60 * MS  # a busy machine: the pace is fitted from here on again
+    for _ in range(12):
+        replay.run(0.01)
+        assert replay.clock.stretch == pytest.approx(4, rel=0.05)
+    replay.run(2.0, rate=1.0)
+    assert replay.clock.stretch == pytest.approx(1, rel=0.05)
+
+
 @pytest.mark.parametrize('rate', [0.25, 1.0, 4.0])
 def test_from_the_first_message_on_nothing_is_far_off(rate):
     replay = Replay(rate)

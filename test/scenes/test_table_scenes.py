@@ -17,13 +17,17 @@ from eol_ros.core.table import Table
 from eol_ros.streams import tables
 
 DOMAIN = next_domain()
+OF_3_BY_4 = 'include: rehearsal\ntable: {rows: 3, columns: 4}\n'
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize('name', ['small', 'ring'])
+@pytest.mark.parametrize('name', ['small', 'ring', '3x4.yaml'])
 def test_a_scene_of_another_table_runs_and_its_recording_is_proved(name, tmp_path):
-    command = ['run', name, '--for', '12', '--bag', str(tmp_path)]
+    if name.endswith('.yaml'):
+        (tmp_path / name).write_text(OF_3_BY_4)
+        name = str(tmp_path / name)
+    command = ['run', name, '--for', '12', '--bag', str(tmp_path / 'bags')]
     done = subprocess.run(
         [sys.executable, '-m', 'eol_ros', *command], capture_output=True, text=True, check=False,
         env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)}, timeout=240,
@@ -31,7 +35,7 @@ def test_a_scene_of_another_table_runs_and_its_recording_is_proved(name, tmp_pat
     table = Table.of(scenes.load(name).table)
     assert done.returncode == 0, done.stderr
     assert f'{table.count} of {table.count} blocks seen' in done.stdout + done.stderr
-    bag = open_bag(tmp_path)
+    bag = open_bag(tmp_path / 'bags')
     assert recorded_table(bag) == table
     (told,) = tables.RECORD.each(bag.table('table'))
     assert (told.rows, told.columns, tuple(told.absent)) == (
