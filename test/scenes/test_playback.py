@@ -40,7 +40,9 @@ def first(tmp_path_factory):
     """The bag of a short rehearsal with all images."""
     for _ in range(3):
         bag, late = recorded(tmp_path_factory.mktemp('first'))
-        if not late:
+        # Played again, the tracker gets each recorded image: those that it had no time for, too.
+        images, blocks = (bag.table(topic)['stamp'] for topic in ('camera/image_raw', 'blocks'))
+        if not late and np.isin(images[images <= blocks[-1]], blocks).all():
             break
     return bag
 
