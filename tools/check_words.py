@@ -67,7 +67,10 @@ PROSE = re.compile(r'(README|CONTRIBUTING|SECURITY)\.md|docs/.*\.md')
 PASSIVE = re.compile(r'\b(?:is|are|was|were|be|been|being) (?:told|asked|said)\b', re.I)
 # (pattern of the path, pattern of the finding): why it may stand there.
 ALLOWED_PROSE = {
-    (r'docs/(explanation|guides|reference|build)/.*', r'.*'): 'being rewritten',
+    (r'docs/guides/(bags|camera|install|measure|security|table)\.md', r'.*'): 'being rewritten',
+    (r'docs/reference/(glossary|serial|web|osc)\.md', r'.*'): 'being rewritten',
+    (r'docs/explanation/(light|reliability|science|numerics/.*)\.md', r'.*'): 'being rewritten',
+    (r'docs/build/README\.md', r'.*'): 'being rewritten',
 }
 Paragraph = tuple[int, str]
 

@@ -12,7 +12,7 @@ from eol_ros.errors import DeviceMissing, UsageError
 
 HELP = (
     'MIDI: list the inputs, watch what comes, and learn which controller plays which setting of\n'
-    'grains and sound (docs/explanation/sound.md).'
+    'grains and sound (docs/guides/play.md).'
 )
 EXAMPLES = [
     'eol midi list',
