@@ -267,6 +267,8 @@ class Reader(yaml_text.Reader):
                     self.unknown(place, where, key, fields)
                 continue
             self.places[f'{name}.{key}'] = item.file, item.line, item.column
+            for number, one in enumerate(item.value if isinstance(item.value, list) else ()):
+                self.places[f'{name}.{key}[{number}]'] = one.file, one.line, one.column
             try:
                 meant = by_today(kind, {key: _meant(item, fields[key].type)})
                 value = check_value(fields[key], meant[key])

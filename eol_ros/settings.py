@@ -901,7 +901,7 @@ class SoundSettings:
     midi_map: tuple[str, ...] = live(
         (),
         'lines that map MIDI to actions: cc|note|program [CHANNEL:]NUMBER and NODE.SETTING '
-        '[LEAST MOST], NODE.SETTING VALUE, recall PRESET or morph PRESET PRESET',
+        '[LEAST MOST], NODE.SETTING VALUE, recall PRESET, cue CUE or morph PRESET PRESET',
         kind='MIDI ACTION',
     )
 
@@ -935,6 +935,17 @@ class HoursSettings:
         (),
         'opening hours as lines of days and times, such as Tue-Sun 10:00-18:00 or 2026-12-24 '
         'closed; a later line takes precedence; 20:00-26:00 ends after midnight',
+    )
+    cues: tuple[str, ...] = setting(
+        (),
+        'lines of requests by the name of their cue, in the words of `eol call`, such as evening '
+        'set leds look=embers',
+    )
+    cue_times: tuple[str, ...] = setting(
+        (),
+        'times of cues as lines of days, times and a cue, such as Fri,Sat 18:30 evening or '
+        '2026-12-24 12:00 farewell; at its start the node gives the cues since the last opening or '
+        'closing',
     )
 
 

@@ -30,8 +30,8 @@ HORIZON = datetime.timedelta(days=400)  # what does not change within that does 
 YEARS = range(2000, 2200)  # years of dates; the days before and after each date are checked, too
 CLOCK_SET_S = 1_767_225_600.0  # 2026: a clock that shows a time before has not been set
 SLEEP, WAKE = 'sleep', 'wake'
-_DAY = datetime.timedelta(days=1)
-_NEAR = 12 * _DAY  # where to look first
+DAY = datetime.timedelta(days=1)
+_NEAR = 12 * DAY  # where to look first
 _DATES = re.compile(r'(\d{4}-\d\d-\d\d)(?:-(\d{4}-\d\d-\d\d))?')
 _TIMES = re.compile(r'(\d{1,2}):([0-5]\d)-(\d{1,2}):([0-5]\d)')
 _LIKE = "such as 'Tue-Sun 10:00-18:00', '2026-12-24 closed'"
@@ -56,18 +56,24 @@ class Line:
 def line(text: str) -> Line:
     """Read a line; raise ConfigError that quotes it and says what is wrong."""
     try:
-        words = re.sub(r'\s*([,\N{EN DASH}-])\s*', r'\1', text.strip())
-        days, _, times = words.replace('\N{EN DASH}', '-').partition(' ')
+        named, _, times = close_up(text).partition(' ')
         if not times:
             raise ValueError(f'not days and their times, {_LIKE}')
-        return Line(text, *_days(days), _spans(times.strip()))
+        return Line(text, *named_days(named), _spans(times))
     except ValueError as error:
         raise ConfigError(f'{text!r}: {error}') from None
 
 
-def _days(
+def close_up(text: str) -> str:
+    """Return a line with `-` for dashes, without spaces around marks, with one between words."""
+    words = re.sub(r'\s*([,\N{EN DASH}-])\s*', r'\1', text).replace('\N{EN DASH}', '-')
+    return ' '.join(words.split())
+
+
+def named_days(
     text: str,
 ) -> tuple[frozenset[int], tuple[tuple[datetime.date, datetime.date], ...]]:
+    """Return the weekdays and the first and last dates that a text names; raise ValueError."""
     weekdays: set[int] = set()
     dates = []
     for item in text.split(','):
@@ -171,7 +177,7 @@ class OpeningHours:
     def _state(self, at: datetime.datetime, reach: datetime.timedelta) -> State:
         """Return how it is, with the changes within `reach`, as far as they are sure."""
         day = at.astimezone(self.zone).date()
-        sure = reach - 3 * _DAY  # what is open at the ends may go on beyond
+        sure = reach - 3 * DAY  # what is open at the ends may go on beyond
         times = self._times(day - reach, day + reach)
         edges = [edge for span in times for edge in span]
         after = bisect.bisect_right(edges, at)
@@ -188,10 +194,10 @@ class OpeningHours:
         """Return the times of `first` to `last` at which it is open, those that touch as one."""
         found: list[tuple[datetime.datetime, datetime.datetime]] = []
         for number in range((last - first).days + 1):
-            day = first + number * _DAY
+            day = first + number * DAY
             told = _line_of(self._lines, day)
             for minutes in told.spans if told else ():
-                begin, end = (self._instant(day, m, fold) for fold, m in enumerate(minutes))
+                begin, end = (instant(self.zone, day, m, fold) for fold, m in enumerate(minutes))
                 if begin >= end:  # it lies in the hour that spring leaves out
                     continue
                 if found and begin <= found[-1][1]:
@@ -199,24 +205,25 @@ class OpeningHours:
                 found.append((begin, end))
         return found
 
-    def _instant(self, day: datetime.date, minutes: int, fold: int) -> datetime.datetime:
-        """Return when the clock on the wall shows so many minutes after the midnight of a day."""
-        shown = datetime.datetime.combine(day, datetime.time()) + datetime.timedelta(
-            minutes=minutes
-        )
-        utc = datetime.timezone.utc
-        found = shown.replace(tzinfo=self.zone, fold=fold).astimezone(utc)
-        if found.astimezone(self.zone).replace(tzinfo=None) == shown:
-            return found
-        # Left out: by the offsets before and after it lies on either side of the clock's jump.
-        low, high = sorted(shown.replace(tzinfo=self.zone, fold=f).astimezone(utc) for f in (0, 1))
-        while high - low > datetime.timedelta(seconds=1):
-            middle = low + (high - low) // 2
-            if middle.astimezone(self.zone).replace(tzinfo=None) < shown:
-                low = middle
-            else:
-                high = middle
-        return high.replace(microsecond=0)
+
+def instant(
+    zone: datetime.tzinfo, day: datetime.date, minutes: int, fold: int
+) -> datetime.datetime:
+    """Return when the clock on the wall shows so many minutes after the midnight of a day."""
+    shown = datetime.datetime.combine(day, datetime.time()) + datetime.timedelta(minutes=minutes)
+    utc = datetime.timezone.utc
+    found = shown.replace(tzinfo=zone, fold=fold).astimezone(utc)
+    if found.astimezone(zone).replace(tzinfo=None) == shown:
+        return found
+    # Left out: by the offsets before and after it lies on either side of the clock's jump.
+    low, high = sorted(shown.replace(tzinfo=zone, fold=f).astimezone(utc) for f in (0, 1))
+    while high - low > datetime.timedelta(seconds=1):
+        middle = low + (high - low) // 2
+        if middle.astimezone(zone).replace(tzinfo=None) < shown:
+            low = middle
+        else:
+            high = middle
+    return high.replace(microsecond=0)
 
 
 def _line_of(lines: Sequence[Line], day: datetime.date) -> Line | None:
@@ -242,7 +249,7 @@ def mistakes(texts: Sequence[str]) -> list[str]:
             found.append(f'{one.text!r}: has no effect, later lines name all its days')
     overlaps: dict[tuple[str, str], str] = {}
     for day in days:
-        after = day + _DAY
+        after = day + DAY
         late, early = _line_of(lines, day), _line_of(lines, after)
         if not late or not early or not late.spans or not early.spans:
             continue
@@ -255,13 +262,13 @@ def mistakes(texts: Sequence[str]) -> list[str]:
 def _telling(lines: Sequence[Line]) -> list[datetime.date]:
     """Return days that show all that lines can say: each named date, those beside it, a week."""
     dates = {
-        first + number * _DAY
+        first + number * DAY
         for one in lines
         for first, last in one.dates
         for number in range(-1, (last - first).days + 2)
     }
-    start = max(dates, default=datetime.date(2026, 1, 1)) + 7 * _DAY
-    week = {start + number * _DAY for number in range(8)}
+    start = max(dates, default=datetime.date(2026, 1, 1)) + 7 * DAY
+    week = {start + number * DAY for number in range(8)}
     return sorted(day for day in dates | week if any(one.covers(day) for one in lines))
 
 
@@ -315,7 +322,7 @@ class Door:
     def words(self, asleep: bool) -> str:
         """Return it for people: `asleep until Tue 10:00`."""
         is_open, _, until = self.state
-        end = self._shown(until) if until else {}
+        end = self.shown(until) if until else {}
         if is_open and asleep:
             return said('open_hand', **end) if end else said('open_hand_ever')
         if is_open:
@@ -324,7 +331,8 @@ class Door:
             return said('closed_hand', **end) if end else said('closed_hand_ever')
         return said('asleep_until', **end) if end else said('asleep_ever')
 
-    def _shown(self, at: datetime.datetime) -> dict[str, str]:
+    def shown(self, at: datetime.datetime) -> dict[str, str]:
+        """Return day and time of an instant, with its date where it is far."""
         local = at.astimezone(self.hours.zone)
         far = at.timestamp() - (self._looked_s or 0.0) > 6 * 86400
         date = f'{local:%Y-%m-%d} ' if far else ''

@@ -32,7 +32,7 @@ from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, UNKNOWN_NODE, message_clas
 from eol_ros.said import said
 from eol_ros.streams import tables
 from eol_ros.streams.graph import TOPICS, relative_name
-from eol_ros.streams.requests import PEOPLE, Asked, ahead
+from eol_ros.streams.requests import Asked, ahead, meanwhile
 
 READY_S = 1.0  # from the last reader found to the first message
 ACKNOWLEDGED_S = 2.0  # longest wait for readers to say that they have all
@@ -158,7 +158,7 @@ class ReplayNode(EolNode):
         self._asks = self.publisher(REQUESTS)
         self.publishers_of[self.bag.name(REQUESTS)] = self._asks
         self._ahead = ahead(found, self.bag.start_ns + round(self.settings.start_s * 1e9))
-        self._then = {h.log_ns: h.asked for h in found if h.asked.kind in PEOPLE and not h.accepted}
+        self._then = meanwhile(found)
 
     def ask(self, asked: Asked) -> None:
         asked = replace(asked, id=new_id(self.NAME), source=self.NAME)

@@ -4,11 +4,12 @@
 import time
 from typing import TYPE_CHECKING
 
-from eol_ros.core.sound.midi import Change, Event, Recall, event_of
+from eol_ros.core.sound.midi import Change, Cue, Event, Recall, event_of
 from eol_ros.devices.audio.midi import MidiIn
 from eol_ros.errors import DeviceMissing, EolError
 from eol_ros.nodes.sound_control import Instrument
 from eol_ros.ros import presets
+from eol_ros.streams.requests import CUE, Asked
 
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
@@ -83,6 +84,8 @@ class Midi:
                     self._instrument.change(action.node, action.name, given)
                 elif isinstance(action, Recall):
                     self._instrument.recall(action.preset)
+                elif isinstance(action, Cue):
+                    self._node.requests.ask(Asked(CUE, values={'name': action.name}))
                 else:
                     self._instrument.morph(action.start, action.end, action.share)
         except EolError as error:

@@ -146,7 +146,7 @@ class RequestServer:
         if message.id in self._own:
             return
         if self.services is not None and (reason := self.services.unanswered(message)):
-            return self._refuse(request_from_msg(message), reason)
+            return self.refuse(request_from_msg(message), reason)
         if message.node not in ('', name):
             return
         if message.kind not in self._handlers:
@@ -155,17 +155,17 @@ class RequestServer:
                 reason = f'{name} is asked for {known}'
                 if message.kind not in KINDS:
                     reason = f'{no_request(message.kind)}; {reason}'
-                self._refuse(request_from_msg(message), reason)
+                self.refuse(request_from_msg(message), reason)
             return
         asked = request_from_msg(message)
         try:
             values = KINDS[asked.kind].check(asked.values)
         except UsageError as error:
-            return self._refuse(asked, str(error))
+            return self.refuse(asked, str(error))
         asked = replace(asked, values=values, from_ns=self.from_ns(asked.from_ns))
         if self._holds and asked.from_ns > self.newest_ns + SOON_NS:
             if len(self._waiting) >= _MOST_WAITING and not self._node.sim_time:
-                return self._refuse(asked, f'{_MOST_WAITING} requests wait already')
+                return self.refuse(asked, f'{_MOST_WAITING} requests wait already')
             self._waiting.append((asked.from_ns, asked))
             self._waiting.sort(key=lambda item: item[0])
         else:
@@ -175,11 +175,12 @@ class RequestServer:
         try:
             reason = self._handlers[asked.kind](asked)
         except EolError as error:
-            return self._refuse(asked, str(error))
+            return self.refuse(asked, str(error))
         if reason is not LATER:
             self.answer(asked, True, reason or '')
 
-    def _refuse(self, asked: Asked, reason: str) -> None:
+    def refuse(self, asked: Asked, reason: str) -> None:
+        """Say that a request is not done, and why."""
         self._node.get_logger().warning(f'refused {asked.words()}: {reason}')
         self.answer(asked, False, reason)
 

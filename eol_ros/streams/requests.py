@@ -20,7 +20,7 @@ from eol_ros.said import said
 from eol_ros.settings import live_fields
 from eol_ros.streams.graph import NODES
 
-SET = 'set'
+SET, CUE = 'set', 'cue'
 
 
 @dataclass(frozen=True)
@@ -197,6 +197,8 @@ KINDS: dict[str, Kind] = {
              ('tracker',), within_s=60.0, triggered=True),
         Kind('learn_background', 'take what shines now, without blocks, for background',
              ('leds',), answered_by='tracker', within_s=15.0, triggered=True),
+        Kind(CUE, 'carry out a cue of the scene: the requests of this name', ('hours',),
+             (Word('name'),), within_s=50.0),
         Kind('play_grain', 'hear one grain', ('sound',), (_GRAIN,)),
         Kind('save_preset', 'keep the live settings of grains and sound by a name', ('sound',),
              (_PRESET,), within_s=10.0),
@@ -237,6 +239,7 @@ def no_request(kind: str) -> str:
 
 PROVED = ('tracker', 'motion', 'grains')  # their results are recomputed from a bag
 PEOPLE = ('sleep', 'wake', 'test')  # asked of the work, not of a machine or a room
+_OF_CUES = (SET, 'mute', 'unmute')  # and by a cue, which is part of the work
 Columns = Mapping[str, np.ndarray] | np.ndarray  # of a table, by name
 _WRITING = ('move_grain', 'restore_grain')  # to files that are there when it is replayed
 _KEPT = (SET, 'background', 'covers')  # hold until the next such request
@@ -285,6 +288,14 @@ def ahead(heeded: list[Heeded], start_ns: int) -> list[Asked]:
             before[key] = one.asked
     after = [h.asked for h in mine if h.log_ns >= start_ns and h.asked.kind not in _WRITING]
     return [*before.values(), *after]
+
+
+def meanwhile(heeded: list[Heeded]) -> dict[int, Asked]:
+    """Return what a replay must ask when its time has come, by the time of its record."""
+    asked = [h for h in heeded if not h.accepted]
+    by_people = [h for h in asked if h.asked.kind in PEOPLE]
+    by_cues = [h for h in asked if h.asked.source == 'hours' and h.asked.kind in _OF_CUES]
+    return {h.log_ns: h.asked for h in by_people + by_cues if h.asked.node not in PROVED}
 
 
 def for_tracker(asked: Asked) -> Iterator[tuple[str, Any]]:

@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol call: ask the running graph for something, and print what its nodes answer."""
 
-import dataclasses
 import json
 import sys
-from typing import Any
-
-import yaml
+from dataclasses import replace
 
 from eol_ros.errors import DeviceMissing, EolError, UsageError
 from eol_ros.verbs import reach
@@ -21,6 +18,7 @@ EXAMPLES = [
     'eol call move_grain grain=12 x=0.25 y=0.5',
     'eol call set grains radius=0.05',
     'eol call sleep sound                           # only this node',
+    'eol call cue name=evening                      # of the cues of the scene',
 ]
 
 
@@ -37,22 +35,15 @@ def add_arguments(parser):
 
 def run(args):
     """Ask and wait; exit code 1 when a node refuses, 69 when none answers."""
-    from eol_ros.streams.requests import KINDS, SET, Asked, no_request
+    from eol_ros.ros.request_words import asked_of
+    from eol_ros.streams.requests import KINDS
 
     if args.list:
         print(_list(KINDS, args.json))
         return 0
     if args.kind is None:
         raise UsageError('name what to ask for; --list shows all')
-    kind = KINDS.get(args.kind)
-    if kind is None or kind.internal:
-        raise UsageError(no_request(args.kind))
-    node = args.words.pop(0) if args.words and '=' not in args.words[0] else ''
-    if args.kind == SET and not node:
-        raise UsageError('set: whose settings? eol call set NODE NAME=VALUE')
-    kind.whom(node)
-    values = _values(args.words, _types(kind, node))
-    asked = Asked(args.kind, node, kind.check(values), source='eol call')
+    asked = replace(asked_of([args.kind, *args.words]), source='eol call')
     return answer(asked, args)
 
 
@@ -81,39 +72,6 @@ def answer(asked, args) -> int:
     if not answers.whole:
         raise DeviceMissing(answers.silent)
     return 0
-
-
-def value_of(text: str, kind: Any):
-    """Return what a word of the command line says: YAML, but what takes text gets the text.
-
-    So a filter can be `off`, which YAML takes for false, and a name can be empty.
-    """
-    try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError:
-        return text
-    if kind is str and not isinstance(value, str):
-        return text
-    return float(value) if kind is float and type(value) is int else value
-
-
-def _types(kind, node: str) -> dict[str, Any]:
-    from eol_ros.streams.graph import NODES
-    from eol_ros.streams.requests import SET, Word
-
-    if kind.name == SET:
-        return {f.name: f.type for f in dataclasses.fields(NODES[node].settings)}
-    return {item.name: str for item in kind.takes if isinstance(item, Word)}
-
-
-def _values(words: list[str], types: dict[str, Any]) -> dict:
-    found = {}
-    for word in words:
-        name, equals, text = word.partition('=')
-        if not equals or not name:
-            raise UsageError(f'{word!r} is not NAME=VALUE')
-        found[name] = value_of(text, types.get(name))
-    return found
 
 
 def _list(kinds, as_json: bool) -> str:

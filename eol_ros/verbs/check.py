@@ -16,7 +16,7 @@ from typing import Any
 
 from eol_ros import folders
 from eol_ros import scene as scenes
-from eol_ros.errors import ConfigError, DeviceMissing, EolError
+from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest
 from eol_ros.ros import installed, network
 from eol_ros.scene import Scene
 from eol_ros.settings import TableSettings
@@ -155,7 +155,9 @@ def _refused(scene: Scene, checks: Iterator[Check]) -> list[Mistake]:
 def _settings(scene: Scene) -> Iterator[Check]:
     """Yield what the nodes check when they start, without any device or graph."""
     for name, settings in scene.nodes.items():
-        if name in _SEEING:
+        if name == 'hours':
+            yield from _hours(settings, {*scene.nodes, *scene.elsewhere})
+        elif name in _SEEING:
             yield from _SEEING[name](settings, scene.table)
         elif name in _NODES:
             yield from _NODES[name](settings)
@@ -168,6 +170,9 @@ def _settings(scene: Scene) -> Iterator[Check]:
     tracker, leds = scene.nodes.get('tracker'), scene.nodes.get('leds')
     if tracker and cameras and tracker.calibration:
         yield 'tracker.calibration', lambda: _same_size(tracker.calibration, *cameras[0])
+    sound, hours = scene.nodes.get('sound'), scene.settings('hours')
+    if sound and sound.midi_map:
+        yield 'sound.midi_map', lambda: _midi_map(sound.midi_map, hours.cues)
     if tracker and leds:
         yield 'leds.blink_block', lambda: _same_blink(tracker, leds)
 
@@ -231,18 +236,19 @@ def _sound(settings: Any) -> Iterator[Check]:
 
     for name, what in ring.mistakes(settings):
         yield f'sound.{name}', functools.partial(_refuse, what)
-    if settings.midi_map:
-        yield 'sound.midi_map', lambda: _midi_map(settings.midi_map)
     if settings.midi:
         yield 'sound.midi', lambda: _midi(settings.midi)
     if settings.wav:
         yield 'sound.wav', lambda: _writable(Path(settings.wav).parent)
 
 
-def _midi_map(lines: tuple[str, ...]) -> None:
+def _midi_map(lines: tuple[str, ...], cues: tuple[str, ...]) -> None:
     from eol_ros.ros.presets import midi_mapping
 
-    midi_mapping(lines)
+    known = {line.partition(' ')[0] for line in cues}
+    for line, name in midi_mapping(lines).cues:
+        if name not in known:
+            raise ConfigError(f'{line!r}: no such cue in hours.cues. {nearest(name, known)}')
 
 
 def _midi(wanted: str) -> None:
@@ -257,13 +263,16 @@ def _montage(settings: Any) -> Iterator[Check]:
     yield 'montage.pairs', lambda: MediaFolder(settings.pairs)
 
 
-def _hours(settings: Any) -> Iterator[Check]:
+def _hours(settings: Any, there: set[str]) -> Iterator[Check]:
     from eol_ros.core import opening_hours
     from eol_ros.devices.files import time_zone
+    from eol_ros.ros import cues
 
     yield 'hours.time_zone', lambda: time_zone.load(settings.time_zone)
     for what in opening_hours.mistakes(settings.open):
         yield 'hours.open', functools.partial(_refuse, what)
+    for name, what in cues.mistakes(settings.cues, settings.cue_times, there):
+        yield f'hours.{name}', functools.partial(_refuse, what)
 
 
 def _projectors(settings: Any) -> Iterator[Check]:
@@ -329,7 +338,6 @@ _NODES: dict[str, Callable[[Any], Iterator[Check]]] = {
     'grains': _grains,
     'sound': _sound,
     'montage': _montage,
-    'hours': _hours,
     'projectors': _projectors,
     'osc': _osc,
     'midi': _midi_out,

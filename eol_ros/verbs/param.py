@@ -60,10 +60,11 @@ def run(args):
 
 
 def _set(args, field) -> int:
+    from eol_ros.ros.request_words import value_of
     from eol_ros.ros.requests import REQUESTS
     from eol_ros.streams.graph import NODES
     from eol_ros.streams.requests import SET, Asked
-    from eol_ros.verbs.call import answer, value_of
+    from eol_ros.verbs.call import answer
 
     if args.value is None:
         raise UsageError(f'set {args.node} {args.name}: to which value?')

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The hours node over real DDS: a day of a museum in seconds, and people who want it otherwise."""
 
+import dataclasses
 import datetime
 import json
 import zoneinfo
@@ -8,13 +9,19 @@ import zoneinfo
 import pytest
 from support.spinning import Nodes, states_of
 
-from eol_ros.errors import ConfigError
+from eol_ros.errors import ConfigError, EolError
 from eol_ros.nodes.hours import HoursNode
 from eol_ros.nodes.montage import MontageNode
 from eol_ros.ros.node import EolNode
 from eol_ros.scene import Scene
-from eol_ros.settings import HoursSettings, MontageSettings, MotionSettings
-from eol_ros.streams.requests import Asked
+from eol_ros.settings import (
+    GrainsSettings,
+    HoursSettings,
+    MontageSettings,
+    MotionSettings,
+    SoundSettings,
+)
+from eol_ros.streams.requests import KINDS, Asked
 
 HOURS = HoursSettings('Europe/Vienna', ('Tue-Sun 10:00-18:00', '2026-12-24 closed'))
 
@@ -117,3 +124,132 @@ def test_a_clock_that_was_never_set_is_told(rig):
 def test_a_zone_that_does_not_exist(ros):
     with pytest.raises(ConfigError, match="'Europe/Wien': no such time zone. Did you mean"):
         HoursNode(HoursSettings('Europe/Wien', HOURS.open))
+
+
+class Asks(EolNode):
+    """Answers what cues ask of it; refuses what `refuses` says."""
+
+    def __init__(self, name, settings, refuses=''):
+        self.NAME = name
+        super().__init__(settings)
+        self.refuses = refuses
+        self.done = []
+        self.requests.serve(set=self.take, sleep=self.take, wake=self.take)
+
+    def take(self, asked):
+        if self.refuses:
+            raise EolError(self.refuses)
+        if asked.kind != 'wake':  # the doors are open
+            self.done.append((asked.kind, asked.values))
+
+
+class CueRig(Rig):
+    def __init__(self, when, cues, times):
+        Nodes.__init__(self)
+        self.set(when)
+        self.settings = HoursSettings('Europe/Vienna', HOURS.open, cues, times)
+        kinds = {'grains': GrainsSettings(), 'sound': SoundSettings(), 'hours': self.settings}
+        self.scene = Scene('test', kinds)
+        self.around, self.hours = self.add(Around()), self.new_hours()
+
+    def new_hours(self):
+        return self.add(HoursNode(self.settings, clock=lambda: self.now_s, scene=self.scene))
+
+    def asked(self, source='hours'):
+        return [(kind, node) for who, kind, node in self.around.asked if who == source]
+
+    def result(self, kind='cue'):
+        found = [(r.accepted, r.reason) for r in self.around.results if r.kind == kind]
+        return found[-1] if found else None
+
+
+@pytest.fixture
+def cue_rig(ros):
+    made = []
+
+    def make(when, cues, times=()):
+        made.append(CueRig(when, cues, times))
+        return made[-1]
+
+    yield make
+    for rig in made:
+        rig.close()
+
+
+EVENING = ('evening set grains radius=0.2 mode=chain', 'evening set sound gain_db=-12')
+DAY = ('day set grains radius=0.05',)
+TIMES = ('Tue-Sun 10:00 day', 'Fri 17:00 evening')
+
+
+def test_a_cue_at_its_time_is_recorded_requests(cue_rig):
+    rig = cue_rig('2026-11-27 16:59:59', DAY + EVENING, TIMES)
+    grains = rig.add(Asks('grains', GrainsSettings()))
+    sound = rig.add(Asks('sound', SoundSettings()))
+    rig.until(lambda: len(grains.done) == 1)  # as if it had run since the opening
+    assert grains.done == [('set', {'radius': 0.05})]
+    rig.until_text('open until Fri 18:00; next cue evening Fri 17:00')
+    rig.set('2026-11-27 17:00:00')
+    rig.until(lambda: rig.hours.health.text == 'open until Fri 18:00; next cue day Sat 10:00')
+    rig.until(lambda: sound.done and len(grains.done) > 1)
+    assert grains.done[1:] == [('set', {'radius': 0.2, 'mode': 'chain'})]
+    assert sound.done == [('set', {'gain_db': -12.0})]
+    rig.until(lambda: not rig.hours.parts and len(rig.around.results) >= 5)
+    cues = [(kind, node) for kind, node in rig.asked() if kind in ('cue', 'set')]
+    assert cues == [
+        ('cue', 'hours'), ('set', 'grains'),
+        ('cue', 'hours'), ('set', 'grains'), ('set', 'sound'),
+    ]  # fmt: skip
+    assert rig.result() == (True, '')
+    assert rig.hours.health.values['cues'] == ['day', 'evening']
+
+
+def test_a_restart_gives_no_cue_again(cue_rig, monkeypatch):
+    rig = cue_rig('2026-11-27 17:30:00', EVENING, TIMES[1:])
+    grains = rig.add(Asks('grains', GrainsSettings()))
+    rig.add(Asks('sound', SoundSettings()))
+    rig.until(lambda: rig.result() == (True, ''))
+    monkeypatch.setenv('EOL_KEPT', json.dumps({'hours': rig.hours.health.kept}))
+    rig.end(rig.hours)
+    rig.hours = rig.new_hours()
+    rig.until(rig.hours.met)
+    rig.until_text('open until Fri 18:00; next cue evening Fri 2026-12-04 17:00')
+    assert len(grains.done) == 1
+
+
+def test_a_cue_by_hand_says_which_request_was_refused(cue_rig):
+    rig = cue_rig('2026-11-27 12:00:00', EVENING)
+    rig.add(Asks('grains', GrainsSettings()))
+    sound = rig.add(Asks('sound', SoundSettings(), refuses='no sound card'))
+    rig.meet()
+    rig.around.requests.ask(Asked('cue', values={'name': 'evening'}))
+    rig.until(lambda: rig.result() is not None)
+    why = 'set sound gain_db=-12.0: sound: no sound card'
+    assert rig.result() == (False, why)
+    rig.until_text(f'open until Fri 18:00; {why}')
+    assert rig.hours.health.level == 1
+
+    sound.refuses = ''
+    rig.around.requests.ask(Asked('cue', values={'name': 'evening'}))
+    rig.until_text('open until Fri 18:00')
+    rig.around.requests.ask(Asked('cue', values={'name': 'evning'}))
+    why = 'evning: no such cue. Did you mean evening?'
+    rig.until(lambda: rig.result() == (False, why))
+
+
+def test_a_cue_tells_who_does_not_answer(cue_rig, monkeypatch):
+    monkeypatch.setattr('eol_ros.nodes.hours.PATIENCE_S', 0.5)
+    monkeypatch.setitem(KINDS, 'set', dataclasses.replace(KINDS['set'], within_s=1.0))
+    rig = cue_rig('2026-11-27 17:30:00', EVENING, TIMES[1:])
+    rig.add(Asks('grains', GrainsSettings()))
+    rig.until(lambda: rig.result() is not None)
+    assert rig.result() == (False, 'set sound gain_db=-12.0: sound does not answer')
+
+
+def test_a_cue_can_put_the_work_to_sleep(cue_rig):
+    rig = cue_rig('2026-11-27 12:00:00', ('night sleep',))
+    sound = rig.add(Asks('sound', SoundSettings()))
+    rig.meet()
+    rig.around.requests.ask(Asked('cue', values={'name': 'night'}))
+    rig.until(lambda: rig.result() == (True, ''))
+    assert ('sleep', {}) in sound.done
+    rig.until_text('open until Fri 18:00, put to sleep by hand')

@@ -301,6 +301,10 @@ REQUESTS = [
     ('requests', 0.27, ask('move_grain', 'grains', {'grain': 3, 'x': 0.5, 'y': 0.5})),
     ('request_results', 0.275, accept('move_grain', 'grains')),
     ('requests', 0.28, ask('infrared', 'twin', {'mask': '0'}, source='leds')),
+    ('requests', 0.29, ask('cue', 'hours', {'name': 'night'}, source='hours')),
+    ('requests', 0.291, ask('set', 'leds', {'look': 'embers'}, source='hours')),
+    ('requests', 0.292, ask('set', 'grains', {'radius': 0.1}, source='hours')),  # asked before
+    ('requests', 0.293, ask('set', 'leds', {'look': 'paper'})),  # by a person
     ('request_results', 0.30, accept('darkness', 'tracker', {'until_ns': 9}, 0.35)),
     ('block_taps', 0.32, BlockTap()),
     ('blocks', 0.4, Blocks()),
@@ -334,7 +338,8 @@ def test_what_nodes_heeded_is_asked_before_the_images_and_what_people_asked_in_i
     listener.subscribe('block_taps', lambda m: order.append('tap'))
     node = play(listener, tmp_path / 'run', start_s=start_s, rate=0.5)
     assert set(node.names) == {'/eol/blocks', '/eol/block_taps', '/eol/requests'}
-    assert order == [*ahead, ('', 'sleep', {}, 0.0), 'tap']
+    cue = ('leds', 'set', {'look': 'embers'}, 0.0)
+    assert order == [*ahead, ('', 'sleep', {}, 0.0), cue, 'tap']
     assert listener.got['blocks'] == sent['blocks'][-3 if not start_s else -2 :]
     listener.destroy_node()
 

@@ -44,7 +44,7 @@ class Hand:
 
 MAP = (
     'cc 74 sound.filter_hz 200 3200', 'note 36 grains.mode chain', 'program 3 recall storm',
-    'cc 1 morph calm storm', 'cc 2:7 sound.filter',
+    'cc 1 morph calm storm', 'cc 2:7 sound.filter', 'note 37 cue evening',
 )  # fmt: skip
 
 
@@ -63,7 +63,7 @@ def test_controllers_keys_and_programs_play_settings(ros, server, tmp_path, monk
     try:
         asked: list[Asked] = []
         monkeypatch.setattr(
-            node.requests, 'ask', lambda one: one.node == 'grains' and asked.append(one)
+            node.requests, 'ask', lambda one: one.node != 'sound' and asked.append(one)
         )
         node.midi.look()
         hand = Hand('eol_ros')
@@ -80,6 +80,8 @@ def test_controllers_keys_and_programs_play_settings(ros, server, tmp_path, monk
         hand.send(0x99, 36, 80)
         until(lambda: asked)
         assert asked[-1].values == {'mode': 'chain'}
+        hand.send(0x99, 37, 80)
+        until(lambda: asked[-1] == Asked('cue', values={'name': 'evening'}))
         hand.send(0xC0, 3)
         until(lambda: node.settings.gain_db == -10.0)
         assert asked[-1].values == {'radius': 0.25}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What words of `eol call` and `eol param` mean."""
+"""What words of `eol call`, `eol param` and cues mean."""
 
 import argparse
 import socket
@@ -9,12 +9,12 @@ from support.domains import next_domain
 
 from eol_ros import cli
 from eol_ros.bringup import status
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import DeviceMissing, UsageError
 from eol_ros.ros import network
-from eol_ros.streams.requests import KINDS
+from eol_ros.ros.request_words import asked_of, value_of
+from eol_ros.streams.requests import Asked
 from eol_ros.streams.work_state import DOWN
 from eol_ros.verbs import reach
-from eol_ros.verbs.call import _types, _values, value_of
 
 
 @pytest.mark.parametrize(
@@ -38,9 +38,27 @@ def test_text_is_taken_as_it_stands(text, kind, value):
 
 
 def test_the_types_are_those_of_the_settings_and_requests():
-    values = _values(['filter=off', 'gain_db=-3', 'filter_q=2'], _types(KINDS['set'], 'sound'))
+    values = asked_of(['set', 'sound', 'filter=off', 'gain_db=-3', 'filter_q=2']).values
     assert values == {'filter': 'off', 'gain_db': -3.0, 'filter_q': 2.0}
-    assert _values(['preset=on'], _types(KINDS['save_preset'], '')) == {'preset': 'on'}
+    assert type(values['gain_db']) is float
+    assert asked_of(['save_preset', 'preset=on']).values == {'preset': 'on'}
+    assert asked_of(['sleep', 'sound']) == Asked('sleep', 'sound')
+
+
+@pytest.mark.parametrize(
+    ('words', 'why'),
+    [
+        ('slep', 'no such request. Did you mean sleep'),
+        ('darkness until_ns=1', 'no such request'),  # nodes ask it of each other
+        ('set radius=1', 'whose settings'),
+        ('sleep motion', 'motion does not heed it'),
+        ('set grains radius', "'radius' is not NAME=VALUE"),
+        ('play_grain grain=x', 'grain'),
+    ],
+)
+def test_words_that_are_no_request(words, why):
+    with pytest.raises(UsageError, match=why):
+        asked_of(words.split())
 
 
 @pytest.mark.parametrize(

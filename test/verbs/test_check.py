@@ -55,6 +55,69 @@ def test_each_line_of_opening_hours_that_cannot_be_meant(check):
     assert (code, words) == (0, 'no mistakes\n') and 'hours' in out
 
 
+CUES = """\
+  twin: {}
+  tracker: {}
+  grains: {}
+  hours:
+    time_zone: Europe/Vienna
+    open: [Tue-Sun 10:00-18:00]
+    cues:
+      - day set grains radius=0.05
+      - day set grains radis=0.05
+      - day set grain radius=0.05
+      - day set leds peak=0.5
+      - day set grains seed=one
+      - day set twin fps=30
+      - day slep
+      - day recall_preset preset=x
+      - day cue name=day
+      - day
+      - day set grains "radius=1
+    cue_times:
+      - Fri 18:30 day
+      - Fri 18:30 dya
+"""
+
+
+def test_each_cue_that_could_not_be_given(check):
+    code, _, words = check(CUES)
+    found = [line.partition(' error ') for line in words.splitlines() if ' error ' in line]
+    assert code == 78
+    place = {where.rsplit(':', 3)[-2] + ': ' + what for where, _, what in found}
+    for number, line, why in (
+        (1, 'day set grains radis=0.05', 'grains has no setting radis. Did you mean radius?'),
+        (2, 'day set grain radius=0.05', 'set: grain does not heed it, but twin, tracker'),
+        (3, 'day set leds peak=0.5', 'this scene has no leds: add it, or leave out this line'),
+        (4, 'day set grains seed=one', "seed: 'one' is not a whole number (at least 0)"),
+        (5, 'day set twin fps=30', 'fps'),
+        (6, 'day slep', 'slep: no such request. Did you mean sleep?'),
+        (7, 'day recall_preset preset=x', 'over_s'),
+        (8, 'day cue name=day', 'a cue gives no other cue: write the requests of that one'),
+        (9, 'day', 'give CUE REQUEST, such as evening set leds look=embers'),
+        (10, 'day set grains "radius=1', 'No closing quotation'),
+    ):
+        told = f'{9 + number}: hours.cues[{number}]: {line!r}: '
+        assert [p for p in place if p.startswith(told) and why in p], (told, words)
+    assert "22: hours.cue_times[1]: 'Fri 18:30 dya': no such cue. Did you mean day?" in place
+    assert len(found) == 11, words
+
+
+def test_a_midi_key_gives_a_cue_that_there_is(check):
+    nodes = """\
+  twin: {}
+  tracker: {}
+  grains: {}
+  sound: {device: wav, midi_map: [note 1 cue CUE]}
+  hours: {time_zone: Asia/Taipei, open: ['Mon-Sun 0:00-24:00'], cues: [night mute]}
+"""
+    assert check(nodes.replace('CUE', 'night'))[0] == 0
+    code, _, words = check(nodes.replace('CUE', 'nigt'))
+    assert code == 78
+    what = "'note 1 cue nigt': no such cue in hours.cues. Did you mean night?"
+    assert f'error sound.midi_map: {what}' in words
+
+
 @pytest.mark.parametrize(
     'hours',
     ["open: ['9999-12-31 closed']", "open: ['0001-01-01 10:00-12:00']", 'open: [9999-12-31]',

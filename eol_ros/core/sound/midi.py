@@ -9,6 +9,7 @@ channels count from 1, and without one all are meant. Actions are
     NODE.SETTING               the whole range; on and off; of choices one after the other
     recall PRESET              when turned up, pressed or chosen
     morph PRESET PRESET        as far as the controller is turned
+    cue CUE                    a cue of the scene, when turned up, pressed or chosen
 
 Messages are those of MIDI 1.0 (MMA, 1996): three bytes of control change (0xB0), note on (0x90,
 with velocity 0 it is off) and off (0x80), two of program change (0xC0).
@@ -69,6 +70,16 @@ class Morph:
     share: float
 
 
+@dataclass(frozen=True)
+class Cue:
+    """A cue of the scene is given."""
+
+    name: str
+
+
+Action = Change | Recall | Morph | Cue
+
+
 def event_of(message: Sequence[int]) -> Event | None:
     """Return what the bytes of a MIDI message say, None for what no line can mean.
 
@@ -118,12 +129,17 @@ class Mapping:
         return {name for row in self._rows for name in row.presets}
 
     @property
+    def cues(self) -> list[tuple[str, str]]:
+        """The cues that lines give, each with its line."""
+        return [(row.line, row.name) for row in self._rows if row.verb == 'cue']
+
+    @property
     def changes(self) -> list[tuple[str, Change]]:
         """The ends of what lines can set, each with its line, for who knows what may be."""
         ends = ((row, row.action(value)) for row in self._rows for value in (0, 127))
         return [(row.line, end) for row, end in ends if isinstance(end, Change)]
 
-    def actions(self, event: Event) -> list[Change | Recall | Morph]:
+    def actions(self, event: Event) -> list[Action]:
         """Return what an event means, by the order of the lines."""
         means = [row.action(event.value) for row in self._rows if row.meets(event)]
         return [action for action in means if action is not None]
@@ -135,7 +151,7 @@ class _Row:
     source: str
     channel: int  # 0: any
     number: int
-    verb: str  # recall, morph, or set
+    verb: str  # recall, morph, cue or set
     presets: tuple[str, ...] = ()
     node: str = ''
     kind: type | None = None
@@ -146,12 +162,14 @@ class _Row:
         alike = (self.source, self.number) == (event.source, event.number)
         return alike and self.channel in (0, event.channel)
 
-    def action(self, value: int) -> Change | Recall | Morph | None:
+    def action(self, value: int) -> Action | None:
         if self.verb == 'morph':
             return Morph(self.presets[0], self.presets[1], value / 127)
         pressed = value >= PRESSED if self.source == 'cc' else value > 0
         if self.verb == 'recall':
             return Recall(*self.presets) if pressed else None
+        if self.verb == 'cue':
+            return Cue(self.name) if pressed else None
         if len(self.ends) == 1:
             return Change(self.node, self.name, self.ends[0]) if pressed else None
         if len(self.ends) > 2 or self.ends == (False, True):  # one after the other
@@ -175,12 +193,14 @@ def _row(line: str, kinds: dict[str, type]) -> _Row:
     if not good or (channel and (not channel.isdecimal() or not 1 <= int(channel) <= 16)):
         raise ConfigError(f'midi_map {line!r}: begin with cc, note or program and its number')
     begin = (line, source, int(channel or 0), int(number))
-    if words[:1] in (['recall'], ['morph']):
-        count = 1 if words[0] == 'recall' else 2
+    if words[:1] in (['recall'], ['cue'], ['morph']):
+        count = 2 if words[0] == 'morph' else 1
         if len(words) != 1 + count or (source != 'cc' and count == 2):
             raise ConfigError(
-                f'midi_map {line!r}: say recall PRESET, or of a cc: morph PRESET PRESET'
+                f'midi_map {line!r}: say recall PRESET, cue CUE, or of a cc: morph PRESET PRESET'
             )
+        if words[0] == 'cue':
+            return _Row(*begin, 'cue', name=words[1])
         return _Row(*begin, words[0], presets=tuple(words[1:]))
     node, _, name = words[0].partition('.') if words else ('', '', '')
     fields = {f.name: f for f in dataclasses.fields(kinds[node])} if node in kinds else {}

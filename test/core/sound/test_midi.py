@@ -3,7 +3,7 @@
 
 import pytest
 
-from eol_ros.core.sound.midi import Change, Event, Mapping, Morph, Recall, event_of
+from eol_ros.core.sound.midi import Change, Cue, Event, Mapping, Morph, Recall, event_of
 from eol_ros.errors import EolError
 from eol_ros.ros.presets import midi_mapping
 from eol_ros.settings import GrainsSettings, SoundSettings
@@ -61,6 +61,8 @@ def test_channels_presets_and_morphs():
     assert said('cc 2:7 sound.gain_db -9', 127, channel=1) == []
     assert said('cc 2:7 sound.gain_db -9', 127, channel=2) == [Change('sound', 'gain_db', -9.0)]
     assert said('program 5 recall storm', 127) == [Recall('storm')]
+    assert said('note 5 cue evening', 90) == [Cue('evening')]
+    assert said('note 5 cue evening', 0) == []
     assert said('note 5 recall storm', 0) == [] == said('cc 5 recall storm', 63)
     assert said('cc 1 morph calm storm', 0) == [Morph('calm', 'storm', 0.0)]
     assert said('cc 1 morph calm storm', 127) == [Morph('calm', 'storm', 1.0)]
@@ -83,6 +85,7 @@ def test_channels_presets_and_morphs():
         ('note 3 grains.sound', 'say what sound becomes'),
         ('note 3 morph calm storm', 'say recall'),
         ('program 3 recall', 'say recall'),
+        ('note 3 cue', 'say recall PRESET, cue CUE'),
         ('program 3 sound.gain_db -9 0', 'a program has no range'),
         ('cc 3 sound.gain_db -9 99', '99 is out of range'),
         ('note 3 grains.mode fences', 'Did you mean fence'),
