@@ -5,8 +5,8 @@ exhibition: a run of the twin (blocks, knocks, requests; no images) is played ro
 as fast as its readers keep up with, through motion, light, grains, sound, walls, panel and
 recorder, until so many hours of recorded time have passed. The recorder keeps to a budget of disk.
 
-Each may be done in several pieces: --for ends one (Ctrl-C, too), --resume begins the next. What
-each run showed is appended to benchmarks/soak.jsonl, whose sum is printed and published.
+Ctrl-C ends either early. What each run showed is appended to benchmarks/soak.jsonl, whose sum is
+printed and published: the hours may be done in several runs.
 
 faults: the whole rehearsal in real time, with a board on a pty, JACK's dummy driver as sound card,
 images in the bag, a browser before the panel. One process after another is killed (SIGKILL) or
@@ -26,15 +26,15 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from support.jack import Jack
 from support.running import Graph, stand_in
 
 from benchmarks import soak_camera, soak_faults, soak_total
 from benchmarks.machine import tell
-from benchmarks.soak_pieces import Look, Pieces, Rate, Totals
-from benchmarks.soak_proof import Held, held
+from benchmarks.soak_proof import Held, growth, held, prove
+from benchmarks.soak_rate import Rate, Totals
 from eol_ros import interrupts
 from eol_ros.analysis import open_bag
 from eol_ros.errors import EolError, UsageError
@@ -44,12 +44,19 @@ HELP = 'Days of exhibition at a high rate, hours of faults in real time: what wa
 EXAMPLES = [
     'eol bench soak --json > soak.json          # 72 hours as fast as it goes, 2 hours of faults',
     'eol bench soak --parts faults --faults-hours 0.2',
-    'eol bench soak --parts exhibition --keep soak --for 50',
-    'eol bench soak --parts exhibition --keep soak --for 50 --resume',
-    'eol bench soak --parts faults --keep soak --for 30   # and --resume, until it is two hours',
+    'eol bench soak --parts exhibition --hours 2 --bag bags/sample   # again, until it is enough',
 ]
 PARTS = ('exhibition', 'faults')
 FIRST_RATE = 3.0  # where nothing is known of the machine
+LOOK_S = 5.0  # between two looks at the graph
+
+
+class Look(NamedTuple):
+    """What a graph that plays a run shows at one moment, counted from its start."""
+
+    played_s: float
+    counts: dict[str, int]  # lost, restarts, underruns, late
+    held: dict[str, Held]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,16 +65,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--hours', type=float, default=72.0, help='of exhibition, recorded time')
     parser.add_argument(
         '--rate', type=float, help='of exhibition, times real time (default: the highest)'
-    )
-    parser.add_argument(
-        '--for',
-        type=float,
-        dest='minutes',
-        metavar='MINUTES',
-        help='longest that the part takes now; the rest with --resume',
-    )
-    parser.add_argument(
-        '--resume', action='store_true', help='go on with the part that is in --keep'
     )
     parser.add_argument('--faults-hours', type=float, default=2.0, help='of faults, real time')
     parser.add_argument(
@@ -89,25 +86,17 @@ def run(args: argparse.Namespace) -> int:
     for part in parts:
         if part not in PARTS:
             raise UsageError(f'--parts {part}: there are {", ".join(PARTS)}')
-    if (args.resume or args.minutes) and not (args.keep and len(parts) == 1):
-        raise UsageError('--for and --resume: say one of --parts, and --keep its folder')
     found: dict[str, Any] = {}
     with tempfile.TemporaryDirectory(prefix='eol-soak-', ignore_cleanup_errors=True) as place:
         folder = args.keep or Path(place)
         folder.mkdir(parents=True, exist_ok=True)
         if 'exhibition' in parts:
             found['exhibition'] = exhibition(
-                folder, args.hours, args.rate, args.run_minutes, args.bag, args.resume,
-                args.minutes,
-            )  # fmt: skip
-        if 'faults' in parts:
-            found['faults'] = done = soak_faults.measure(
-                folder, args.faults_hours, args.seed, args.resume, args.minutes
+                folder, args.hours, args.rate, args.run_minutes, args.bag
             )
-            if args.faults_hours - done['hours'] > soak_faults.LEAST_H:
-                print(f'{done["hours"]:g} of {args.faults_hours:g} h; --resume goes on',
-                      file=sys.stderr)  # fmt: skip
-            else:
+        if 'faults' in parts:
+            found['faults'] = done = soak_faults.measure(folder, args.faults_hours, args.seed)
+            if done['hours'] >= args.faults_hours:  # nobody has ended it
                 found['camera'] = soak_camera.measure(folder, args.faults_hours)
     soak_total.append(soak_total.rows(found), args.results)
     found['all_runs'] = soak_total.total(soak_total.load(args.results))
@@ -121,19 +110,14 @@ def exhibition(
     rate: float | None = None,
     run_minutes: float = 10.0,
     bag: Path | None = None,
-    resume: bool = False,
-    minutes: float | None = None,
 ) -> dict[str, Any]:
     """Play a run in a loop until `hours` of recorded time have passed; return the figures.
 
-    rate: None: the highest that the readers keep up with. minutes: longest that this piece takes.
+    rate: None: the highest that the readers keep up with.
     """
-    pieces = Pieces(folder / 'exhibition', resume)
-    bag = Path(pieces.kept['bag']) if resume else bag or recorded(folder, run_minutes)
-    pieces.kept['bag'] = str(bag)
-    length_s = open_bag(bag).duration_s
-    place = pieces.begin()
-    pace = None if rate else Rate(max(pieces.rate or 0.0, FIRST_RATE))
+    bag = bag or recorded(folder, run_minutes)
+    place = Path(tempfile.mkdtemp(prefix='exhibition-', dir=folder))
+    pace = None if rate else Rate(FIRST_RATE)
     changed = {
         'replay': {'rate': pace.rate if pace else rate, 'loop': True},
         'leds': {'port': 'pty'},
@@ -143,30 +127,60 @@ def exhibition(
     path = stand_in('playback', place, film=None, bag=bag, changed=changed)
     jack.start()
     faults: list[str] = []
-    totals = Totals()
+    looks: list[Look] = []
     try:
-        bags = pieces.folder / 'bags'
-        with Graph(path, bags, watched=(), environment=jack.environment) as graph:
+        with Graph(path, place / 'bags', watched=(), environment=jack.environment) as graph:
             graph.wait_until_ok()
-            looks = pieces.play(
-                lambda: _look(graph, length_s, pace, totals), hours * 3600, minutes and minutes * 60
-            )
+            begun = time.monotonic()
+            steps = _play(graph, open_bag(bag).duration_s, hours * 3600, pace, looks)
             try:
-                for _ in track(_hundredths(looks, hours * 3600), 'exhibition', total=100):
+                for _ in track(steps, 'exhibition', total=100):
                     pass
                 rows = graph.status()['nodes']
                 faults += [f'{row["node"]}: {row["text"]}' for row in rows if row['level']]
             except KeyboardInterrupt:  # it ends the graph, too
                 interrupts.caught()
+            took_s = time.monotonic() - begun
             code = graph.stop()
     finally:
         jack.stop()
     faults += [f'bringup ended with exit code {code}'] if code else []
-    pieces.end(faults)
-    pieces.prove_bags()
-    if pieces.played_s < hours * 3600:
-        print(f'{pieces.played_s / 3600:.2f} of {hours:g} h; --resume goes on', file=sys.stderr)
-    return pieces.figures()
+    return figures(looks, took_s, prove(place / 'bags'), faults)
+
+
+def figures(
+    looks: list[Look], took_s: float, bags: dict[str, Any], faults: list[str]
+) -> dict[str, Any]:
+    """Return what an exhibition of `took_s` has shown."""
+    played_s, counts, _ = looks[-1] if looks else Look(0.0, {}, {})
+    rows = growth([look.held for look in looks])
+    grown = [f'{row["name"]} grows: {row}' for row in rows if not row['flat']]
+    return {
+        'hours': round(played_s / 3600, 4),
+        'took_hours': round(took_s / 3600, 3),
+        'times_real_time': round(played_s / took_s, 2),
+        **{name: counts.get(name, 0) for name in ('restarts', 'lost', 'underruns', 'late')},
+        'growth': rows,
+        'bags': bags,
+        'faults': faults + grown + bags.pop('faults'),
+    }
+
+
+def _play(
+    graph: Graph, length_s: float, until_s: float, pace: Rate | None, looks: list[Look]
+) -> Iterator[int]:
+    """Look at the graph until it has played `until_s`; yield once a hundredth of it."""
+    totals, done = Totals(), 0
+    while done < 100:
+        time.sleep(LOOK_S)
+        seen = _look(graph, length_s, pace, totals)
+        if seen is None:
+            continue
+        looks.append(seen)
+        percent = min(int(100 * seen.played_s / until_s), 100)
+        for _ in range(percent - done):
+            yield percent
+        done = max(done, percent)
 
 
 def _look(graph: Graph, length_s: float, pace: Rate | None, totals: Totals) -> Look | None:
@@ -194,20 +208,9 @@ def _look(graph: Graph, length_s: float, pace: Rate | None, totals: Totals) -> L
     return Look(played_s, counts, processes)
 
 
-def _hundredths(looks: Iterator[float], until_s: float) -> Iterator[int]:
-    """Yield once a hundredth of the recorded time."""
-    done = 0
-    for played_s in looks:
-        now = min(int(100 * played_s / until_s), 100)
-        for _ in range(now - done):
-            yield now
-        done = max(done, now)
-
-
 def recorded(folder: Path, minutes: float) -> Path:
     """Record the rehearsal for so long, without images; return the bag."""
-    folder = folder / 'run'
-    folder.mkdir()
+    folder = Path(tempfile.mkdtemp(prefix='run-', dir=folder))
     changed = {'recorder': {'images': 'none'}, 'sound': {'device': 'wav'}}
     path = stand_in('rehearsal', folder, film=None, bag=None, changed=changed)
     with Graph(path, folder / 'bags', watched=()) as graph:
@@ -223,10 +226,9 @@ def table(found: dict[str, Any]) -> str:
     """Return the results for people."""
     lines = []
     if part := found.get('exhibition'):
-        rates = ', '.join(f'{times:g}' for times in part['times_real_time'])
         lines += [
-            f'exhibition: {part["hours"]:g} h in {part["took_hours"]:g} h, {part["pieces"]} pieces '
-            f'({part["cut_off"]} cut off), {rates} times real time; {part["restarts"]} restarts; '
+            f'exhibition: {part["hours"]:g} h in {part["took_hours"]:g} h, '
+            f'{part["times_real_time"]:g} times real time; {part["restarts"]} restarts; '
             f'recorder: {part["lost"]} lost; '
             f'sound: {part["underruns"]} underruns, {part["late"]} late',
             *_growth(part),
@@ -234,8 +236,8 @@ def table(found: dict[str, Any]) -> str:
         ]
     if part := found.get('faults'):
         lines += [
-            f'faults: {part["count"]} ({part["kills"]} kills) in {part["hours"]:g} h, '
-            f'{part["pieces"]} pieces ({part["cut_off"]} cut off); {_well(part)}',
+            f'faults: {part["count"]} ({part["kills"]} kills) in {part["hours"]:g} h; '
+            f'{_well(part)}',
             *(f'not done here: {words}' for words in part['left_out']),
             *_kinds(part), *_growth(part), _bags(part),
         ]  # fmt: skip
@@ -272,8 +274,7 @@ def _growth(part: dict[str, Any]) -> list[str]:
     lines = [head]
     for row in part['growth']:
         pairs = [f'{a:g} -> {b:g}' for a, b in (row[n] for n in Held._fields)]
-        name = f'{row["piece"]}: {row["name"]}' if 'piece' in row else row['name']
-        lines.append(f'{name:28} {pairs[0]:>15} {pairs[1]:>13} {pairs[2]:>19}')
+        lines.append(f'{row["name"]:28} {pairs[0]:>15} {pairs[1]:>13} {pairs[2]:>19}')
     return lines
 
 

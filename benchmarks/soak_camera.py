@@ -11,6 +11,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -108,8 +109,7 @@ PULLS_IN_2_H = 20
 
 def measure(folder: Path, hours: float) -> dict[str, Any]:
     """Pull the camera out as often as `hours` ask for, twice at least; return the figures."""
-    folder = folder / 'camera'
-    folder.mkdir()
+    folder = Path(tempfile.mkdtemp(prefix='camera-', dir=folder))
     count = max(round(PULLS_IN_2_H * hours / 2), len(KINDS))
     soak = CameraSoak(folder, 0)
     faults: list[str] = []

@@ -8,8 +8,9 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,6 @@ from support.running import Graph, busy, stand_in
 
 from benchmarks import web_browser
 from benchmarks.soak_observer import Observer
-from benchmarks.soak_pieces import FILE, keep, load
 from benchmarks.soak_proof import Held, growth, held, prove
 from eol_ros import interrupts, parent_death
 from eol_ros.bringup.supervisor import FED_BY
@@ -46,7 +46,6 @@ EXTRAS_IN_2_H = {
     'page reloaded': 20,
     'eight busy processes': 5,
 }
-LEAST_H = 0.002  # what is left of the hours and shorter is not begun
 CLOCK_STEPS_S = (-3600.0, 86400.0 * 30, -86400.0 * 30)
 
 
@@ -288,57 +287,29 @@ class Soak:
             time.sleep(30)
 
 
-def measure(
-    folder: Path, hours: float, seed: int, resume: bool = False, minutes: float | None = None
-) -> dict[str, Any]:
-    """Break things until `hours` are over, `minutes` of them at most; return the figures.
-
-    `run` in them has those of the piece that was played now.
-    `resume` goes on with the pieces in `folder`; each piece has processes and an order of its own.
-    Raises EolError where there are none, or some without `resume`.
-    """
-    file = folder / 'faults' / FILE
-    kept = load(file, resume, {'pieces': []})
-    pieces = kept['pieces']
-    left_h = hours - sum(piece['hours'] for piece in pieces)
-    found: dict[str, Any] = {}
-    if left_h > LEAST_H:
-        piece = {'hours': 0.0, 'events': [], 'left_out': [], 'growth': [], 'bags': {}, 'faults': []}
-        pieces.append(piece)
-        place = file.parent / f'piece-{len(pieces)}'
-        place.mkdir()
-        keep(file, kept)  # also where nothing begins, so that the next has a folder of its own
-        _play(place, min(left_h, minutes / 60 if minutes else left_h), seed + len(pieces) - 1,
-              pieces, lambda: keep(file, kept))  # fmt: skip
-        found['run'] = {**figures([piece]), 'observer': piece.get('observer')}
-    return {**figures(pieces), **found}
-
-
-def _play(
-    folder: Path, hours: float, seed: int, pieces: list[dict[str, Any]],
-    keep_it: Callable[[], None],
-) -> None:  # fmt: skip
-    """Break things for so long, and fill in the last of `pieces`."""
-    piece = pieces[-1]
+def measure(folder: Path, hours: float, seed: int) -> dict[str, Any]:
+    """Break things until `hours` are over; return the figures."""
+    folder = Path(tempfile.mkdtemp(prefix='faults-', dir=folder))
     soak = Soak(folder, seed)
-    piece['events'], piece['left_out'] = soak.events, soak.left_out
+    faults: list[str] = []
     begun = time.monotonic()
     with contextlib.closing(soak):
         try:
-            for _ in track(_steps(soak, hours, keep_it, pieces), 'faults', total=100):
+            for _ in track(_steps(soak, hours), 'faults', total=100):
                 pass
         except EolError as error:
-            piece['faults'].append(str(error))
+            faults.append(str(error))
         except KeyboardInterrupt:  # it ends the graph, too
             interrupts.caught()
-        piece['hours'] = round((time.monotonic() - begun) / 3600, 4)
-        code, piece['bags'] = soak.prove()
-    piece['observer'] = soak.observed
-    piece['faults'] += unreported(soak.observed)
-    piece['faults'] += [f'exit code {code}'] if code else []
-    piece['faults'] += piece['bags'].pop('faults')
-    piece['growth'] = growth(soak.looks)
-    keep_it()
+        took_s = time.monotonic() - begun
+        code, bags = soak.prove()
+    faults += unreported(soak.observed)
+    faults += [f'exit code {code}'] if code else []
+    faults += bags.pop('faults')
+    return {
+        'hours': round(took_s / 3600, 4), 'left_out': soak.left_out, 'observer': soak.observed,
+        'growth': growth(soak.looks), 'bags': bags, **summary(soak.events, faults),
+    }  # fmt: skip
 
 
 def unreported(observed: dict[str, Any]) -> list[str]:
@@ -347,30 +318,6 @@ def unreported(observed: dict[str, Any]) -> list[str]:
         f'{one["source"]}: nothing for {one["seconds"]:g} s, and no status said so'
         for one in observed.get('unreported', ())
     ]
-
-
-def figures(pieces: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return what all pieces show together; one that was cut off has no bags and no growth."""
-    several = len(pieces) > 1
-    bags: dict[str, Any] = {'count': 0, 'unreadable': 0, 'cut': 0, 'missing': 0, 'uncounted': 0}
-    for piece in pieces:
-        for name, count in piece['bags'].items():
-            bags[name] += count
-    numbered = list(enumerate(pieces, 1))
-    return {
-        'hours': round(sum(piece['hours'] for piece in pieces), 3),
-        'pieces': len(pieces),
-        'cut_off': sum(not piece['bags'] for piece in pieces),
-        'left_out': sorted({line for piece in pieces for line in piece['left_out']}),
-        'growth': [
-            {**({'piece': k} if several else {}), **row} for k, p in numbered for row in p['growth']
-        ],
-        'bags': bags,
-        **summary(
-            [event for piece in pieces for event in piece['events']],
-            [f'piece {k}: {f}' if several else f for k, p in numbered for f in p['faults']],
-        ),
-    }
 
 
 def summary(events: list[dict[str, Any]], faults: list[str]) -> dict[str, Any]:
@@ -388,15 +335,8 @@ def summary(events: list[dict[str, Any]], faults: list[str]) -> dict[str, Any]:
     }
 
 
-def _steps(
-    soak: Soak, hours: float, keep_it: Callable[[], None], pieces: list[dict[str, Any]]
-) -> Iterator[int]:
-    """Yield once a hundredth of the time; faults come one after another meanwhile.
-
-    What has come so far is kept after each, for a piece that is cut off.
-    """
-    piece = pieces[-1]
-    before = Counter(event['kind'] for earlier in pieces[:-1] for event in earlier['events'])
+def _steps(soak: Soak, hours: float) -> Iterator[int]:
+    """Yield once a hundredth of the time; faults come one after another meanwhile."""
     extras = []
     left_out = {words.partition(':')[0] for words in soak.left_out}
     for kind, count in EXTRAS_IN_2_H.items():
@@ -411,12 +351,10 @@ def _steps(
         now = time.monotonic() - begun
         if extras and extras[0][0] <= now:
             _, kind, count = extras.pop(0)
-            soak.extra(kind, before[kind] + count)
+            soak.extra(kind, count)
         else:
             soak.strike(number)
             number = signal.SIGSTOP if number == signal.SIGKILL else signal.SIGKILL
-        piece['hours'] = round((time.monotonic() - begun) / 3600, 4)
-        keep_it()
         if time.monotonic() - looked > LOOK_S:
             soak.looks.append(held(soak.graph))
             looked = time.monotonic()

@@ -16,11 +16,6 @@ KEPT = 'eol_ros', 'commit', 'python', 'rclpy', 'numba', 'numpy'  # of the versio
 
 def rows(found: dict[str, Any]) -> list[dict[str, Any]]:
     """Return what this run of the soak adds to the file, of each part that was run."""
-    parts = {
-        'exhibition': found.get('exhibition', {}).get('run'),
-        'faults': found.get('faults', {}).get('run'),
-        'camera': found.get('camera'),
-    }
     all_versions = versions()
     return [
         {
@@ -30,7 +25,7 @@ def rows(found: dict[str, Any]) -> list[dict[str, Any]]:
             'kinds': [{n: kind[n] for n in ('kind', 'count', 'within_10_s', 'worst_s')}
                       for kind in ran.get('kinds', ())],
         }
-        for part, ran in parts.items() if ran
+        for part, ran in found.items()
     ]  # fmt: skip
 
 
