@@ -11,11 +11,9 @@ predicted place is.
 
 import argparse
 import dataclasses
-import json
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 from unittest import mock
 
@@ -31,7 +29,7 @@ from eol_ros.core.vision.render.clutter import LEVELS
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.states import TRACKING
 from eol_ros.core.vision.tracker import Tracker
-from eol_ros.errors import ConfigError, UsageError
+from eol_ros.errors import UsageError
 from eol_ros.settings import TrackerSettings
 
 HELP = 'Identity failures per simulated hour, ours against nearest neighbour and Hungarian.'
@@ -39,17 +37,13 @@ EXAMPLES = [
     'eol bench identity --hours 0.5 --json',
     'eol bench identity --fps 120 --rough 1.4 --permanent 3',
     'eol bench identity --hours 10 --methods eol_ros --seed 7',
-    'eol bench identity --hours 1 --seeds 100 --methods eol_ros --keep names.jsonl',
+    'eol bench identity --hours 1 --seeds 100 --methods eol_ros',
     'eol bench identity --hours 1 --methods eol_ros --seeds-from-time',
     'eol bench identity --hours 1 --methods eol_ros --losses 120 --yaw-offset 0',
 ]
 Figures = dict[str, dict[str, float | None]]  # of each method
 LASTING_S = 2.0
 OCCLUDED = (1, 6, 30)  # images out of sight after which a block's place is compared with the truth
-# of one seed, on which its figures depend
-SETTINGS = (
-    'hours', 'fps', 'rough', 'permanent', 'losses', 'yaw_offset', 'covers', 'no_taps', 'methods'
-)  # fmt: skip
 METHODS = ('eol_ros', 'nearest', 'hungarian')
 LAMP_PX = 42  # half width of what is drawn of a false light: three standard deviations
 
@@ -60,11 +54,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--fps', type=float, default=60.0)
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--seeds', type=int, default=1, help='so many times, seed after seed')
-    parser.add_argument(
-        '--keep',
-        type=Path,
-        help='file for what each seed has shown: a run that was cut off goes on from there',
-    )
     parser.add_argument('--rough', type=float, default=1.0, help='visitors; 1.4 is very rough')
     parser.add_argument('--permanent', type=int, default=0, help='lamps that never go away')
     parser.add_argument('--losses', type=float, default=6.0, help='times of darkness an hour')
@@ -98,10 +87,9 @@ def run(args: argparse.Namespace) -> int:
         )  # fmt: skip
 
     def block(first: int) -> dict[str, dict[str, float | None]]:
-        if args.seeds == 1 and args.keep is None:
+        if args.seeds == 1:
             return one(first)
-        settings = {name: getattr(args, name) for name in SETTINGS}
-        return measure_seeds(one, range(first, first + args.seeds), settings, args.keep)
+        return measure_seeds(one, range(first, first + args.seeds), args.hours)
 
     held_out.measure(args.seeds_from_time, args.seed, block, args.json, _table)
     return 0
@@ -185,7 +173,7 @@ class Slots:
     Gates and memory are tuned on this simulator; `hungarian` predicts with constant velocity.
     """
 
-    GATE_M, GROW_MPS, MOST_M = 0.06, 0.0, 0.06  # a gate that grows brought more switches
+    GATE_M = 0.06  # one that grows brought more switches
 
     def __init__(self, hungarian: bool):
         self.hungarian = hungarian
@@ -203,13 +191,12 @@ class Slots:
         expected = self.xy + self.velocity if self.hungarian else self.xy.copy()
         index = np.full(N_BLOCKS, -1)
         lost_s = moment.stamp_s - self.seen_s
-        gate = np.clip(self.GATE_M + self.GROW_MPS * lost_s, self.GATE_M, self.MOST_M)
         followed = lost_s < 0.03
         for slots in (np.flatnonzero(followed), np.flatnonzero(~followed)):
             free = np.setdiff1d(np.arange(len(seen.xy)), index)
             if slots.size and free.size:
                 apart = expected[slots][:, None] - seen.xy[free][None]
-                far = np.hypot(apart[..., 0], apart[..., 1]) / gate[slots][:, None]
+                far = np.hypot(apart[..., 0], apart[..., 1]) / self.GATE_M
                 for slot, light in self._pairs(far):
                     index[slots[slot]] = free[light]
         held = index >= 0
@@ -391,30 +378,15 @@ def measure(
     return {name: score.figures(hours, images) for name, score in scores.items()}
 
 
-def measure_seeds(
-    one: Callable[[int], Figures], seeds: range, settings: dict[str, Any], kept: Path | None
-) -> Figures:
-    """Return what `one` measures by all `seeds`, together.
-
-    kept: a file of one line for each seed. What stands there for these `settings` is not measured
-    again, and what is measured is added at once. It knows nothing of the program's version.
-
-    Raises:
-        ConfigError: a line of `kept` is none of these.
-    """
-    known = _read(kept) if kept is not None and kept.exists() else []
-    found = {line['seed']: line['figures'] for line in known if line['settings'] == settings}
+def measure_seeds(one: Callable[[int], Figures], seeds: range, hours: float) -> Figures:
+    """Return what `one` measures by all `seeds`, so many hours each, together."""
+    found = []
     for done, seed in enumerate(seeds, 1):
-        if seed not in found:
-            found[seed] = one(seed)
-            if kept is not None:
-                line = {'seed': seed, 'settings': settings, 'figures': found[seed]}
-                with kept.open('a', encoding='utf-8') as file:
-                    file.write(json.dumps(line) + '\n')
-        lasting = sum(one['lasting_failures_per_hour'] > 0 for one in found[seed].values())
+        found.append(one(seed))
+        lasting = sum(of['lasting_failures_per_hour'] > 0 for of in found[-1].values())
         said = 'a lasting failure' if lasting else 'no lasting failure'
         print(f'seed {seed}, {done} of {len(seeds)}: {said}', file=sys.stderr, flush=True)
-    return together([found[seed] for seed in seeds], settings['hours'])
+    return together(found, hours)
 
 
 def together(pieces: list[Figures], hours: float) -> Figures:
@@ -438,20 +410,3 @@ def _mean(of: list[float | None]) -> float | None:
     """Return the mean of those that were measured."""
     known = [one for one in of if one is not None]
     return float(np.mean(known)) if known else None
-
-
-def _read(file: Path) -> list[dict[str, Any]]:
-    lines = file.read_text(encoding='utf-8').splitlines()
-    found = []
-    for number, text in enumerate(lines, 1):
-        try:
-            line = json.loads(text)
-            found.append({key: line[key] for key in ('seed', 'settings', 'figures')})
-        except (ValueError, KeyError, TypeError):
-            if number == len(lines):  # cut off while it was written: measured again
-                continue
-            raise ConfigError(
-                f'line {number} of {file} is no result of eol bench identity; name another file '
-                'with --keep'
-            ) from None
-    return found

@@ -4,7 +4,6 @@
 import argparse
 import functools
 import importlib.util
-import json
 import sys
 import time
 from collections.abc import Callable
@@ -53,14 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--plots', metavar='DIR', help='draw the results there')
     parser.add_argument(
         '--part', choices=PARTS, action='append', help='only this part; may be given again'
-    )
-    parser.add_argument(
-        '--with',
-        dest='earlier',
-        metavar='FILE.json',
-        action='append',
-        default=[],
-        help='take the other parts from an earlier --json run',
     )
     parser.add_argument('--peer', default='', metavar='TEXT', help='only peers whose row has TEXT')
 
@@ -322,15 +313,7 @@ def live_row(seconds: int = 60, rate_hz: int = 60, repeats: int = 5) -> dict:
 
 def run(args: argparse.Namespace) -> int:
     parts = args.part or [part for part in PARTS if part != 'peers' or not args.quick]
-    if args.earlier and not args.part:
-        parts = []
     result = {part: [] for part in PARTS}
-    for file in args.earlier:
-        for part, rows in json.loads(Path(file).read_text()).items():
-            if part == 'machine':  # of several, that of the last
-                result[part] = rows
-            elif part in result:
-                result[part] += rows
     if 'own' in parts:
         for name in track(list(presets.NAMED), 'scenes'):
             result['own'] += own_rows(name, args.quick)

@@ -30,11 +30,6 @@ class Score:
     first: np.ndarray  # (n,) samples into the source
     size: np.ndarray  # (n,) samples
 
-    @property
-    def grain_seconds(self) -> float:
-        """Sum of the lengths of all grains as they sound."""
-        return float((self.size / self.triggers['rate']).sum() / FS)
-
 
 def source(seed: int = 1) -> np.ndarray:
     """Return the sound that all engines read: 40 s of pink noise, (n,) f4."""

@@ -21,8 +21,8 @@ from eol_ros.streams.graph import NODES, TOPICS
 
 ROOT = Path(__file__).parents[1]
 PAGES = [*sorted(ROOT.glob('*.md')), *sorted((ROOT / 'docs').rglob('*.md'))]
-# `v0.2.0: eol bench X` is a command of that tag, for what has left since.
-COMMAND = r'(?<!v0\.2\.0: )(?:\beol|-m eol_ros) (\w+)((?: [^\s`|>#]+)*)'
+# `v0.2.0: eol bench X` or a commit's number: a command of that version, which has left since.
+COMMAND = r'(?<!v0\.2\.0: )(?<![0-9a-f]{8}: )(?:\beol|-m eol_ros) (\w+)((?: [^\s`|>#]+)*)'
 each_page = pytest.mark.parametrize('page', PAGES, ids=lambda p: p.name)
 
 

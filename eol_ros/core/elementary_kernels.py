@@ -5,8 +5,6 @@ LLVM takes exp, sin and others from the C library, whose bits differ between ver
 reassociates nor fuses operations of this module, even in a loop with `fastmath`.
 """
 
-import math
-
 from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
 
@@ -33,12 +31,6 @@ def tan(x):
     """Return the tangent of `x` rad."""
     sine, cosine = sincos(x)
     return sine / cosine
-
-
-@njit(cache=True, inner=True)
-def hypot(x, y):
-    """Return the length of (x, y)."""
-    return math.sqrt(x * x + y * y)
 
 
 @njit(cache=True, inner=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hours of names in pieces: what was measured is not measured again, and nothing else is taken."""
+"""Hours of names by several seeds, and what is counted of each."""
 
 from types import SimpleNamespace
 
@@ -8,52 +8,29 @@ import pytest
 from support.stick_slip import Onlooker, Table
 
 from benchmarks import identity
-from eol_ros.errors import ConfigError
-
-SETTINGS = {'hours': 0.5, 'rough': 1.0}
 
 
-class Hours:
-    """As many lasting failures in half an hour as `lasting` says of a seed."""
-
-    def __init__(self, lasting):
-        self.lasting, self.asked = lasting, []
-
-    def __call__(self, seed):
-        self.asked.append(seed)
-        lasting = self.lasting[seed] / 0.5
-        return {'eol_ros': {'lasting_failures_per_hour': lasting, 'switches_per_hour': 2.0 * seed}}
+def half_an_hour(lasting, seed=0):
+    """What a seed shows in half an hour with so many lasting failures."""
+    return {
+        'eol_ros': {'lasting_failures_per_hour': lasting / 0.5, 'switches_per_hour': 2.0 * seed}
+    }
 
 
-def test_a_run_that_was_cut_off_goes_on_from_what_is_kept(tmp_path):
-    kept, hours = tmp_path / 'names.jsonl', Hours({3: 0, 4: 2, 5: 1})
-    identity.measure_seeds(hours, range(3, 5), SETTINGS, kept)
-    with kept.open('a') as file:
-        file.write('{"seed": 5, "sett')  # the power failed
-    found = identity.measure_seeds(hours, range(3, 6), SETTINGS, kept)['eol_ros']
-
-    assert hours.asked == [3, 4, 5]
+def test_hours_of_several_seeds_add_up():
+    lasting = {3: 0, 4: 2, 5: 1}
+    found = identity.measure_seeds(lambda s: half_an_hour(lasting[s], s), range(3, 6), 0.5)
+    found = found['eol_ros']
     assert found['hours'] == 1.5 and found['lasting_failures'] == 3
     assert found['lasting_failures_per_hour'] == pytest.approx(2.0)
     assert found['switches_per_hour'] == pytest.approx(8.0)
     assert found['switches_per_hour_most'] == 10.0
-    # of other visitors nothing is known
-    identity.measure_seeds(hours, range(3, 4), SETTINGS | {'rough': 1.4}, kept)
-    assert hours.asked == [3, 4, 5, 3]
 
 
 def test_without_a_failure_the_rule_of_three_holds():
-    found = identity.together([Hours({0: 0})(0)] * 200, 0.5)['eol_ros']
+    found = identity.together([half_an_hour(0)] * 200, 0.5)['eol_ros']
     assert found['hours'] == 100.0
     assert found['lasting_per_hour_below_95'] == pytest.approx(0.03, rel=2e-3)
-
-
-def test_another_file_is_not_added_to(tmp_path):
-    kept = tmp_path / 'notes.txt'
-    kept.write_text('buy milk\nand bread\n')
-    with pytest.raises(ConfigError, match='line 1 of .*notes.txt is no result'):
-        identity.measure_seeds(Hours({0: 0}), range(1), SETTINGS, kept)
-    assert kept.read_text() == 'buy milk\nand bread\n'
 
 
 def test_an_arm_hides_what_lies_under_it():
@@ -108,13 +85,13 @@ def test_the_places_of_occluded_blocks_are_compared_while_their_names_were_right
 
 
 @pytest.mark.slow
-def test_the_command_adds_seeds_up(tmp_path, capsys):
+def test_the_command_adds_seeds_up(capsys):
     import argparse
     import json
 
     parser = argparse.ArgumentParser()
     identity.add_arguments(parser)
-    line = f'--hours 0.0005 --seeds 2 --methods eol_ros --json --keep {tmp_path / "kept"}'
+    line = '--hours 0.0005 --seeds 2 --methods eol_ros --json'
     assert identity.run(parser.parse_args(line.split())) == 0
     both = json.loads(capsys.readouterr().out)['eol_ros']
     alone = [

@@ -17,7 +17,7 @@ import numpy as np
 from eol_ros.core.table import Table
 from eol_ros.errors import EolError
 
-FEWEST_CASCADES = 200  # fewer reject other laws too seldom (`eol bench laws`)
+FEWEST_CASCADES = 200  # fewer reject other laws too seldom (docs/explanation/science.md)
 REJECTED = 0.05  # the p-value below which a law is called none
 FEWEST = 30  # independent events in the range of a fit: with fewer, a slope would be invented
 AUTOMATON_B = 0.77  # of the 5x5 automaton, alpha 0.20 (docs/explanation/science.md)

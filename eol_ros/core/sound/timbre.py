@@ -195,11 +195,6 @@ def _per_band(power: np.ndarray, bands: np.ndarray) -> np.ndarray:
     return np.stack([(power * weight).sum(axis=1) for weight in bands], axis=1)
 
 
-def harmonic_ratio(magnitude: np.ndarray) -> float:
-    """Return the steady share, 0..1, of the energy of magnitudes (frames, bins)."""
-    return _share(_energies(magnitude).sum(axis=(1, 2)))
-
-
 def _share(energy: np.ndarray) -> float:
     return float(energy[0] / max(energy[0] + energy[1], 1e-300))
 

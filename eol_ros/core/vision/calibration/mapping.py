@@ -14,7 +14,6 @@ from eol_ros.core.compiled import njit
 
 _INVERSE = 9
 _FX, _SKEW, _CX, _FY, _CY, _K1, _K2, _P1, _P2, _K3, SENSE, UP = range(18, 30)
-NUMBERS = UP + 3
 _ROUNDS = 40
 _SETTLED = 1e-13  # of the image plane at distance 1
 
