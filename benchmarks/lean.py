@@ -137,7 +137,7 @@ def table(result: dict[str, Any]) -> str:
 
 
 def markdown(result: dict[str, Any]) -> str:
-    """Return the page docs/explanation/numerics/lean.md."""
+    """Return the page docs/explanation/lean.md."""
     lines = [
         INTRODUCTION,
         '\n| scene | processes | PSS, MB | modules | threads | DDS entities | largest |',

@@ -593,7 +593,7 @@ def markdown(result: dict[str, Any]) -> str:
             )
             for rows in ('points', 'peers')
         )
-        picture = f'../img/method_{name.replace("-", "_")}.png'
+        picture = f'../../img/method_{name.replace("-", "_")}.png'
         lines.append(
             f'| [`{name}`]({picture}) | {curve["reference"]} | {curve["n"]} |'
             f' {curve["unit"]}, per {curve["per"]}; {curve["default"]} | {ours} | {peers or "-"} |'

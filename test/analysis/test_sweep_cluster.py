@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sweep on a real Dask scheduler and its workers, started as docs/explanation/science.md says."""
+"""A sweep on a real Dask scheduler and its workers, started as docs/guides/sweep.md says."""
 
 import json
 import os

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scene of a spring-block simulation: what is given, checked once, held as arrays.
 
-The keys are those of the JSON files (docs/explanation/numerics/physics.md); SI units. Springs
-between blocks pull along `dir`, a unit vector from block i to block j (or to the anchor); `Lnom`
-is their length in the rest lattice between the points where they are fixed, `L0` their natural
-length.
+The keys are those of the JSON files (docs/reference/physics_scene.md); SI units. Springs between
+blocks pull along `dir`, a unit vector from block i to block j (or to the anchor); `Lnom` is their
+length in the rest lattice between the points where they are fixed, `L0` their natural length.
 """
 
 from collections.abc import Mapping, Sequence
