@@ -65,7 +65,6 @@ class TopicSpec:
     barrier: the source of images starts when publishers and subscribers of the scene have matched.
     stamped: its stamp is that of an image or a tap; subscribers reject one that is not of now.
     sensor: drivers of others publish it, best effort too, which is taken where no more is offered.
-    was: its name in bags of before.
     sources: the publishers without those who publish only what people ask for.
     """
 
@@ -76,7 +75,6 @@ class TopicSpec:
     barrier: bool = False
     stamped: bool = False
     sensor: bool = False
-    was: str = ''
     sources: tuple[str, ...] = ()
     publishers: tuple[str, ...] = ()
     subscribers: tuple[str, ...] = ()
@@ -238,7 +236,6 @@ def _used(topic: TopicSpec) -> TopicSpec:
 
 NODES: dict[str, NodeSpec] = {node.name: node for node in _NODES}
 TOPICS: dict[str, TopicSpec] = {topic.name: _used(topic) for topic in _TOPICS}
-RENAMED = {topic.was: topic.name for topic in _TOPICS if topic.was}
 IMAGE_SOURCES = tuple(node.name for node in _NODES if node.images)
 
 
@@ -270,9 +267,8 @@ def full_name(topic: str, namespace: str = NAMESPACE) -> str:
 
 
 def relative_name(name: str, namespace: str = NAMESPACE) -> str:
-    """Return a full name without its namespace, if it is in that one; today's for one of before."""
-    name = name if name in TOPICS else name.removeprefix(full_name('', namespace))
-    return RENAMED.get(name, name)
+    """Return a full name without its namespace, if it is in that one."""
+    return name if name in TOPICS else name.removeprefix(full_name('', namespace))
 
 
 def topic_of(name: str, namespace: str = NAMESPACE) -> TopicSpec | None:

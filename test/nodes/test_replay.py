@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 import types
-from dataclasses import replace as changed
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -19,7 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import Image
 from support.bag_samples import bag_of
 from support.waiting import wait_until
 
@@ -37,7 +36,7 @@ from eol_ros.ros.stamps import to_msg, to_ns
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS
 from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings, ReplaySettings
-from eol_ros.streams import graph, tables
+from eol_ros.streams import tables
 from eol_ros.streams.graph import NODES, full_name
 from eol_ros.streams.requests import Asked
 from eol_ros.verbs import replay
@@ -361,24 +360,6 @@ def test_what_was_latched_before_the_start_is_played_before_all_else(ros, tmp_pa
     heard.clear()
     play(listener, tmp_path / 'run', topics=('blocks',), start_s=0.5)
     assert heard == ['block'] * 10  # only of what is played
-    listener.destroy_node()
-
-
-@pytest.mark.slow
-def test_a_topic_of_before_is_played_under_the_name_of_today(ros, tmp_path, monkeypatch):
-    name = 'camera/image_raw/compressed'
-    monkeypatch.setitem(graph.TOPICS, name, changed(graph.TOPICS[name], was='camera/jpeg'))
-    monkeypatch.setitem(graph.RENAMED, 'camera/jpeg', name)
-    writer = BagWriter(tmp_path / 'run', [BagTopic('/eol/camera/jpeg', **describe(name))], {})
-    raw = bytes(serialize_message(CompressedImage(format='mono8; jpeg compressed', data=b'x')))
-    writer.write('/eol/camera/jpeg', raw, T0, T0)
-    writer.close()
-    listener, heard = Listener(), []
-    listener.subscribe('camera/image_raw/compressed', heard.append, raw=True)
-    node = play(listener, tmp_path / 'run', topics=('camera/image_raw/compressed',), fast=True)
-    assert node.names == ['/eol/camera/jpeg']
-    assert heard == [raw]
-    assert node.bag.count('camera/image_raw/compressed') == 1
     listener.destroy_node()
 
 

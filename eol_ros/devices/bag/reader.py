@@ -135,10 +135,7 @@ class BagReader:
 
     def name(self, topic: str) -> str:
         """Return the full name that a topic of the graph has, or would have, in this bag."""
-        was = TOPICS[topic].was if topic in TOPICS else ''
-        name = full_name(topic, self.namespace)
-        before = full_name(was, self.namespace)
-        return before if was and before in self.topics and name not in self.topics else name
+        return full_name(topic, self.namespace)
 
     def count(self, topic: str) -> int:
         """Return how many messages of a topic of the graph there are, of its own kind."""
