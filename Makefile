@@ -63,7 +63,7 @@ screens: setup-test  ## every page at every size, in both languages and four sta
 
 films: setup-test  ## path-trace printed covers for `eol bench vision --films films` (needs LLVM 19)
 	$(PY) -m pip install -q 'mitsuba>=3.9'
-	$(PY) -m eol_ros bench films --output films $(ARGS)
+	$(PY) -m assets.relief --output films $(ARGS)
 
 clean:  ## remove what was made here, but no bag
 	rm -rf .venv .venv-3.* build install log *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis

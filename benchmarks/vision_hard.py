@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from support.paper import N_BLOCKS
 from support.relief import films
-from support.relief.path_tracer import PSF_PX
+from support.relief.films import PSF_PX
 
 from benchmarks import vision_peers
 from benchmarks.vision_peers import match, timed, tuned

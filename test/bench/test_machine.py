@@ -43,7 +43,7 @@ def test_figures_of_an_earlier_run_keep_theirs(capsys):
     assert capsys.readouterr().out.startswith('another, ')
 
 
-@pytest.mark.parametrize('name', [name for name in names() if name != 'films'])  # makes images
+@pytest.mark.parametrize('name', names())
 def test_every_benchmark_names_it(name):
     source = inspect.getsource(importlib.import_module(f'benchmarks.{name}').run)
     # held_out.measure tells what it has measured

@@ -16,14 +16,16 @@ from typing import Any
 
 import cv2
 import numpy as np
+from support.paper import RIM_SIDE_M
+from support.relief.films import PSF_PX
+from support.relief.scene import CELLS, GAP_M, Shot
 
+from assets.relief import surfaces
 from eol_ros.core import terrain
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import DeviceMissing, pip_install
 from eol_ros.verbs.progress import track
-from support.relief import scene
 
-PSF_PX = 1.2  # of the lens, as the flat renderer has it
 FACE = 0.9  # of the light that meets a face goes on, one half to each side
 BOARD_MM, BOARD_HEIGHT_MM = 72.0, 2.0  # of the LEDs under their diffusing sheet
 WHITE = 0.7  # albedo of what carries the board
@@ -60,7 +62,7 @@ def mitsuba(threads: int = 0) -> Any:
 
 
 def cover_light(land: np.ndarray, shape: terrain.CoverShape, samples: int, seed: int) -> np.ndarray:
-    """Return the light (n,) that leaves each vertex of scene.cover_surface, for a board of 1."""
+    """Return the light (n,) that leaves each vertex of surfaces.cover_surface, for a board of 1."""
     mi = mitsuba()
     solid = terrain.cover_mesh(land, shape).reshape(-1, 3)
     wall = {
@@ -72,7 +74,7 @@ def cover_light(land: np.ndarray, shape: terrain.CoverShape, samples: int, seed:
         'roughness': 1.0,
     }
     white = {'type': 'twosided', 'inner': {'type': 'diffuse', 'reflectance': WHITE}}
-    sand = {'type': 'diffuse', 'reflectance': scene.SAND}
+    sand = {'type': 'diffuse', 'reflectance': surfaces.SAND}
     flat = mi.ScalarTransform4f
     inside = shape.side_mm / 2 - shape.wall_mm - 0.5
     world = mi.load_dict(
@@ -93,7 +95,7 @@ def cover_light(land: np.ndarray, shape: terrain.CoverShape, samples: int, seed:
             },
             'sand': {
                 'type': 'rectangle',
-                'to_world': flat().translate([0, 0, -1e3 * scene.GAP_M]).scale([200.0] * 3),
+                'to_world': flat().translate([0, 0, -1e3 * GAP_M]).scale([200.0] * 3),
                 'bsdf': sand,
             },
         }
@@ -117,15 +119,15 @@ def cover_light(land: np.ndarray, shape: terrain.CoverShape, samples: int, seed:
     return total / rounds
 
 
-def covers_light(shot: scene.Shot, samples: int) -> np.ndarray:
+def covers_light(shot: Shot, samples: int) -> np.ndarray:
     """Return the light (25, n) of all covers in grey levels, LEVEL on the mean of their roofs."""
     light = np.array(
         [
             cover_light(land, shot.shape(), samples, seed)
-            for seed, land in enumerate(track(scene.covers(shot), 'light through the covers'))
+            for seed, land in enumerate(track(surfaces.covers(shot), 'light through the covers'))
         ]
     )
-    return light * LEVEL / light[:, : (scene.CELLS + 1) ** 2].mean()
+    return light * LEVEL / light[:, : (CELLS + 1) ** 2].mean()
 
 
 def _looks(land: np.ndarray, shape: terrain.CoverShape) -> tuple[np.ndarray, np.ndarray]:
@@ -133,16 +135,16 @@ def _looks(land: np.ndarray, shape: terrain.CoverShape) -> tuple[np.ndarray, np.
 
     Corners are approached from a little inside of their faces, lest the ray passes them by.
     """
-    vertices, _ = scene.cover_surface(land, shape)
-    n = (scene.CELLS + 1) ** 2
+    vertices, _ = surfaces.cover_surface(land, shape)
+    n = (CELLS + 1) ** 2
     vertices[:, :2] *= 1 - 0.3 / shape.side_mm
     to = np.zeros_like(vertices)
     to[:n, 2] = -1.0
-    each = (scene.SIDE_ROWS + 1) * (scene.CELLS + 1)
+    each = (surfaces.SIDE_ROWS + 1) * (CELLS + 1)
     for k, away in enumerate(((0, -1), (1, 0), (0, 1), (-1, 0))):
         side = slice(n + k * each, n + (k + 1) * each)
         to[side, :2] = -np.array(away)
-        rows = vertices[side].reshape(scene.SIDE_ROWS + 1, -1, 3)
+        rows = vertices[side].reshape(surfaces.SIDE_ROWS + 1, -1, 3)
         rows[0, :, 2] += 0.2
         rows[-1, :, 2] -= 0.2
     at = vertices - 0.5 * to
@@ -151,7 +153,7 @@ def _looks(land: np.ndarray, shape: terrain.CoverShape) -> tuple[np.ndarray, np.
 
 
 def render(
-    shot: scene.Shot,
+    shot: Shot,
     light: np.ndarray,
     strata: int = 8,
     seed: int = 0,
@@ -221,22 +223,22 @@ def _light(mi: Any, dr: Any, world: Any, ray: Any, sampler: Any, ambient: float)
     return dr.select(there, glow, 0.0) + dr.select(bounces, albedo * arriving, 0.0)
 
 
-def _table(mi: Any, shot: scene.Shot, light: np.ndarray, ambient: float) -> dict[str, Any]:
+def _table(mi: Any, shot: Shot, light: np.ndarray, ambient: float) -> dict[str, Any]:
     shape, found = shot.shape(), {}
-    for i, land in enumerate(scene.covers(shot)):
-        vertices, faces = scene.cover_surface(land, shape)
+    for i, land in enumerate(surfaces.covers(shot)):
+        vertices, faces = surfaces.cover_surface(land, shape)
         shade = np.where(vertices[:, 0] > 0, shot.half[i], 1.0)
         glow = light[i] * shot.battery[i] * shade + 0.5 * ambient
-        mesh = scene.Mesh(
-            scene.placed(vertices, shot.poses[i]), faces, glow, np.zeros(len(vertices))
+        mesh = surfaces.Mesh(
+            surfaces.placed(vertices, shot.poses[i]), faces, glow, np.zeros(len(vertices))
         )
         found[f'cover {i}'] = _with_light(mi, mesh)
-    for i, mesh in enumerate(scene.furniture(shot)):
+    for i, mesh in enumerate(surfaces.furniture(shot)):
         found[f'piece {i}'] = _with_light(mi, mesh)
     return found
 
 
-def _with_light(mi: Any, mesh: scene.Mesh) -> Any:
+def _with_light(mi: Any, mesh: surfaces.Mesh) -> Any:
     made = _mesh(mi, mesh.vertices, mesh.faces, mi.load_dict({'type': 'diffuse'}))
     for name, values in (('vertex_glow', mesh.glow), ('vertex_albedo', mesh.albedo)):
         made.add_attribute(name, 1, values.astype(np.float32))
@@ -256,7 +258,7 @@ def _mesh(mi: Any, vertices: np.ndarray, faces: np.ndarray, bsdf: Any) -> Any:
 
 def _crop(calibration: Calibration) -> tuple[tuple[int, int], tuple[int, int]]:
     """Return corner and size (u, v) of the part of the image that the rim fills, 16 px more."""
-    reach = scene.RIM_SIDE_M / 2 + scene.BAR_M
+    reach = RIM_SIDE_M / 2 + surfaces.BAR_M
     corners = calibration.to_pixels([[x, y] for x in (-reach, reach) for y in (-reach, reach)])
     most = np.array([calibration.image_width, calibration.image_height])
     low = np.clip(np.floor(corners.min(axis=0)) - 16, 0, most).astype(int)
