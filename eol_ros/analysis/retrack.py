@@ -31,8 +31,8 @@ LOST_AT_ONCE = 60  # images that are kept until it is known whether the tracker 
 
 EQUAL, PART, DIFFERENT = 'equal', 'part', 'different'
 SHOWN = 20  # holes that are named one by one
-# Largest relative difference of floats that another processor, Python or library explains: some
-# steps of single precision. Other code or other data differ by much more.
+# Largest difference of floats, as a share of their column's largest value, that another processor,
+# Python or library explains: some steps of single precision. Other data differ by much more.
 ROUNDING = 1e-6
 
 
@@ -41,8 +41,9 @@ class Comparison:
     """One topic: how many messages were recorded and recomputed, and the first that differ.
 
     `proved` is the number of recorded messages whose inputs are all in the bag; `apart` is the
-    largest relative difference of a float, infinite if anything else differs. `lost_input` names
-    inputs that the recorder knows to be lost, no one knows which: a difference then proves nothing.
+    largest difference of a float as a share of its column's largest value, infinite if anything
+    else differs. `lost_input` names inputs that the recorder knows to be lost, no one knows which:
+    a difference then proves nothing.
     """
 
     topic: str
@@ -76,7 +77,7 @@ class Comparison:
         if self.lost_input and (self.different or self.recomputed != self.proved):
             return f'not determined by the bag, which lacks {self.lost_input}'
         if self.different and self.rounding:
-            least = f'by at most {self.apart:.0e} of the value, as on another processor or Python'
+            least = f'by at most {self.apart:.0e} of the largest value, as with other rounding'
             return f'{self.different} differ {least}, {self.first}'
         if self.different:
             return f'{self.different} differ, {self.first}'
@@ -553,8 +554,9 @@ def _keys(rows: np.ndarray, names: tuple[str, ...]) -> Iterator[tuple[Any, ...]]
 def _unequal(mine: np.ndarray, theirs: np.ndarray) -> Iterator[tuple[str, np.ndarray, float]]:
     """Yield name, mask of unequal rows (n,) and distance to `theirs` of each column of `mine`.
 
-    Values are compared bit for bit; NaN equals NaN. The distance is the largest relative
-    difference, infinite if anything but a float differs. Records are compared field by field.
+    Values are compared bit for bit; NaN equals NaN. The distance is the largest difference as a
+    share of the column's largest value, infinite if anything but a float differs. Records are
+    compared field by field.
     """
     for name in mine.dtype.names or ():
         a, b = mine[name], np.asarray(theirs[name])
@@ -570,15 +572,14 @@ def _unequal(mine: np.ndarray, theirs: np.ndarray) -> Iterator[tuple[str, np.nda
             apart = np.inf if where.any() else 0.0
             if a.dtype.kind == 'f':
                 where &= ~(np.isnan(a) & np.isnan(b))
-                apart = _apart(a[where], b[where])
+                apart = _apart(a, b, where)
             yield name, where.any(axis=tuple(range(1, where.ndim))), apart
 
 
-def _apart(a: np.ndarray, b: np.ndarray) -> float:
-    """Return the largest relative difference of floats (n,); infinite where one is not finite."""
-    if not len(a):
+def _apart(a: np.ndarray, b: np.ndarray, where: np.ndarray) -> float:
+    """Return the largest |a - b| at `where` over the largest |b|, or infinity."""
+    if not where.any():
         return 0.0
-    if not (np.isfinite(a) & np.isfinite(b)).all():
-        return np.inf
-    a, b = a.astype('f8'), b.astype('f8')
-    return float((np.abs(a - b) / np.maximum(np.abs(a), np.abs(b))).max())
+    a, scale = a.astype('f8'), np.abs(b[np.isfinite(b)].astype('f8')).max(initial=0.0)
+    apart = float(np.abs(a[where] - b[where]).max())
+    return apart / scale if np.isfinite(apart) and scale else np.inf

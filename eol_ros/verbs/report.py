@@ -89,6 +89,8 @@ def run(args):
         from eol_ros.analysis.retrack import retrack
 
         retracked = retrack(bag, track)
+        if retracked.verdict == 'different':
+            retracked.notes += _other_versions(bag)
     _want_matplotlib()
     from eol_ros.analysis.report import summary, write
 
@@ -97,6 +99,22 @@ def run(args):
     print(out / 'report.html', file=sys.stderr)
     whole = retracked is None or (retracked.verdict != 'different' and not retracked.holes)
     return 0 if whole else 1
+
+
+def _other_versions(bag):
+    """Return a line that names the versions which recorded the bag, if others recompute it."""
+    import yaml
+
+    from eol_ros.ros.run_record import versions
+
+    recorded, here = yaml.safe_load(bag.about.get('versions', '')) or {}, versions()
+    unequal = [
+        n for n in ('eol_ros', 'commit', 'python', 'numpy') if recorded.get(n) != here.get(n)
+    ]
+    if not unequal:
+        return []
+    then, now = (', '.join(f'{n} {v.get(n, "?")}' for n in unequal) for v in (recorded, here))
+    return [f'recorded with {then}, recomputed with {now}: another version may differ rightly']
 
 
 def _exhibition(args):

@@ -367,17 +367,24 @@ def test_counts_that_differ_are_never_equal(run, monkeypatch):
 
 @pytest.mark.parametrize(
     ('column', 'by', 'rounding'),
-    [('x', 1 + 1e-13, True), ('x', 1 + 1e-3, False), ('x', np.nan, False), ('count', 2, False)],
+    [
+        ('x', 1 + 1e-13, True),
+        ('near', 1 + 1e-3, True),
+        ('x', 1 + 1e-3, False),
+        ('x', np.nan, False),
+        ('count', 2, False),
+    ],
 )
 def test_last_digits_are_told_from_other_differences(column, by, rounding):
     """Another processor changes last digits; another code counts, or values."""
-    theirs = np.array([(0.0, 1), (-0.3, 2)], [('x', 'f8'), ('count', 'i4')])
+    columns = [('x', 'f8'), ('near', 'f8'), ('count', 'i4')]  # near: 1e-10 beside a value of 1
+    theirs = np.array([(0.0, 1.0, 1), (-0.3, 1e-10, 2)], columns)
     mine = theirs.copy()
     mine[column][1] *= by
     check = Comparison('slips', 2, 2, proved=2)
     check.compare(mine, theirs, str)
     assert (check.different, check.verdict, check.rounding) == (1, DIFFERENT, rounding)
-    assert ('by at most 1e-13 of the value' in check.words()) is rounding
+    assert ('by at most 1e-13 of the largest value' in check.words()) is rounding
     assert not dataclasses.replace(check, proved=3).rounding
 
 
@@ -419,6 +426,13 @@ def test_the_report_says_what_was_proved(run, monkeypatch, tmp_path, capsys):
     page = (tmp_path / 'report.html').read_text()
     assert 'recorded input: no difference in the part that can be proved</h2>' in page
     assert 'the bag lacks it: image 60' in page and 'equal to the last bit</h2>' not in page
+    assert 'recorded with' not in words
+
+    result = without(run, monkeypatch, slips=(3,))  # counts differ
+    monkeypatch.setitem(run.about, 'versions', 'eol_ros: 0.1.0')
+    assert report.run(args) == 1
+    words = capsys.readouterr().out
+    assert 'recorded with eol_ros 0.1.0, commit ?' in words and ': NOT equal\n' in words
 
 
 def test_a_bag_without_blocks_is_said(tmp_path):
