@@ -458,8 +458,8 @@ class LedsSettings:
     peak: float = live(1.0, 'peak light level of a flash', '', 0, 1)
     look: str = live(
         'paper',
-        'look of the light: paper takes decay_s, spread_blocks, spread_delay_s and afterglow_s as '
-        'they are set; the others have their own (docs/explanation/light.md)',
+        'look of the light: paper takes decay_s, spread_*, and afterglow_s as they are set; the '
+        'others have their own (docs/explanation/light.md)',
         choices=('paper', 'lightning', 'wildfire', 'embers'),
     )
     spread_blocks: int = live(
@@ -472,6 +472,14 @@ class LedsSettings:
     spread_delay_s: float = live(
         0.05, 'delay of running light from one block to the next', 's', 0.01, 1
     )
+    spread_share: float = live(
+        1.0,
+        'level of a block that running light reaches, over that of the block before it; needs '
+        'firmware 2.6',
+        '',
+        0.2,
+        1,
+    )
     afterglow_s: float = live(
         0.0,
         'time from a slip to a second lighting of its block, at least 1 s, if it was not lit in '
@@ -482,8 +490,8 @@ class LedsSettings:
     )
     flash_limit: str = setting(
         'field_of_view',
-        'area limited to three flashes a second: each field of view of 10 degrees, seen from at '
-        'least 0.8 m (docs/explanation/light.md), or the whole field of blocks; false: no limit. '
+        'area limited to three flashes a second: each field of view of 10 degrees, seen from any '
+        'distance (docs/explanation/light.md), or the whole field of blocks; false: no limit. '
         'Firmware before 2.3 limits the whole field',
         choices=('field_of_view', 'field', 'false'),
     )

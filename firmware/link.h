@@ -15,6 +15,7 @@ enum {
     EOL_WORD_MS = 2,  /* from word to word of the bridge */
     EOL_GROUP = 25,   /* blocks of a word */
     EOL_GROUPS = 9,
+    EOL_WHOLE = 128,  /* shares of the peak in an order of the whole peak */
     EOL_AIR_US = 550  /* from when a knock's age is taken to the end of its frame: SPI, 130 us, air */
 };
 
@@ -24,7 +25,8 @@ enum {
 
 enum { /* first byte of a frame */
     EOL_FRAME_WORD = 0x57,    /* and as many more as groups: bridge to all: flags, peak, decay_ms u16, infrared u32 with the
-                               * number of groups, less 1, in its upper four bits, light u32, count, test, falls u24 */
+                               * number of groups, less 1, in its upper four bits, light u32 with what an order is dimmer
+                               * than the peak, in 1 / EOL_WHOLE, in its upper seven, count, test, falls u24 */
     EOL_FRAME_FEELS = 0x46,   /* bridge to all: the body of EOL_DETECTOR */
     EOL_FRAME_KNOCK = 0x4B,   /* block: block, flags, age_us u16, strength u16, lit_us u16, number */
     EOL_FRAME_LIT = 0x4C,     /* block: it lit itself, as at a knock that is not told: block, 7 unused, number */
@@ -33,7 +35,7 @@ enum { /* first byte of a frame */
 };
 
 /* Flags of a word. FALLS: the light of all may fall. EACH: those may of `falls`, and the 25th of the group with LAST. */
-enum { EOL_WORD_BY_ITSELF = 1, EOL_WORD_FALLS = 4, EOL_WORD_EACH = 8, EOL_WORD_LAST = 16, EOL_WORD_GROUPS_BIT = 28 };
+enum { EOL_WORD_BY_ITSELF = 1, EOL_WORD_FALLS = 4, EOL_WORD_EACH = 8, EOL_WORD_LAST = 16, EOL_WORD_GROUPS_BIT = 28, EOL_WORD_DIM_BIT = 25 };
 
 /* How many groups `blocks` make. */
 static inline uint8_t eol_link_groups(uint8_t blocks)

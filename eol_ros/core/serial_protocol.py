@@ -30,9 +30,11 @@ WOKE = 1  # flag of Knock
 LINKED, SENSOR_DEAD, ASLEEP, RADIO_DEAD, TWICE = 1, 2, 4, 8, 16  # flags of BlockStatus
 ANSWERS = 1  # flag of SelfTested
 NOT_LIT = 0xFFFF  # as Knock.lit_us
-FIRMWARE = (2, 5)  # of firmware/: major and minor; from 2.1 on blocks test themselves
+FIRMWARE = (2, 6)  # of firmware/: major and minor; from 2.1 on blocks test themselves
 LATTICE_FROM = (2, 5)  # the firmware of the bridge that knows Lattice
 EACH_FIELD_FROM = (2, 3)  # the firmware of bridge and blocks that knows EACH_FIELD
+DIM_FROM = (2, 6)  # the firmware of bridge and blocks that knows DimLight
+SHARES = 128  # of the peak, the level that DimLight counts in
 
 MASK_BYTES = (MOST_BLOCKS - 32 + 7) // 8  # of a mask at most, beyond its first four
 
@@ -128,6 +130,15 @@ class Detector(Message, kind=0x07, form='<6HI'):
 class Light(Message, kind=0x08, form='<II', mask=True):
     """Host to bridge: flash the blocks of `mask` now, for the image of `stamp_us`, 0: of none."""
 
+    stamp_us: int
+    mask: int
+
+
+@dataclass(frozen=True)
+class DimLight(Message, kind=0x0B, form='<BII', mask=True):
+    """Host to bridge, from DIM_FROM on: Light, but to `share` of SHARES of the peak."""
+
+    share: int
     stamp_us: int
     mask: int
 

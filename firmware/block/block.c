@@ -84,7 +84,7 @@ static void take_word(eol_block *b, const uint8_t *frame, uint8_t group)
     uint8_t by_itself = frame[1] & EOL_WORD_BY_ITSELF ? 1 : 0, peak = frame[2], count = frame[13];
     uint8_t each = frame[1] & EOL_WORD_EACH ? 1 : 0, falls = (frame[1] & EOL_WORD_FALLS) != 0;
     uint16_t decay_ms = eol_link_get16(frame + 3);
-    uint32_t infrared = eol_link_get32(frame + 5);
+    uint32_t infrared = eol_link_get32(frame + 5), light = eol_link_get32(frame + 9);
     uint8_t groups = (uint8_t)((frame[8] >> (EOL_WORD_GROUPS_BIT - 24)) + 1);
     if (groups > EOL_GROUPS) groups = EOL_GROUPS;
     if (each) {
@@ -106,9 +106,9 @@ static void take_word(eol_block *b, const uint8_t *frame, uint8_t group)
     if (group != b->group) return;
     b->infrared = b->own ? (infrared & b->own) != 0 : 1;
     /* the order is in every word until the next one; to a block that has just come it is old */
-    if (b->words && count != b->light_count && (eol_link_get32(frame + 9) & b->own) && !b->order_ms) {
+    if (b->words && count != b->light_count && (light & b->own) && !b->order_ms) {
         b->order_ms = (uint8_t)(EOL_BLOCK_ORDER_MS * eol_link_orders(groups));
-        eol_light_flash(&b->light);
+        eol_light_flash(&b->light, (uint8_t)(EOL_WHOLE - (light >> EOL_WORD_DIM_BIT)));
         if (each) eol_light_told(&b->light, falls); /* this word knows of the flash */
     }
     b->light_count = count;

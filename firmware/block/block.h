@@ -20,7 +20,7 @@ extern "C" {
 
 enum {
     EOL_BLOCK_MAJOR = 2,
-    EOL_BLOCK_MINOR = 5,
+    EOL_BLOCK_MINOR = 6,
     EOL_BLOCK_NUMBERS = EOL_GROUP * EOL_GROUPS,
     EOL_BLOCK_TRIES = 12,          /* of one knock, until somebody has heard it */
     EOL_BLOCK_STATUS_MS = 1000,    /* from status to status, for each group; the bridge misses a block after three */

@@ -32,9 +32,9 @@ void eol_light_begin(eol_light *light, uint8_t by_itself, uint8_t peak, uint16_t
     light->left_ms = 0;
 }
 
-void eol_light_flash(eol_light *light)
+void eol_light_flash(eol_light *light, uint8_t share)
 {
-    uint32_t peak = (uint32_t)light->peak << 16, least = peak;
+    uint32_t peak = ((uint32_t)light->peak << 16) / EOL_WHOLE * share, least = peak;
     if (light->each) { /* three quarters after rest; on light that is left, a quarter more */
         least = light->level + peak / 4;
         if (least < peak - peak / 4) least = peak - peak / 4;
@@ -46,7 +46,7 @@ void eol_light_flash(eol_light *light)
 
 uint8_t eol_light_felt(eol_light *light)
 {
-    if (light->by_itself) eol_light_flash(light);
+    if (light->by_itself) eol_light_flash(light, EOL_WHOLE);
     return light->by_itself;
 }
 

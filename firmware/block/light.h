@@ -19,6 +19,8 @@
 
 #include <stdint.h>
 
+#include "../link.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -47,8 +49,8 @@ void eol_light_begin(eol_light *light, uint8_t by_itself, uint8_t peak, uint16_t
 /* The detector felt a knock. Returns 1 when that lit the block. */
 uint8_t eol_light_felt(eol_light *light);
 
-/* The bridge says: light up. */
-void eol_light_flash(eol_light *light);
+/* The bridge says: light up, to `share` / EOL_WHOLE of the peak. */
+void eol_light_flash(eol_light *light, uint8_t share);
 
 /* The bridge says whether light may fall. */
 void eol_light_told(eol_light *light, uint8_t falls);

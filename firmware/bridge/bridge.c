@@ -67,12 +67,13 @@ static void limit(eol_bridge *b, uint64_t now_us)
     }
 }
 
-static void lit(eol_bridge *b, uint64_t now_us, uint8_t number)
+static void lit(eol_bridge *b, uint64_t now_us, uint8_t number, uint8_t share)
 {
+    double of_peak = share / (double)EOL_WHOLE;
     if (each_field(b))
-        eol_local_slip(&b->light.local, seconds(now_us), number);
+        eol_local_slip(&b->light.local, seconds(now_us), number, of_peak);
     else
-        eol_flash_slip(&b->light.field, seconds(now_us), number);
+        eol_flash_slip(&b->light.field, seconds(now_us), number, of_peak);
 }
 
 void eol_bridge_begin(eol_bridge *b, uint64_t now_us)
@@ -84,7 +85,7 @@ void eol_bridge_begin(eol_bridge *b, uint64_t now_us)
     b->columns = EOL_LOCAL_COLUMNS;
     b->most = EOL_LOCAL_FALLS;
     b->reported = b->places = EOL_LOCAL_BLOCKS;
-    for (int k = 0; k < EOL_GROUPS; k++) b->groups[k].infrared = ALL;
+    for (int k = 0; k < EOL_GROUPS; k++) b->groups[k].infrared = ALL, b->groups[k].share = EOL_WHOLE;
     limit(b, now_us);
     b->word_us = now_us;
 }
@@ -184,8 +185,8 @@ static uint8_t bit(const uint8_t *mask, size_t size, uint8_t k)
     return k / 8u < size && (mask[k / 8] >> k % 8 & 1);
 }
 
-/* Let the blocks of a mask flash. */
-static void order(eol_bridge *b, uint64_t now_us, const uint8_t *mask, size_t size)
+/* Let the blocks of a mask flash to `share`; with orders that are told again, to the brightest of them. */
+static void order(eol_bridge *b, uint64_t now_us, const uint8_t *mask, size_t size, uint8_t share)
 {
     uint16_t again_ms = (uint16_t)(EOL_BRIDGE_ORDER_MS * eol_link_orders(groups(b)));
     uint32_t now_ms = to_ms(now_us);
@@ -200,6 +201,7 @@ static void order(eol_bridge *b, uint64_t now_us, const uint8_t *mask, size_t si
             one->ordered_ms = (uint16_t)now_ms;
         }
         if (!fresh) continue;
+        if (!kept || group->share < share) group->share = share;
         group->order = kept | fresh;
         group->order_ms = now_ms;
         group->orders++;
@@ -214,7 +216,7 @@ static void take(eol_bridge *b, uint64_t now_us, uint8_t kind, const uint8_t *bo
     if (kind == EOL_HELLO && size == 1) {
         out[0] = EOL_VERSION;
         out[1] = EOL_BLOCKS;
-        memcpy(out + 2, "eol bridge 2.5", 14);
+        memcpy(out + 2, "eol bridge 2.6", 14);
         lattice(b, now_us, EOL_LOCAL_COLUMNS, EOL_LOCAL_FALLS, EOL_LOCAL_BLOCKS); /* until this host says another */
         if (body[0] == EOL_VERSION) {
             send(b, EOL_WELCOME, out, 18);
@@ -262,7 +264,9 @@ static void take(eol_bridge *b, uint64_t now_us, uint8_t kind, const uint8_t *bo
         b->test = (uint8_t)(body[0] + 1);
         b->test_us = now_us;
     } else if (kind == EOL_LIGHT && size >= 8) {
-        order(b, now_us, body + 4, size - 4);
+        order(b, now_us, body + 4, size - 4, EOL_WHOLE);
+    } else if (kind == EOL_DIM_LIGHT && size >= 9 && body[0] > 0 && body[0] <= EOL_WHOLE) {
+        order(b, now_us, body + 5, size - 5, body[0]);
     }
 }
 
@@ -306,7 +310,7 @@ void eol_bridge_heard(eol_bridge *b, uint64_t now_us, const uint8_t *frame)
     one->knocked = 1;
     one->knocks = frame[9];
     if (frame[0] == EOL_FRAME_LIT || eol_link_get16(frame + 7) != EOL_NOT_LIT) {
-        lit(b, now_us, number);
+        lit(b, now_us, number, EOL_WHOLE);
         if (!each_field(b) && b->decided && eol_flash_holds(&b->light.field, seconds(now_us))) b->word_us = now_us; /* at once */
     }
     if (frame[0] == EOL_FRAME_LIT) return;
@@ -350,7 +354,7 @@ uint8_t eol_bridge_says(eol_bridge *b, uint64_t now_us, uint8_t *frame)
         report_all(b, now_us);
         b->word_us = now_us + EOL_WORD_MS * 1000;
         for (uint8_t n = 0; group->due; n++, group->due >>= 1) /* of all groups at once it takes too long */
-            if (group->due & 1) lit(b, now_us, (uint8_t)(b->group * EOL_GROUP + n));
+            if (group->due & 1) lit(b, now_us, (uint8_t)(b->group * EOL_GROUP + n), group->share);
         if (to_ms(now_us) - group->order_ms > OLD_ORDER_MS) group->order = 0;
         b->decided = !each_field(b) && !eol_flash_holds(&b->light.field, seconds(now_us));
         frame[0] = (uint8_t)(EOL_FRAME_WORD + b->group);
@@ -367,7 +371,7 @@ uint8_t eol_bridge_says(eol_bridge *b, uint64_t now_us, uint8_t *frame)
         frame[2] = b->peak;
         eol_link_put16(frame + 3, b->decay_ms);
         eol_link_put32(frame + 5, group->infrared | (uint32_t)(groups(b) - 1) << EOL_WORD_GROUPS_BIT);
-        eol_link_put32(frame + 9, group->order);
+        eol_link_put32(frame + 9, group->order | (uint32_t)(EOL_WHOLE - group->share) << EOL_WORD_DIM_BIT);
         frame[13] = group->orders;
         if (now_us - b->test_us > EOL_BRIDGE_TEST_US) b->test = 0;
         frame[14] = b->test;

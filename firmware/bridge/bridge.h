@@ -26,7 +26,7 @@ extern "C" {
 
 enum {
     EOL_BRIDGE_MAJOR = 2,
-    EOL_BRIDGE_MINOR = 5,
+    EOL_BRIDGE_MINOR = 6,
     EOL_BRIDGE_ROOM = 1024,           /* bytes that wait for the host; a power of two */
     EOL_BRIDGE_SILENT_MS = 3000,      /* a block that was heard and now is not; for each group */
     EOL_BRIDGE_ORDER_MS = 20,         /* an order is told again with one that follows so soon; eol_link_orders times that */
@@ -56,6 +56,7 @@ typedef struct {
     uint32_t due;             /* of the order: what is not counted, for no word has said it */
     uint32_t order_ms;
     uint8_t orders;
+    uint8_t share;            /* of the peak, in 1 / EOL_WHOLE, that the order sets */
 } eol_bridge_group;
 
 typedef struct {

@@ -65,11 +65,12 @@ void eol_flash_begin(eol_flash_field *field, double decay_s, double peak, uint8_
     field->now_s = field->fall_at_s = field->fell_s = LONG_AGO_S;
 }
 
-void eol_flash_slip(eol_flash_field *field, double now_s, uint8_t block)
+void eol_flash_slip(eol_flash_field *field, double now_s, uint8_t block, double share)
 {
+    double peak = share * field->peak;
     if (block >= field->count) return;
     advance(field, now_s);
-    if (field->level[block] < field->peak) field->level[block] = field->peak;
+    if (field->level[block] < peak) field->level[block] = peak;
     if (field->limited && field->fall_at_s < field->now_s) { /* not in hold already */
         double next_s = field->fell_s + MIN_PERIOD_S;
         field->fall_at_s = next_s > field->now_s ? next_s : field->now_s;

@@ -35,8 +35,8 @@ typedef struct {
 /* Begin with `count` blocks in the dark. `decay_s` > 0: time constant of a fall; `peak` 0..1: what a slip sets. */
 void eol_flash_begin(eol_flash_field *field, double decay_s, double peak, uint8_t limited, uint8_t count);
 
-/* Light `block` at `now_s`; nothing falls until the limit allows it again. */
-void eol_flash_slip(eol_flash_field *field, double now_s, uint8_t block);
+/* Light `block` at `now_s` to a share of the peak; nothing falls until the limit allows it again. */
+void eol_flash_slip(eol_flash_field *field, double now_s, uint8_t block, double share);
 
 /* Write the level 0..255 of each block at `now_s`. */
 void eol_flash_levels(eol_flash_field *field, double now_s, uint8_t *levels);

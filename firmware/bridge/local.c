@@ -157,18 +157,18 @@ void eol_local_set(eol_local_field *field, double now_s, double decay_s, double 
     set_peak(field, peak);
 }
 
-void eol_local_slip(eol_local_field *field, double now_s, uint8_t block)
+void eol_local_slip(eol_local_field *field, double now_s, uint8_t block, double share)
 {
     eol_local_block *one = field->block + block;
-    double before, full, more, first = FIRST * field->peak;
+    double before, full, more, peak = share * field->peak, first = FIRST * peak;
     advance(field, now_s, block);
     before = level(one);
-    full = before > field->peak ? before : field->peak;
-    more = before + (1.0 - FIRST) * field->peak;
+    full = before > peak ? before : peak;
+    more = before + (1.0 - FIRST) * peak;
     if (more > first)
         one->height = full > 0.0 ? log((more < full ? more : full) / DARK) : 0.0;
     else
-        one->height = field->first;
+        one->height = share < 1.0 ? field->first + log(share) : field->first;
     if (one->fall_s >= field->now_s) return; /* held, or lit at this very moment */
     if (before > 0.0) ended(one, field->now_s, field->period_s);
     one->fall_s = field->now_s;

@@ -49,8 +49,8 @@ double eol_local_period(uint8_t count);
 /* Change how blocks flash from `now_s` on. */
 void eol_local_set(eol_local_field *field, double now_s, double decay_s, double peak);
 
-/* Light `block` at `now_s`. */
-void eol_local_slip(eol_local_field *field, double now_s, uint8_t block);
+/* Light `block` at `now_s` to a share of the peak. */
+void eol_local_slip(eol_local_field *field, double now_s, uint8_t block, double share);
 
 /* Let `block` not fall before `until_s`, nor within a period. */
 void eol_local_hold(eol_local_field *field, double now_s, double until_s, uint8_t block);

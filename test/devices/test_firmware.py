@@ -45,6 +45,7 @@ MESSAGES = [
     p.Lighting(p.BY_ITSELF | p.LIMITED, 255, 350),
     p.Detector(256, 13, 40, 7000, 67, 2016, 80640),
     p.Light(2**32 - 1, 2**25 - 1),
+    p.DimLight(64, 2**32 - 1, 2**25 - 1),
     p.Lattice(4, 1, 12),
     p.Knock(99, 24, 65535, p.NOT_LIT, p.WOKE),
     p.BlockStatus(p.BRIDGE, 3000, -5, 2, 0, p.LINKED | p.SENSOR_DEAD),
@@ -104,6 +105,7 @@ def test_both_name_the_same_kinds_and_flags(tmp_path):
     kinds = {m.__name__.upper(): m.KIND for m in p.MESSAGES.values()}
     kinds['KNOCKED'], kinds['BLOCK_STATUS'] = kinds.pop('KNOCK'), kinds.pop('BLOCKSTATUS')
     kinds['SELF_TEST'], kinds['SELF_TESTED'] = kinds.pop('SELFTEST'), kinds.pop('SELFTESTED')
+    kinds['DIM_LIGHT'] = kinds.pop('DIMLIGHT')
     flags = ('BY_ITSELF', 'LIMITED', 'WOKE', 'LINKED', 'SENSOR_DEAD', 'ASLEEP', 'ANSWERS', 'BRIDGE')
     numbers = kinds | {n: getattr(p, n) for n in (*flags, 'NOT_LIT', 'VERSION', 'MAX_BODY')}
     tests = '\n'.join(f'typedef char is_{n}[EOL_{n} == {v} ? 1 : -1];' for n, v in numbers.items())

@@ -46,7 +46,7 @@ void storm(double decay_s, int slips, const double *at_s, const uint8_t *block, 
     eol_local_begin(&field, decay_s, 1.0);
     for (int k = 0; k < frames; k++) {
         for (; next < slips && at_s[next] <= k / hz; next++)
-            eol_local_slip(&field, at_s[next], block[next]);
+            eol_local_slip(&field, at_s[next], block[next], 1.0);
         eol_local_levels(&field, k / hz, shown + k * B);
     }
 }
@@ -65,7 +65,7 @@ void adversary(double decay_s, uint32_t mask, int depth, int often, int seed, in
             if (now[b] > peak[b]) peak[b] = now[b];
             if (!(mask >> b & 1) || (peak[b] && peak[b] - now[b] < depth)) continue;
             if (rand() % 1000 >= often) continue;
-            eol_local_slip(&field, t * 1e-3, (uint8_t)b);
+            eol_local_slip(&field, t * 1e-3, (uint8_t)b, 1.0);
             peak[b] = 0;
         }
         for (; frame < frames && frame / hz < (t + 1) * 1e-3; frame++)
@@ -106,9 +106,10 @@ static void say_lighting(eol_bridge *bridge, int t, uint8_t *lighting)
 }
 
 /* `ms` milliseconds of the whole firmware of all blocks and their bridge. felt[t * B + b]: block b
- * feels a knock (1) or a weak one (2), or the host lights it (3). `flags` are those of Lighting. Of
- * 1000 frames `lost` are lost either way, and so many answers. The bridge is started again at
- * `gone_ms`, after 0.1 s, and block 12 at `reset_ms`. shown[t * B + b]: the light of a block. */
+ * feels a knock (1) or a weak one (2), or the host lights it (3), or to half of the peak (4).
+ * `flags` are those of Lighting. Of 1000 frames `lost` are lost either way, and so many answers.
+ * The bridge is started again at `gone_ms`, after 0.1 s, and block 12 at `reset_ms`.
+ * shown[t * B + b]: the light of a block. */
 void table(int ms, const uint8_t *felt, int flags, int decay_ms, int lost, int gone_ms,
            int reset_ms, uint8_t *shown)
 {
@@ -123,7 +124,7 @@ void table(int ms, const uint8_t *felt, int flags, int decay_ms, int lost, int g
     for (int b = 0; b < B; b++) eol_block_begin(&block[b], (uint8_t)b), measured[b] = -1;
     for (int t = 0; t < ms; t++) {
         uint32_t now_us = 1000u * (uint32_t)t;
-        uint8_t light[33] = {0}, lights = 0;
+        uint8_t light[33] = {0}, dim[34] = {EOL_WHOLE / 2}, lights = 0, dims = 0;
         int there = t < gone_ms || t >= gone_ms + 100;
         if (t == gone_ms + 100) eol_bridge_begin(&bridge, now_us);
         if (t == gone_ms + 300) say_lighting(&bridge, t, lighting);
@@ -132,6 +133,7 @@ void table(int ms, const uint8_t *felt, int flags, int decay_ms, int lost, int g
             uint8_t kind = felt[t * B + b];
             int busy = measured[b] >= 0;
             if (word[0] && rand() % 1000 >= lost) eol_block_heard(&block[b], word);
+            if (kind == 4) dim[5 + b / 8] |= (uint8_t)(1 << b % 8), dims = 1;
             if (kind == 3) light[4 + b / 8] |= (uint8_t)(1 << b % 8), lights = 1;
             if ((kind == 1 || kind == 2) && !busy && t > reset_ms + (b == 12 ? 380 : 0)) {
                 eol_block_sample(&block[b], now_us, 1, 0);
@@ -151,6 +153,7 @@ void table(int ms, const uint8_t *felt, int flags, int decay_ms, int lost, int g
         word[0] = 0;
         if (!there) continue;
         if (lights) host(&bridge, t, EOL_LIGHT, light, B > 32 ? sizeof light : 8);
+        if (dims) host(&bridge, t, EOL_DIM_LIGHT, dim, B > 32 ? sizeof dim : 9);
         if (eol_bridge_says(&bridge, now_us, frame) && frame[0] >= EOL_FRAME_WORD)
             memcpy(word, frame, EOL_FRAME);
         while (eol_bridge_sends(&bridge, &byte)) {}
@@ -176,13 +179,13 @@ def bridge(tmp_path_factory):
     lib.adversary.argtypes = [number, ctypes.c_uint32, *[ctypes.c_int] * 4, number, memory]
     lib.eol_local_begin.argtypes = [memory, number, number]
     lib.eol_local_shape.argtypes = [memory, *[ctypes.c_uint8] * 3]
-    lib.eol_local_slip.argtypes = [memory, number, ctypes.c_uint8]
+    lib.eol_local_slip.argtypes = [memory, number, ctypes.c_uint8, number]
     lib.eol_local_hold.argtypes = [memory, number, number, ctypes.c_uint8]
     lib.eol_local_levels.argtypes = [memory, number, memory]
     lib.eol_local_falls.argtypes = [memory, number, ctypes.c_uint8]
     lib.eol_local_falls.restype = ctypes.c_uint32
     lib.eol_flash_begin.argtypes = [memory, number, number, *[ctypes.c_uint8] * 2]
-    lib.eol_flash_slip.argtypes = [memory, number, ctypes.c_uint8]
+    lib.eol_flash_slip.argtypes = [memory, number, ctypes.c_uint8, number]
     lib.eol_flash_levels.argtypes = [memory, number, memory]
     lib.eol_flash_hold.argtypes = [memory, number, number]
     lib.eol_flash_holds.argtypes = [memory, number]
@@ -205,8 +208,8 @@ class Field:
         self.out = ctypes.create_string_buffer(count)
         getattr(lib, f'eol_{self.KIND}_begin')(self.memory, *settings)
 
-    def slip(self, now_s, block):
-        self._slip(self.memory, now_s, block)
+    def slip(self, now_s, block, share=1.0):
+        self._slip(self.memory, now_s, block, share)
 
     def hold(self, *when):
         self._hold(self.memory, *when)
@@ -244,8 +247,9 @@ def furthest_local(lib, seed, sequences, table=Table()):
             now_s += step if random.uniform() < 0.98 else -step
             block = int(random.choice(some))
             if random.uniform() < 0.98:
-                ours.slip(now_s, block)
-                theirs.slip(now_s, block)
+                share = random.choice([1.0, 0.7, 33 / 128])
+                ours.slip(now_s, block, share)
+                theirs.slip(now_s, block, share)
             else:
                 until_s = now_s + random.choice([0.0, 2.0])
                 ours.hold(now_s, until_s, block)
@@ -271,8 +275,9 @@ def furthest(lib, seed, sequences):
             now_s += step if random.uniform() < 0.95 else -step  # a clock may go back
             if random.uniform() < 0.5:
                 block = int(random.integers(N_BLOCKS))
-                ours.slip(now_s, block)
-                theirs.slip(now_s, block)
+                share = random.choice([1.0, 0.7, 1 / 128])
+                ours.slip(now_s, block, share)
+                theirs.slip(now_s, block, share)
             elif random.uniform() < 0.1:
                 until_s = now_s + random.exponential(0.5)
                 ours.hold(now_s, until_s)
@@ -485,6 +490,19 @@ def test_an_order_of_225_blocks_is_obeyed_within_the_time_of_30_a_second(of_larg
         felt[at_ms, block] = 3
     light = shown(of_largest, felt)
     assert all(light[at_ms + 5, block] > 0.5 for at_ms, block in ordered)
+
+
+def test_an_order_of_half_of_the_peak_gives_half_of_the_light(bridge):
+    """Beside an order of the whole peak that is still told again, all get the whole."""
+    felt = np.zeros((MS, N_BLOCKS), np.uint8)
+    felt[1200, 3] = felt[1500, 4] = felt[1510, 5] = felt[1600, 6] = 4
+    felt[1500, 7] = 3
+    light = shown(bridge, felt)
+
+    brightest = light.max(axis=0)
+    assert brightest[[3, 6]] == pytest.approx(0.375, abs=0.01)
+    assert brightest[[4, 5, 7]] == pytest.approx(0.75, abs=0.01)
+    assert light[3900].max() == 0
 
 
 def both(bridge, hz, seed, table, begin):

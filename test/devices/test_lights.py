@@ -388,6 +388,21 @@ def test_light_runs_on_over_dark_blocks_at_the_delay_of_its_look(fake, make_ligh
     assert len(lights._running) == 0
 
 
+@pytest.mark.parametrize(('version', 'level'), [((2, 5), 191), (protocol.DIM_FROM, 96)])
+def test_running_light_gets_dimmer_where_the_firmware_can(fake, make_lights, version, level):
+    lights = make_lights(port=fake.port, spread_blocks=1, spread_share=0.5, spread_delay_s=0.05)
+    fake.firmware = version
+    fake.report(7)
+    wait_until(lambda: lights.board.blocks[7].minor == version[1])
+    lights.follow_firmware()
+    seen(lights, 0, time.time_ns())
+    brightest = np.max([np.frombuffer(one.white, np.uint8) for one in told_by(lights)], axis=0)
+
+    assert brightest[[0, 1, 5]].tolist() == [191, level, level]
+    kinds = [a.kind for a in fake.log if 'Light' in a.kind and a.kind != 'Lighting']
+    assert kinds == ['Light', *['Light' if level == 191 else 'DimLight'] * 2]
+
+
 def test_an_afterglow_runs_through_the_last_slips_in_their_order(fake, make_lights):
     lights = make_lights(port=fake.port, afterglow_s=1.2, decay_s=0.05)
     began_ns = time.time_ns()

@@ -23,7 +23,7 @@ from eol_ros.core.table import Table
 
 FIELD_SR = 0.006  # WCAG 2.2: a quarter of a 10 degree field
 HALF_FIELD_DEG = 5.0
-NEAREST_M = 0.8  # from eye to block, the least distance that the limit is for
+NEAREST_M = 0.2  # from eye to block, the least distance of a field that is looked at
 LOWEST_DEG = 30.0  # elevation of the eye over the table, seen from a block
 NEARER = 0.06  # share of the pitch by which a square of blocks may have contracted
 PIXELS = 41  # across a field

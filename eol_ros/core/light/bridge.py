@@ -57,12 +57,13 @@ class Bridge:
             self.field.slip(now_s, block)
         return self.by_itself
 
-    def light(self, now_s: float, mask: int) -> None:
-        """Light the blocks of `mask`; without the bridge nobody tells them."""
+    def light(self, now_s: float, mask: int, share: float = 1.0) -> None:
+        """Light the blocks of `mask` to a share of the peak; without the bridge nobody tells
+        them."""
         if self.linked:
             for block in self.table.ids.tolist():
                 if mask >> block & 1:
-                    self.field.slip(now_s, block)
+                    self.field.slip(now_s, block, share)
 
     def link(self, now_s: float, linked: bool) -> None:
         """The bridge comes or goes.

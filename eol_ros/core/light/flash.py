@@ -85,10 +85,11 @@ class FlashField:
         self._fall_at_s = -math.inf  # when the present fall began, or the next one may
         self._fell_s = -math.inf  # when light was last seen falling
 
-    def slip(self, now_s: float, block: int) -> None:
-        """Light `block` at `now_s`; the field stops falling until the limit allows it again."""
+    def slip(self, now_s: float, block: int, share: float = 1.0) -> None:
+        """Light `block` at `now_s` to a share of the peak; the field stops falling until the limit
+        allows it again."""
         self._advance(now_s)
-        self._level[block] = max(self._level[block], self.peak)
+        self._level[block] = max(self._level[block], share * self.peak)
         if self.limited and self._fall_at_s < self._now_s:  # not in hold already
             self._fall_at_s = max(self._now_s, self._fell_s + MIN_PERIOD_S)
             self.lengthened += self._fall_at_s > self._now_s

@@ -33,8 +33,8 @@ class Frames:
         self._period = 1e9 / rate_hz
         self._anchor_ns = self._last_ns = 0
         self._count = 0  # frames since the anchor
-        # heap by stamp; last, whether light has run there from another block
-        self._kept: list[tuple[int, int, tuple[int, ...], Any, int | None, bool]] = []
+        # heap by stamp; last, to which share of the peak light has run there from another block
+        self._kept: list[tuple[int, int, tuple[int, ...], Any, int | None, float | None]] = []
         self._number = 0
         self._knock_ns: dict[int, int] = {}  # the last of each block
         self._lit_ns: dict[int, int] = {}  # when it was last lit
@@ -50,12 +50,13 @@ class Frames:
         cause: Any,
         *blocks: int,
         onset_ns: int | None = None,
-        spread: bool = False,
+        spread: float | None = None,
     ) -> None:
         """Keep that `blocks` were lit at `stamp_ns` until `due` comes to it.
 
         By their knocks; or with `onset_ns` for a slip that began then, if they had not lit it; or
-        by light that `spread` from another block, if they had been dark for REST_S.
+        by light that has run there from another block, to the share `spread` of the peak, if they
+        had been dark for REST_S.
         """
         self._number += 1
         heapq.heappush(self._kept, (stamp_ns, self._number, blocks, cause, onset_ns, spread))
@@ -68,7 +69,7 @@ class Frames:
         found: list[tuple[int, bytes, Any]] = []
         while self._kept and self._kept[0][0] <= stamp_ns:
             at_ns, _, blocks, cause, onset_ns, spread = heapq.heappop(self._kept)
-            if spread:
+            if spread is not None:
                 blocks = tuple(b for b in blocks if self.rested(b, at_ns))
                 if not blocks:
                     continue
@@ -77,14 +78,15 @@ class Frames:
             elif any(self._knock_ns.get(b, -FELT_NS) > onset_ns - FELT_NS for b in blocks):
                 continue
             found += [(t, levels, None) for t, levels in self._until(at_ns)]
-            found.append((at_ns, self._lit(at_ns, blocks), cause))
+            share = 1.0 if spread is None else spread
+            found.append((at_ns, self._lit(at_ns, blocks, share), cause))
         return found + [(t, levels, None) for t, levels in self._until(stamp_ns)]
 
     def rested(self, block: int, at_ns: int) -> bool:
         """Return whether `block` had not been lit for REST_S at `at_ns`, as far as `due` came."""
         return at_ns - self._lit_ns.get(block, -(10**18)) >= REST_S * 1e9
 
-    def _lit(self, stamp_ns: int, blocks: tuple[int, ...]) -> bytes:
+    def _lit(self, stamp_ns: int, blocks: tuple[int, ...], share: float) -> bytes:
         if self.field.dark:
             self._anchor_ns, self._count = stamp_ns, 0
         elif stamp_ns < self._last_ns:
@@ -92,7 +94,7 @@ class Frames:
         self._last_ns = max(stamp_ns, self._last_ns)
         self._lit_ns.update(dict.fromkeys(blocks, stamp_ns))
         for block in blocks:
-            self.field.slip(stamp_ns * NS, block)
+            self.field.slip(stamp_ns * NS, block, share)
         return self.field.level_bytes(stamp_ns * NS)
 
     def _until(self, stamp_ns: int) -> list[tuple[int, bytes]]:

@@ -84,12 +84,11 @@ class LocalField(FlashField):
         self._fall_s = np.full(n, -math.inf)  # when its fall began, or the next one may
         self._ends_s = np.full((n, block_falls(table)), -math.inf)  # of its last falls, rising
 
-    def slip(self, now_s: float, block: int) -> None:
-        """Light `block` at `now_s`; its light falls when the limit allows."""
+    def slip(self, now_s: float, block: int, share: float = 1.0) -> None:
+        """Light `block` at `now_s` to a share of the peak; it falls when the limit allows."""
         self._advance(now_s)
-        before = self._level[block]
-        full = max(before, self.peak)
-        self._level[block] = min(full, max(FIRST * self.peak, before + (1 - FIRST) * self.peak))
+        before, peak = self._level[block], share * self.peak
+        self._level[block] = min(max(before, peak), max(FIRST * peak, before + (1 - FIRST) * peak))
         if self._fall_s[block] >= self._now_s:  # held, or lit at this very moment
             return
         if before > 0:

@@ -2,8 +2,9 @@
 """Looks: what a slip's light does besides lighting its own block.
 
 With a spread, light runs from the block that slips over the lattice, `delay_s` a block, up to
-`blocks` away. It lights no block that has been lit within REST_S, so it is seen where a cascade
-begins, and takes no flash of the limit from a block's own slips.
+`blocks` away. Each block is lit to `share` of the level of the block before it. Running light skips
+blocks that have been lit within REST_S. So it is seen where a cascade begins, and takes no flash of
+the limit from a block's own slips.
 
 With an afterglow, a block that has stayed dark since its slip lights up once more: so a cascade
 that is over runs through the blocks again, in the order of its last slips.
@@ -11,6 +12,7 @@ that is over runs through the blocks again, in the order of its last slips.
 
 from typing import NamedTuple
 
+from eol_ros.core.serial_protocol import SHARES
 from eol_ros.core.table import Table
 
 REST_S = 1.0
@@ -20,34 +22,40 @@ class Look(NamedTuple):
     """Time constant of a flash in s, blocks that light runs on, delay from block to block in s.
 
     `afterglow_s`: from a slip to the second lighting of its block, at least REST_S; 0: none.
+    `share`: light of a block that light runs to, over that of the block before it.
     """
 
     decay_s: float
     blocks: int
     delay_s: float
     afterglow_s: float = 0.0
+    share: float = 1.0
 
 
 LOOKS = {
-    'lightning': Look(0.06, 2, 0.03),
-    'wildfire': Look(0.15, 4, 0.1),
+    'lightning': Look(0.06, 3, 0.03, share=0.6),
+    'wildfire': Look(0.15, 4, 0.1, share=0.7),
     'embers': Look(0.4, 0, 0.1),
 }
 
 
-def spread(block: int, look: Look, table: Table = Table()) -> list[tuple[float, int]]:
-    """Return the blocks that a slip of `block` lights besides, and after how many s.
+def spread(block: int, look: Look, table: Table = Table()) -> list[tuple[float, int, float]]:
+    """Return the blocks that a slip of `block` lights besides: after how many s, which, and to
+    which share of the peak, a multiple of 1 / SHARES.
 
     Examples
     --------
-    >>> spread(0, Look(0.1, 1, 0.05))
-    [(0.05, 1), (0.05, 5)]
+    >>> spread(0, Look(0.1, 1, 0.05, share=0.5))
+    [(0.05, 1, 0.5), (0.05, 5, 0.5)]
     >>> spread(0, Look(0.1, 0, 0.05, afterglow_s=2.0))
-    [(2.0, 0)]
+    [(2.0, 0, 1.0)]
     """
-    seen, front, found = {block}, [block], []
+    seen, front, share = {block}, [block], 1.0
+    found: list[tuple[float, int, float]] = []
     for ring in range(1, look.blocks + 1):
         front = sorted({other for one in front for other in table.neighbours(one)} - seen)
         seen.update(front)
-        found += [(ring * look.delay_s, other) for other in front]
-    return found + [(max(look.afterglow_s, REST_S), block)] * (look.afterglow_s > 0)
+        share *= look.share
+        told = max(1, round(share * SHARES)) / SHARES  # as the wire has it
+        found += [(ring * look.delay_s, other, told) for other in front]
+    return found + [(max(look.afterglow_s, REST_S), block, 1.0)] * (look.afterglow_s > 0)

@@ -121,16 +121,18 @@ class Board:
         """True while the board answers."""
         return self.state.kind == 'ready'
 
-    def light(self, mask: int, stamp_us: int) -> int | None:
+    def light(self, mask: int, stamp_us: int, share: float = 1.0) -> int | None:
         """Make the blocks of `mask` flash, for an image with this stamp in us (low 32 bits).
+
+        To `share` of the peak, a multiple of 1 / SHARES; below 1 the firmware must know it.
 
         Returns the number of the packet, or None when it could not be sent now.
         """
-        return (
-            self._send(protocol.Light(stamp_us & 0xFFFFFFFF, self._driven(mask)))
-            if self.ready
-            else None
-        )
+        told = stamp_us & 0xFFFFFFFF, self._driven(mask)
+        light: protocol.Message = protocol.Light(*told)
+        if share < 1:
+            light = protocol.DimLight(round(share * protocol.SHARES), *told)
+        return self._send(light) if self.ready else None
 
     def configure(self, *messages: protocol.Message) -> None:
         """Say how blocks flash and what they feel; a board that comes back is told again."""

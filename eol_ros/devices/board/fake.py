@@ -68,6 +68,8 @@ def obey(bridge: Bridge, now_s: float, message: protocol.Message) -> None:
         bridge.configure(now_s, by_itself, limit, message.peak / 255, message.decay_ms * 1e-3)
     elif isinstance(message, protocol.Light):
         bridge.light(now_s, message.mask)
+    elif isinstance(message, protocol.DimLight):
+        bridge.light(now_s, message.mask, message.share / protocol.SHARES)
 
 
 class FakeBoard:

@@ -142,6 +142,7 @@ class Lights:
         self._ids = frozenset(table.ids.tolist())
         self._lattice = protocol.Lattice(table.columns, block_falls(table), table.cells)
         self._limit = self._kept_limit({})  # as the board can keep it
+        self._dims = s.port == 'twin'  # blocks and bridge know DimLight
         self.frames = self._new_frames()
         self._clock = StampWatch(SET_S, SET_S)
         self._asleep = False
@@ -153,7 +154,8 @@ class Lights:
         self._shone: OrderedDict[tuple[int, int], int] = OrderedDict()  # knock: when it shone
         self._shone_ns = [0] * table.cells  # when each last lit itself
         self._lit_ns = [0] * table.cells  # when each block was last lit, as far as that is known
-        self._running: list[tuple[int, int]] = []  # heap: when light runs to which block
+        # heap: when light runs to which block, and to which share of the peak
+        self._running: list[tuple[int, int, float]] = []
         self._twin_sigma_s = 0.0  # of the time of a knock
         if s.port == 'twin':
             from eol_ros.devices.board.twin import SIGMA_S, TwinBoard
@@ -225,7 +227,7 @@ class Lights:
     def _look(self) -> Look:
         s = self._settings
         return LOOKS.get(s.look) or Look(
-            s.decay_s, s.spread_blocks, s.spread_delay_s, s.afterglow_s
+            s.decay_s, s.spread_blocks, s.spread_delay_s, s.afterglow_s, s.spread_share
         )
 
     def slip(self, block: int, stamp_ns: int, onset_ns: int) -> float | None:
@@ -283,18 +285,19 @@ class Lights:
     def _run_on(self, block: int, at_ns: int) -> None:
         """Let light run on from `block`, which was lit at `at_ns`."""
         self._lit_ns[block] = max(at_ns, self._lit_ns[block])
-        for after_s, other in spread(block, self._look, self.table):
-            heapq.heappush(self._running, (at_ns + round(after_s * 1e9), other))
+        for after_s, other, share in spread(block, self._look, self.table):
+            one = (at_ns + round(after_s * 1e9), other, share if self._dims else 1.0)
+            heapq.heappush(self._running, one)
 
     def _run(self, now_ns: int) -> None:
         """Light the blocks that running light has come to by now."""
         if self._played is not None and self.by_stamp:
             now_ns = self._played.recorded_ns(now_ns)
         while self._running and self._running[0][0] <= now_ns:
-            at_ns, block = heapq.heappop(self._running)
+            at_ns, block, share = heapq.heappop(self._running)
             if at_ns - self._lit_ns[block] >= REST_S * 1e9:
                 self._lit_ns[block] = at_ns
-                self._light(0, block, at_ns=at_ns, spread=True)
+                self._light(0, block, at_ns=at_ns, spread=share)
 
     def test(self, stamp_ns: int) -> None:
         """Light all blocks once, for the people who set up and asked for it at `stamp_ns`."""
@@ -308,8 +311,11 @@ class Lights:
         return [Sent(sequence, self._white, self.board.infrared_on, 0, time.time_ns())]
 
     def follow_firmware(self) -> None:
-        """Limit the whole field while the bridge or a block has firmware that knows no other."""
+        """Limit the whole field while the bridge or a block has firmware that knows no other; dim
+        no light while one cannot."""
         found = {n: (b.major, b.minor) for n, b in dict(self.board.blocks).items()}
+        if found:
+            self._dims = all(v >= protocol.DIM_FROM for v in found.values() if v > (0, 0))
         limit = self._kept_limit(found)
         if limit != self._limit and found:
             before, self._limit = self.frames.field, limit
@@ -382,17 +388,19 @@ class Lights:
         *blocks: int,
         at_ns: int = 0,
         onset_ns: int | None = None,
-        spread: bool = False,
+        spread: float | None = None,
     ) -> int:
         """Light `blocks` now, for the image or tap of `stamp_ns`; where there is none, for `at_ns`.
 
+        With `spread`: for light that has run there, to this share of the peak.
         Returns when the packet was sent, ns; 0 where the line is down or the board lacks them.
         """
         at_ns = at_ns or self._at_ns(stamp_ns)
         count = self.board.count or self.table.cells  # 0: not known, and no line to send on
         blocks = tuple(block for block in blocks if block < count)
         mask = sum(1 << block for block in blocks)
-        sequence = self.board.light(mask, self._wall_us(stamp_ns)) if blocks else None
+        share = 1.0 if spread is None else spread
+        sequence = self.board.light(mask, self._wall_us(stamp_ns), share) if blocks else None
         if sequence is None:
             return 0
         self._sequence, sent_ns = sequence, time.time_ns()

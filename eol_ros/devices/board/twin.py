@@ -264,7 +264,7 @@ class TwinBoard:
     def _on_message(self, message: protocol.Message, arrival: Arrival) -> None:
         if isinstance(message, protocol.Lighting | protocol.Detector):
             self._told[type(message)] = message
-        elif isinstance(message, protocol.Light):
+        elif isinstance(message, protocol.Light | protocol.DimLight):
             sent(self._radio, protocol.encode(message, 0), self._blocks)
             if message.stamp_us:
                 with self._guard:

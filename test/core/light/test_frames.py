@@ -110,11 +110,11 @@ def test_a_slip_that_its_block_has_lit_is_not_lit_again():
 def test_light_runs_on_to_blocks_that_were_dark_for_a_second_alone():
     frames = Frames(FlashField(0.05), 100.0)
     frames.lit(T0, 'slip', 3)
-    frames.lit(T0 + 500 * MS, 'runs', 3, 4, spread=True)
-    frames.lit(T0 + 1600 * MS, 'runs', 3, spread=True)
-    frames.lit(T0 + 1700 * MS, 'runs', 3, spread=True)
-    lit = [(t, [b for b in (3, 4) if w[b] == 255]) for t, w, c in frames.due(T0 + 2 * 10**9) if c]
-    assert lit == [(T0, [3]), (T0 + 500 * MS, [4]), (T0 + 1600 * MS, [3])]
+    frames.lit(T0 + 500 * MS, 'runs', 3, 4, spread=0.5)
+    frames.lit(T0 + 1600 * MS, 'runs', 3, spread=1.0)
+    frames.lit(T0 + 1700 * MS, 'runs', 3, spread=1.0)
+    lit = [(t, w[3], w[4]) for t, w, c in frames.due(T0 + 2 * 10**9) if c]
+    assert lit == [(T0, 255, 0), (T0 + 500 * MS, 0, 128), (T0 + 1600 * MS, 255, 0)]
 
 
 def test_frames_lie_on_the_grid_of_the_slip_that_lit_the_dark():
