@@ -745,6 +745,14 @@ class SoundSettings:
         0,
         1,
     )
+    latency_max_s: float = live(
+        0.0,
+        'limit to which latency_s and tap_latency_s rise by themselves while more than 1 % of the '
+        'grains are late; 0: they stay as set',
+        's',
+        0,
+        1,
+    )
     gain_db: float = live(-6.0, 'master gain', 'dB', -90, 24)
     interpolation: str = live('cubic', 'resampling interpolation', choices=('cubic', 'linear'))
     polyphony: int = setting(

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from eol_msgs.msg import GrainTrigger, Slip
 
+from eol_ros.core.sound.arrivals import Arrivals
 from eol_ros.core.sound.channel_test import ChannelTest
 from eol_ros.core.sound.meter import Meter
 from eol_ros.core.sound.mixer import AHEAD_S, LOOK_AHEAD_S
@@ -60,6 +61,8 @@ class SoundNode(EolNode):
         self.unheard = 0
         self.first = FirstSense()
         self.felt = self.told_twice = 0
+        self.arrivals = {'latency_s': Arrivals(), 'tap_latency_s': Arrivals()}
+        self.late = ''
         self.log = TriggerLog(s.trigger_log) if s.trigger_log else None
         self.testing: tuple[Asked, ChannelTest] | None = None
         self.asleep = bool(self.resumed.get('asleep'))
@@ -80,6 +83,7 @@ class SoundNode(EolNode):
         self.health.watches('sound watch', self.player.watching, DRIVER_S, DRIVER_HUNG_S)
         self.create_timer(1 / s.meter_hz, self.on_timer)
         self.create_timer(1.0, self.tell_instrument)
+        self.create_timer(1.0, self.judge_arrivals)
         self.subscribe('corpus', self.on_corpus)
         self.by_hand, self.asked = self.publisher('grain_triggers'), 0  # those that people ask for
         fade = dict.fromkeys(FADES, self.on_fade)
@@ -111,6 +115,20 @@ class SoundNode(EolNode):
 
         told = {name: getattr(self.settings, name) for name in FILTER}
         self.health.values.update(told, presets=list(presets.names(presets.folder())))
+
+    def judge_arrivals(self) -> None:
+        """Say which latency would do while over 1 % of the grains are late, or change to it."""
+        s, texts = self.settings, []
+        for name, arrivals in self.arrivals.items():
+            enough_s = arrivals.remedy_s(time.monotonic(), getattr(s, name))
+            if enough_s is None:
+                continue
+            if enough_s <= s.latency_max_s:
+                self.get_logger().warning(f'grains are late: {name} becomes {enough_s:g}')
+                self.instrument.set(self.NAME, {name: enough_s})
+            else:
+                texts.append(said('grains_late', name=name, enough=f'{enough_s:g}'))
+        self.late = clauses(texts)
 
     def on_save_preset(self, asked: Asked) -> object:
         answer = functools.partial(self.requests.answer, asked)
@@ -234,11 +252,16 @@ class SoundNode(EolNode):
         latency_s = min(latency_s * self.stretch(), AHEAD_S / 2)
         trigger = triggers.to_core(message, since_ns * 1e-9 + latency_s)
         self.mixer.play(np.array([trigger], TRIGGER), bank, self.voicing)
-        if not (self.sounding or self.log):
+        if by_hand and not self.log:
             return
         # it is late where the frame at which it begins has been mixed already
         mixed_s = self.mixer.time_of(int(self.mixer.state['frame'][0]))
         spare_s = since_ns * 1e-9 + latency_s - LOOK_AHEAD_S - mixed_s
+        if not (by_hand or self.sim_time):
+            arrivals = self.arrivals['tap_latency_s' if felt else 'latency_s']
+            arrivals.add(time.monotonic(), latency_s - spare_s)
+            kind = 'stamp_to_tap_trigger' if felt else 'stamp_to_trigger'
+            self.health.took(kind, (came_ns - stamp_ns) * 1e-9)
         if self.sounding and not by_hand and not (self.muted or self.asleep):
             at_s = stamp_ns * 1e-9 + latency_s - min(spare_s, 0.0)
             self.took(self.sounding.sounds(message.block, stamp_ns * 1e-9, at_s))
@@ -274,7 +297,8 @@ class SoundNode(EolNode):
         )
         silent = said('muted') if self.muted else ''
         silent = said('asleep') if self.asleep else silent
-        trouble = self.trouble or (self.log.trouble if self.log else '')
+        late = '' if silent else self.late
+        trouble = self.trouble or (self.log.trouble if self.log else '') or late
         text = clauses([silent, player.text, trouble])
         level = 'warn' if trouble and player.level == 'ok' else player.level
         getattr(self.health, level)(text)

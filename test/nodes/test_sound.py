@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import dataclasses
+import re
 import wave
 from array import array
 from dataclasses import replace
@@ -8,11 +9,14 @@ import numpy as np
 import pytest
 import soundfile
 from eol_msgs.msg import Corpus, GrainTrigger
+from rclpy.parameter import Parameter
 from support.quiet_settings import SOUND
 from support.spinning import Nodes, matched
 from support.waiting import wait_until
 
 from eol_ros.core.played_clock import PlayedClock
+from eol_ros.core.sound.arrivals import WINDOW
+from eol_ros.core.sound.mixer import LOOK_AHEAD_S
 from eol_ros.devices.audio import audio_file, bank
 from eol_ros.devices.audio.bank import BankLoader
 from eol_ros.nodes.sound import SoundNode
@@ -23,6 +27,7 @@ from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings, RecorderSettings, SoundSettings
 from eol_ros.streams import corpus, triggers
 from eol_ros.streams.requests import Asked
+from eol_ros.streams.work_state import WARN
 
 FS = 48000
 
@@ -319,3 +324,36 @@ def test_a_file_is_made_only_where_the_scene_asks_for_one(ros, tmp_path, device)
         nodes.until(lambda: node.mixer.state['frame'][0] > 4800)
         assert node.player.level == 'ok'
     assert len(list(tmp_path.glob('sound-*.wav'))) == (device == 'wav')
+
+
+def test_late_grains_lead_to_a_latency_that_would_do(graph, tmp_path):
+    """Triggers come 0.4 s after their stamps, where `latency_s` is 0.3 s."""
+    node, probe, until, _ = graph
+    probe.corpus.publish(corpus_of(tmp_path))
+    until(lambda: node.banks.at(now_ns()))
+
+    def play(count=WINDOW):
+        before = node.mixer.state['triggers'][0]
+        for _ in range(count):
+            probe.triggers.publish(trigger(now_ns() - 400_000_000, gain=0.001))
+            until(lambda: True)
+        until(lambda: node.mixer.state['triggers'][0] == before + count)
+
+    play(WINDOW // 2)
+    node.judge_arrivals()
+    assert not node.late
+    play()
+    until(lambda: 'are late' in node.health.text)
+    assert node.health.level == WARN
+    until(lambda: 'stamp_to_trigger_p99_ms' in node.health.values)
+    values = node.health.values
+    assert 399 < values['stamp_to_trigger_p50_ms'] <= values['stamp_to_trigger_p99_ms']
+    enough_s = float(re.search(r'latency_s of (0\.\d+) s', node.health.text)[1])
+    assert enough_s > 0.4 + LOOK_AHEAD_S
+
+    node.set_parameters([Parameter('latency_max_s', value=0.35)])  # would not do
+    node.judge_arrivals()
+    assert node.late and node.settings.latency_s == 0.3
+    node.set_parameters([Parameter('latency_max_s', value=1.0)])
+    until(lambda: node.settings.latency_s >= enough_s)
+    until(lambda: 'are late' not in node.health.text)
