@@ -49,6 +49,7 @@ READY = {
     '/': '#camera canvas',
     '/table': 'canvas',
     '/about': 'dd',
+    '/remote': '#nodes li',
     '/wall/left': '#wall',
     '/wall/right': '#wall',
 }

@@ -110,10 +110,10 @@ class SoundNode(EolNode):
         return Instrument(self)
 
     def tell_instrument(self) -> None:
-        """Tell the panel which presets there are, and how grains are filtered."""
+        """Tell the panel which presets there are, the filter of grains and the volume."""
         from eol_ros.ros import presets
 
-        told = {name: getattr(self.settings, name) for name in FILTER}
+        told = {name: getattr(self.settings, name) for name in (*FILTER, 'gain_db')}
         self.health.values.update(told, presets=list(presets.names(presets.folder())))
 
     def judge_arrivals(self) -> None:

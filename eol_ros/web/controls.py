@@ -51,7 +51,10 @@ def _plain(name: str, kind: str = '') -> Control:
 CONTROLS: dict[str, Control] = {
     row.name: row
     for row in (
-        *map(_plain, ('sleep', 'wake', 'mute', 'unmute', 'test', 'calibrate', 'learn_background')),
+        *map(
+            _plain,
+            ('sleep', 'wake', 'mute', 'unmute', 'test', 'calibrate', 'learn_background', 'cue'),
+        ),
         Control(
             'plays_itself',
             'simulated visitors play with the virtual table while nobody does',
@@ -79,7 +82,14 @@ CONTROLS: dict[str, Control] = {
         *(_setting(name, 'grains', name) for name in ('mode', 'weights', 'regions')),
         *(
             _setting(name, 'sound', name)
-            for name in ('filter', 'filter_hz', 'filter_q', 'filter_by', 'filter_octaves')
+            for name in (
+                'gain_db',
+                'filter',
+                'filter_hz',
+                'filter_q',
+                'filter_by',
+                'filter_octaves',
+            )
         ),
         *map(_plain, ('save_preset', 'recall_preset', 'morph_presets')),
         _plain('play', 'play_grain'),

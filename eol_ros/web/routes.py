@@ -28,6 +28,7 @@ PAGES = {
     '/': 'panel.html',
     '/table': 'table.html',
     '/about': 'about.html',
+    '/remote': 'remote.html',
     '/wall/left': 'wall.html',
     '/wall/right': 'wall.html',
 }

@@ -71,7 +71,7 @@ PAINTED = """[...document.querySelectorAll('.card canvas')].every((c) => {
 
 
 @pytest.mark.parametrize('width', [360, 1280, 1440, 3840])
-@pytest.mark.parametrize('path', ['/', '/table', '/about', '/wall/left', '/wall/right'])
+@pytest.mark.parametrize('path', ['/', '/remote', '/table', '/about', '/wall/left', '/wall/right'])
 def test_pages_fill_every_screen(graph, browser, path, width):
     address, _ = graph
     height = {360: 740, 1280: 800, 1440: 800, 3840: 2160}[width]
@@ -92,6 +92,9 @@ def test_pages_fill_every_screen(graph, browser, path, width):
             browser, 'eol.counts.packets > 5 && eol.drawing.land && eol.walls.every((w) => w.shows)'
         )
         until_page(browser, 'eol.state() && eol.counts.drawings && !eol.drawing.dirty')
+    elif path == '/remote':
+        until_page(browser, 'document.querySelectorAll("#nodes li").length > 7')
+        until_page(browser, '!document.getElementById("gain_db").disabled')
     elif path == '/about':
         until_page(browser, 'document.querySelectorAll("dd.unknown").length === 0')
     else:
@@ -106,7 +109,7 @@ def test_pages_fill_every_screen(graph, browser, path, width):
         for box in run(browser, CANVASES):
             part = shot[box['y'] : box['y'] + box['h'], box['x'] : box['x'] + box['w']]
             assert part.size and part.std() > 1.5, box
-    elif path != '/about':
+    elif path not in ('/about', '/remote'):
         rows, columns = (np.array_split(np.arange(n), 3) for n in (shot.shape[0], width))
         for r in rows:
             for c in columns:
@@ -313,7 +316,7 @@ def test_keys_and_two_fingers_turn_the_rim(graph, browser):
     assert complaints(browser) == []
 
 
-@pytest.mark.parametrize('path', ['/', '/table', '/about', '/wall/left'])
+@pytest.mark.parametrize('path', ['/', '/remote', '/table', '/about', '/wall/left'])
 def test_axe_finds_no_barrier(graph, browser, path):
     """All rules of axe-core, also those on the size of what is touched; in both languages."""
     if not AXE.exists():
@@ -338,7 +341,7 @@ KEYS = r'/\b(keys?|arrows?|shift|enter|ctrl)\b|按鍵|方向鍵/i.test(document.
 
 
 @pytest.mark.parametrize('size', [(360, 740), (740, 360)])
-@pytest.mark.parametrize('path', ['/', '/table', '/about'])
+@pytest.mark.parametrize('path', ['/', '/remote', '/table', '/about'])
 def test_a_phone_is_told_of_fingers_alone_and_has_room_for_them(graph, browser, path, size):
     address, _ = graph
     with phone(browser):
@@ -842,7 +845,7 @@ def test_outlines_are_of_the_picture_that_is_shown(graph, browser):
     assert max(ages) > 0.01, 'else there was nothing to tell apart'
 
 
-@pytest.mark.parametrize('path', ['/', '/table', '/about'])
+@pytest.mark.parametrize('path', ['/', '/remote', '/table', '/about'])
 def test_both_languages(graph, browser, path):
     address, _ = graph
     visit(browser, address, path)

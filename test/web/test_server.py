@@ -149,6 +149,8 @@ def test_foreign_hosts_and_origins_are_refused_in_one_line(serve):
 def test_each_control_reaches_the_graph(serve):
     server = serve()
     bodies = {
+        'cue': {'name': 'evening'},
+        'gain_db': {'value': -12.0},
         'radius': {'value': 0.05},
         'play': {'grain': 7},
         'axes': {'x': 'centroid_mean_hz', 'y': 'loudness'},

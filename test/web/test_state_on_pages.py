@@ -18,7 +18,7 @@ from eol_ros.web import notices
 
 pytestmark = [pytest.mark.slow, needs.marker('chromium', 'chromium-driver')]
 PLACES = {
-    '/': 'work-state', '/table': 'work', '/about': 'state',
+    '/': 'work-state', '/remote': 'work-state', '/table': 'work', '/about': 'state',
     '/wall/left': 'work', '/wall/right': 'work',
 }  # fmt: skip
 # A test first: the pages are opened in the middle of one.

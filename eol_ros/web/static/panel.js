@@ -4,20 +4,17 @@
 import { Listener } from './audio.js';
 import { CameraView } from './camera.js';
 import { CascadeView } from './cascades.js';
-import { addLanguages, language, say, sentence, speak } from './i18n.js';
+import { Desk, LOOK_MS, SILENT_S, STALE_S } from './desk.js';
+import { addLanguages, language, say, speak } from './i18n.js';
 import { InstrumentView } from './instrument.js';
 import { CELLS, COUNT, IDS } from './lattice.js';
 import { Link, readBlocks } from './link.js';
-import { CoordinateList, LightField, NodeList } from './lists.js';
+import { CoordinateList, LightField } from './lists.js';
 import { write } from './paint.js';
 import { SoundView } from './soundview.js';
 import { SpaceView } from './space.js';
 
-const STALE_S = 2.2; // without data: with the time between looks, less than 3 s
-const LOOK_MS = 250;
 const PACE_S = 0.033; // eyes that read figures need no more; a slip comes at once
-const SILENT_S = 3.2; // of a node, from here on nothing is known of it
-const ANSWER_MS = 60000; // so long the answer to a request is news
 const STIR_M = 0.0004; // a fifth of a pixel of the camera
 const $ = (id) => document.getElementById(id);
 
@@ -35,7 +32,8 @@ const instrument = new InstrumentView($('instrument'), $('instrument-open'), act
 const cascades = new CascadeView($('cascades'));
 const coordinates = new CoordinateList($('coords'));
 const lights = new LightField($('lights'));
-const nodes = new NodeList($('nodes'), $('faults'), $('node-state'));
+const desk = new Desk(link, learn, lock);
+const { nodes } = desk;
 Object.assign(window.eol, { nodes, views: { sound, cascades, lights } });
 const listener = new Listener(link);
 window.eol.listener = listener;
@@ -82,7 +80,6 @@ link.on('meter', (packet) => sound.take(packet));
 link.on('leds', (packet) => lights.take(packet));
 link.on('trigger', ({ grain }) => space.hit(grain));
 link.on('cascades', (day) => cascades.take(day));
-let hours = null; // what the node of that name said last
 // Values of a node: all of its state, or those that a request has just set.
 function learn(node, values) {
   if (['grains', 'sound'].includes(node)) instrument.take(node, values);
@@ -92,25 +89,10 @@ function learn(node, values) {
   }
 }
 link.on('health', (status) => {
-  nodes.take(status, Math.max(0, link.now() - status.at));
-  learn(status.node, status.values);
   if (status.node === 'grains') space.setFolders(status.values.folders ?? []);
   if (status.node === 'twin' && status.values.hands) {
     $('ghosts').hidden = false;
   }
-  if (['twin', 'sound', 'montage'].includes(status.node)) sayState(false);
-  if (status.node === 'hours') {
-    hours = status;
-    sayHours();
-  }
-});
-// In the clock of the museum. The state of the work says the same while it sleeps until they begin.
-function sayHours() {
-  write($('hours'), hours && sentence(hours) !== sentence(link.work) ? sentence(hours) : '');
-}
-link.on('work', () => {
-  sayState(false);
-  sayHours();
 });
 function nameCorpus() {
   const { corpus } = space;
@@ -138,27 +120,6 @@ function showReach(metres) {
   sayReach(metres);
   space.setReach(metres);
 }
-// Which of two buttons is pressed; neither where `on` is null: it is not known.
-function press(first, second, on) {
-  for (const name of [first, second]) {
-    document.querySelector(`[data-control=${name}]`).setAttribute('aria-pressed', on !== null && (name === first) === on);
-  }
-}
-// Which buttons are pressed. What a node said holds while it is heard, and no longer.
-function sayState(stale) {
-  const known = (node, value) => (stale || !nodes.heard(node) || nodes.age(node) > SILENT_S ? null : value);
-  const sleeps = known('montage', nodes.values('montage').asleep);
-  const muted = known('sound', nodes.values('sound').muted);
-  const hands = known('twin', nodes.values('twin').hands);
-  write($('work-state'), stale ? '' : link.workWords(false)); // else the bar above says it
-  $('work-state').classList.toggle('loud', link.work.code !== 'awake');
-  $('live').dataset.asleep = Boolean(sleeps);
-  press('sleep', 'wake', sleeps);
-  press('mute', 'unmute', muted);
-  press('plays_itself', 'people_only', hands ? hands === 'visitors' : null);
-  $('hours').classList.toggle('old', nodes.age('hours') > SILENT_S);
-  if (performance.now() - answered > ANSWER_MS) forget();
-}
 link.on('limits', ({ radius, network }) => {
   [least, most] = radius;
   $('open-network').hidden = network !== 'lan';
@@ -169,74 +130,27 @@ link.on('tick', (tick) => {
   ({ viewers } = tick);
   sayViewers();
 });
-link.on('trust', ({ ok }) => {
-  lock(!ok);
-  const form = $('pin-form');
-  if (ok && form.contains(document.activeElement)) document.querySelector('[data-control]').focus();
-  form.hidden = ok;
-});
-link.on('hello', ({ pin }) => {
-  $('pin-form').hidden = !pin || Boolean(link.pin);
-  lock(pin && !link.pin);
-});
 // What people ask for
 
 function lock(locked) {
-  for (const element of document.querySelectorAll('[data-control], #radius, #blend, #axis-x, #axis-y, #hover')) element.disabled = locked;
+  for (const element of document.querySelectorAll('#radius, #blend, #axis-x, #axis-y, #hover')) element.disabled = locked;
   space.lock(locked);
   instrument.lock(locked);
 }
 
-function forget() {
-  sayAnswer = () => {};
-  write($('answer'), '');
-}
-// What is shown is the answer to the newest request; until it comes, that it was asked.
-let asked = 0;
-let answered = 0; // when, performance.now()
-let sayAnswer = () => {}; // again, in another language
-async function act(name, body = {}) {
-  const mine = ++asked;
-  const show = (words, kind) => {
-    sayAnswer = () => write($('answer'), `${say(name)}: ${words()}`);
-    sayAnswer();
-    $('answer').className = kind;
-  };
-  show(() => say('asked'), 'legend');
-  answered = Infinity; // not yet
-  const answer = await link.control(name, body);
-  if (answer.values) {
-    Object.assign(nodes.values(answer.node), answer.values);
-    learn(answer.node, answer.values);
-    sayState(false);
-  }
-  if (mine === asked) {
-    answered = performance.now();
-    const { error, text, said } = answer;
-    show(() => sentence({ text: error ?? text, said }) || say('done'), error ? 'legend bad' : 'legend');
-  }
+async function act(name, body) {
+  const answer = await desk.act(name, body);
   if (answer.error && ['move', 'axes', 'restore'].includes(name)) link.emit('corpus'); // show what really is
   return answer;
 }
 
-for (const button of document.querySelectorAll('[data-control]')) button.onclick = () => act(button.dataset.control);
 $('radius').oninput = () => sayReach(sliderReach());
 $('radius').onchange = () => act('radius', { value: Number(sliderReach().toPrecision(2)) });
-$('pin-form').onsubmit = async (event) => {
-  event.preventDefault();
-  forget();
-  $('answer').textContent = await link.enter($('pin').value);
-  $('answer').className = link.pin ? 'legend' : 'legend bad';
-  answered = performance.now();
-  $('pin').value = '';
-};
 $('listen').onclick = async () => {
   if (listener.on) await listener.stop();
   else if (listener.hindrance) {
-    forget();
-    $('answer').textContent = say(listener.hindrance);
-    $('answer').className = 'legend bad';
-    answered = performance.now();
+    desk.forget();
+    desk.tell(say(listener.hindrance), true);
   } else await listener.start();
   $('listen').setAttribute('aria-pressed', listener.on);
 };
@@ -245,11 +159,10 @@ function retell() {
   redraw();
   nodes.draw();
   instrument.retell();
-  sayState(false);
+  desk.retell();
   sayViewers();
   nameCorpus();
-  sayHours();
-  sayAnswer();
+  desk.sayAnswer();
 }
 
 addEventListener('keydown', (event) => {
@@ -260,7 +173,7 @@ addEventListener('keydown', (event) => {
   if (event.key === 'l') $('listen').click();
   if (event.key === 'm') {
     const muted = document.querySelector('[data-control=mute]').getAttribute('aria-pressed') === 'true';
-    act(muted ? 'unmute' : 'mute');
+    desk.act(muted ? 'unmute' : 'mute');
   }
 });
 
@@ -270,13 +183,7 @@ const STREAMS = { camera: ['image', 'blocks'], coords: ['blocks'], sound: ['mete
 // Where data come only when something happens, the node that gives them must still be heard once a second.
 const SOURCES = { camera: ['tracker'], coords: ['tracker', 'motion'], space: ['grains'], sound: ['sound'], cascades: ['motion'], lights: ['leds'] };
 setInterval(() => {
-  const age = link.age();
-  const stale = age > STALE_S;
-  document.body.classList.toggle('stale', stale);
-  $('stalebar').hidden = !stale;
-  $('live').hidden = stale;
-  sayState(stale);
-  if (stale) $('stalebar').textContent = [...new Set([link.workWords(stale), link.silence()])].join(': ');
+  const stale = desk.look();
   for (const card of document.querySelectorAll('.card')) {
     const kinds = (STREAMS[card.id] || []).filter((kind) => kind !== 'image' || camera.view !== 'off');
     const ages = kinds.map((kind) => link.age(kind));
@@ -289,7 +196,6 @@ setInterval(() => {
     if (stale && !old) card.dataset.old = $('stalebar').textContent;
   }
   if (nodes.age('motion') > SILENT_S) moving.fill(0); // whether they move is no longer known
-  nodes.draw();
   if (listener.on && listener.latency !== null) {
     $('listen').textContent = say('listening', { latency: Math.round(listener.latency * 1000) });
   } else $('listen').textContent = say('listen');
