@@ -326,15 +326,12 @@ def optimum(lit: list[tuple[float, int, bool]]) -> dict[str, Any]:
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
     if args.seeds:
-        found = {
-            'seconds': args.seconds,
-            'limits': [
-                measure(rehearsed(seed, args.seconds), args.seconds, 'field of view, paper')
-                | {'limit': f'twin, seed {seed}'}
-                for seed in range(1, args.seeds + 1)
-            ],
-        }
-        tell(found, args.json, table)
+        rows = []
+        for seed in range(1, args.seeds + 1):
+            lit = rehearsed(seed, args.seconds)
+            row = measure(lit, args.seconds, 'field of view, paper')
+            rows.append(row | {'limit': f'twin, seed {seed}', 'optimum': optimum(lit)})
+        tell({'seconds': args.seconds, 'limits': rows}, args.json, table)
         return 0
     bag = open_bag(args.bag)
     lit = lightings(bag)
@@ -365,12 +362,14 @@ def table(result: dict[str, Any]) -> str:
             f'{r["contrast_space"]:7.2f}{r["contrast_time"]:6.0%}{r["at_limit"]:10.1%}{tau:>7}'
             f'{frames:>10}' + (f'{r["cost_us"]:5.0f} us' if r['cost_us'] else '')
         )
-    if 'optimum' in result:
-        o = result['optimum']
+    if 'lightings' in result:
         lines.insert(0, f'{result["lightings"]} lightings in {result["seconds"]:.0f} s')
-        lines.append(
-            f'{o["delayed"]} of {o["falls"]} falls wait, {o["limiter_wait_s"]:.1f} s in all, '
-            f'{o["limiter_us_a_slip"]:.0f} us a slip; with all slips known beforehand (linear '
-            f'programme) {o["least_wait_s"]:.1f} s, {o["programme_us_a_slip"]:.0f} us'
-        )
+    lines += [
+        f'{one.get("limit", "field of view, paper")}: {o["delayed"]} of {o["falls"]} falls wait, '
+        f'{o["limiter_wait_s"]:.2f} s in all, {o["limiter_us_a_slip"]:.0f} us a slip; with all '
+        f'slips known beforehand (linear programme) {o["least_wait_s"]:.2f} s, '
+        f'{o["programme_us_a_slip"]:.0f} us'
+        for one in (result, *result['limits'])
+        if (o := one.get('optimum'))
+    ]
     return '\n'.join(lines)

@@ -44,4 +44,7 @@ def test_flashes_of_a_drawn_rehearsal_stay_short(capsys):
     assert found['flash_median_s'] <= 0.6 and found['flash_p90_s'] <= 1.2
     assert found['many_lit'] <= 0.05
     assert found['raised'] >= 0.95
+    best = found['optimum']
+    assert 0 < best['least_wait_s'] <= best['limiter_wait_s'] + 1e-6
+    assert best['limiter_wait_s'] < 1.05 * best['least_wait_s']
     assert found['most_flashes_per_s'] <= 3
