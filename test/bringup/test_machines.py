@@ -8,6 +8,7 @@ import sys
 
 import pytest
 from support import needs
+from support.fake_clock import FakeClock
 from support.machines import Machines, ip
 from support.waiting import wait_until
 
@@ -90,6 +91,24 @@ def test_each_machine_lists_all_of_them_and_names_one_that_is_pulled(machines, t
         ip('-n', machines.names['show'], 'link', 'set', 'port0', 'up')
         for name in machines.names:
             wait_until(lambda name=name: _well(rows(name), 11), 60)
+
+
+def test_sound_subtracts_how_far_its_clock_is_ahead(machines, tmp_path, monkeypatch):
+    clock = FakeClock(tmp_path, 300_000_000)
+    variables = machines.variables['audio'] | clock.environment
+    monkeypatch.setitem(machines.variables, 'audio', variables)
+    scene = tmp_path / 'scene.yaml'
+    scene.write_text(SCENE.format(folder=tmp_path, net=machines.net))
+    with running(machines, scene, *machines.names) as rows:
+        wait_until(lambda: rows('audio').get('sound', {}).get('rate', 0) > 0, 120)
+        wait_until(lambda: 'clock_ahead_ms' in rows('audio')['sound']['values'], 60)
+        wait_until(lambda: rows('audio')['sound']['values']['clock_ahead_ms'] > 200, 60)
+        found = rows('audio')
+        values, error_ms = found['sound']['values'], found['machine']['values']['offset_error_ms']
+        assert abs(values['clock_ahead_ms'] - 300) < 2 + error_ms
+        assert ' ms of clock offset subtracted' in found['sound']['text']
+        assert found['machine']['level'] == 2
+        assert "this machine's clock is " in found['machine']['text']
 
 
 def _well(rows, count):
