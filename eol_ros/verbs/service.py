@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from eol_ros import scene as scenes
+from eol_ros.bringup import plan
 from eol_ros.bringup.status import UNIT
 from eol_ros.devices.files.names import is_text
 from eol_ros.disk import DISK
@@ -21,6 +22,7 @@ HELP = (
 EXAMPLES = [
     'sudo .venv/bin/eol service install museum --user museum --log-in',
     'eol service install museum --user museum --output units   # only write them, to look at',
+    'sudo .venv/bin/eol service install show.yaml --machine audio   # its part of the scene',
     'eol service status',
     'sudo .venv/bin/eol service remove',
 ]
@@ -47,7 +49,7 @@ Type=notify
 NotifyAccess=main
 User={user}
 WorkingDirectory={folder}
-{environment}ExecStart={python} -m eol_ros.bringup {scene}
+{environment}ExecStart={python} -m eol_ros.bringup {scene}{machine}
 # A camera that is not plugged in, a full disk: tried again for ever. A wrong scene is not.
 Restart=always
 RestartSec=5
@@ -146,6 +148,12 @@ def add_arguments(parser):
         metavar='DIR',
         help='only write the files below this folder, and start nothing',
     )
+    install.add_argument(
+        '--machine',
+        metavar='NAME',
+        help='one of the `machines` of the scene (default: the machine with an address of this '
+        'one)',
+    )
     install.set_defaults(does=_install)
     status = commands.add_parser('status', help='what systemd says of the work and the walls')
     status.set_defaults(does=_status)
@@ -166,7 +174,7 @@ def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str 
     """
     from eol_ros.web.guard import is_loopback
 
-    panel = scene.nodes.get('panel')
+    panel, machine = scene.nodes.get('panel'), scene.nodes.get('machine')
     scheme = 'https' if panel and panel.certificate else 'http'
     alone = scene.network == 'local' and (panel is None or is_loopback(panel.host))
     alone = alone and scene.notify is None and 'projectors' not in scene.nodes
@@ -176,6 +184,7 @@ def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str 
     ]
     values = {
         'scene': scene.path or scene.name,
+        'machine': f' --machine {machine.name}' if machine else '',
         'user': user,
         'folder': folder,
         'python': sys.executable,
@@ -235,6 +244,10 @@ def made(path: Path) -> list[Path]:
 
 def _install(args) -> int:
     scene = scenes.load(args.scene)
+    if scene.machines or args.machine:
+        scene = plan.on_machine(scene, args.machine)
+        name = scene.nodes['machine'].name
+        scene = plan.only(scene, (*scene.machines[name].nodes, 'machine'))
     try:
         person = pwd.getpwnam(args.user or pwd.getpwuid(os.getuid()).pw_name)
     except KeyError:

@@ -74,6 +74,28 @@ def test_the_unit_starts_this_scene_with_this_python(written):
     assert sum(USER in path.read_text() for path in log_in if path.exists()) == 1
 
 
+MACHINES = """
+network: lan
+nodes: {twin:, tracker:, montage:, panel:, recorder: {folder: FOLDER/bags}}
+machines:
+  show: {address: 10.9.0.1, nodes: [twin, tracker, recorder]}
+  walls: {address: 10.9.0.2, nodes: [montage, panel]}
+"""
+
+
+def test_a_machine_of_several_starts_its_part_of_the_scene(written, tmp_path, capsys):
+    scene = tmp_path / 'show.yaml'
+    scene.write_text(MACHINES.replace('FOLDER', str(tmp_path)))
+    for name, walls in (('show', False), ('walls', True)):
+        unit = settings(written(str(scene), '--machine', name) / service.WORK_PATH)
+        command = f'{sys.executable} -m eol_ros.bringup {scene} --machine {name}'
+        assert unit['ExecStart'] == [command]
+        assert (tmp_path / service.WALLS_PATH).exists() is walls
+        assert 'IPAddressDeny' not in unit
+    refused = cli.main(['service', 'install', str(scene), '--machine', 'cellar', '-o', 'x'])
+    assert (refused, 'no such machine' in capsys.readouterr().err) == (2, True)
+
+
 def test_folders_of_ones_own_may_be_written_and_all_that_is_made_is_the_users(
     written, tmp_path, monkeypatch
 ):
