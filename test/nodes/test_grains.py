@@ -79,11 +79,6 @@ def sounds(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def table():
-    return Table()
-
-
-@pytest.fixture
 def stage(ros, sounds, table):
     with contextlib.ExitStack() as stages:
 

@@ -30,11 +30,6 @@ class Probe(EolNode):
 
 
 @pytest.fixture
-def table():
-    return Table()
-
-
-@pytest.fixture
 def graph(ros, table):
     node, probe = MotionNode(MotionSettings(), scene=Scene('motion', {}, table=table)), Probe(table)
     with Nodes(node, probe) as nodes:

@@ -19,7 +19,6 @@ from support.spinning import Nodes, matched
 from support.tables import on_tables
 from support.waiting import wait_until
 
-from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.devices.files import calibration_file
 from eol_ros.nodes import panel_streams
@@ -89,11 +88,6 @@ class Rig(Nodes):
         self.stopping = True
         self.thread.join(5)
         super().close()
-
-
-@pytest.fixture
-def table():
-    return Table()
 
 
 @pytest.fixture

@@ -10,7 +10,6 @@ from support.spinning import Nodes
 from support.tables import on_tables
 from visualization_msgs.msg import Marker
 
-from eol_ros.core.table import Table
 from eol_ros.nodes.panel_markers import PERIOD_NS, Markers
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
@@ -45,11 +44,6 @@ class Probe(EolNode):
     def tell(self, number, rows):
         stamp_ns = T0 + number * PERIOD_NS
         self.gives['blocks'].publish(self.codec.pack(stamp_ns, 1, False, number, rows))
-
-
-@pytest.fixture
-def table():
-    return Table()
 
 
 @pytest.fixture

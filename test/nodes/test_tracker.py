@@ -52,11 +52,6 @@ class Probe(EolNode):
 
 
 @pytest.fixture
-def table():
-    return Table()
-
-
-@pytest.fixture
 def graph(ros, table):
     node, probe = (
         TrackerNode(TrackerSettings(), scene=Scene('tracker', {}, table=table)),

@@ -7,7 +7,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -128,16 +127,6 @@ def test_info_tells_a_cut_bag_from_one_that_is_being_recorded(tmp_path, capsys):
     assert cli.main(['bag', 'recover', str(tmp_path / 'both')]) == 1
     assert len(rows(tmp_path / 'both')) == len(left)
     assert cli.main(['bag', 'verify', str(tmp_path / 'both')]) == 0
-
-
-def test_recover_makes_a_cut_bag_whole_in_place(tmp_path):
-    bag = write_bag(tmp_path / 'run')
-    bag.flush()
-    before = rows(tmp_path / 'run')
-    bag.abandon()
-    assert cli.main(['bag', 'recover', str(tmp_path / 'run')]) == 0
-    assert rows(tmp_path / 'run') == before
-    assert cli.main(['bag', 'verify', str(tmp_path / 'run')]) == 0
 
 
 def test_recover_takes_a_file_that_lies_among_others_for_itself(tmp_path):
@@ -341,13 +330,6 @@ def test_recover_repairs_a_file_of_another_program_that_has_no_chunks(tmp_path):
     assert cli.main(['bag', 'recover', str(path)]) == 0
     assert rows(path) == before and BagReader(path).files[0].indexed
     assert cli.main(['bag', 'verify', str(path)]) == 0
-
-
-def test_recover_says_that_a_copy_has_no_room(tmp_path, capsys, monkeypatch):
-    path = cut_at(tmp_path / 'run', 1.0)
-    monkeypatch.setattr(recover.shutil, 'disk_usage', lambda _: SimpleNamespace(free=1000))
-    assert cli.main(['bag', 'recover', str(tmp_path / 'run')]) == 1
-    assert 'are free' in capsys.readouterr().err and path.exists()
 
 
 @pytest.mark.parametrize('end', ['cut', 'whole', 'without its index'])

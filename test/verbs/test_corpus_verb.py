@@ -67,19 +67,6 @@ def test_overlap_without_a_number_is_a_half(capsys, floe):
     assert code == 0 and starts == [0, 0.125, 0.25]
 
 
-@pytest.mark.parametrize('segment', ['onset', 'gate', 'none'])
-def test_other_cuts(capsys, floe, segment):
-    code, out, _ = eol(capsys, floe, '--segment', segment, '--json')
-    assert code == 0 and len(json.loads(out)['grains']) >= 1
-
-
-def test_labels_in(capsys, floe, tmp_path):
-    (tmp_path / 'l.txt').write_text('0.1\t0.5\ta\n1.0\t1.5\tb\n')
-    words = [floe, '--segment', 'labels', '--labels', tmp_path / 'l.txt', '--json']
-    code, out, _ = eol(capsys, *words)
-    assert code == 0 and [g['start_s'] for g in json.loads(out)['grains']] == [0.1, 1.0]
-
-
 @pytest.mark.slow
 def test_show_draws_the_space(capsys, floe, tmp_path):
     pytest.importorskip('matplotlib', reason='images: pip install matplotlib')

@@ -76,15 +76,6 @@ def test_block_size_changes_no_bit(filter):
     assert all(np.array_equal(out, outs[0]) for out in outs[1:])
 
 
-def test_a_grain_starts_on_its_sample():
-    bank = Bank([np.ones(FS, 'f4')], [0], [0.0], [0.1], FS)
-    for wanted in (0, 1, 255, 256, 1000):
-        t = np.zeros(1, TRIGGER)
-        t['time_s'], t['gain'], t['rate'] = wanted / FS, 0.5, 1
-        out = render_all(quiet(), t, bank, 4096)
-        assert np.flatnonzero(out[:, 0])[0] == wanted + 1  # its first sample is zero by design
-
-
 def test_no_click_even_when_voices_are_stolen():
     """The second difference stays below what 2 ms edges on the source itself can make."""
     sine = (0.5 * np.sin(2 * np.pi * 200 * np.arange(FS) / FS)).astype('f4')
