@@ -76,9 +76,9 @@ def test_the_unit_starts_this_scene_with_this_python(written):
 
 MACHINES = """
 network: lan
-nodes: {twin:, tracker:, montage:, panel:, recorder: {folder: FOLDER/bags}}
+nodes: {twin:, tracker:, motion:, montage:, panel:, recorder: {folder: FOLDER/bags}}
 machines:
-  show: {address: 10.9.0.1, nodes: [twin, tracker, recorder]}
+  show: {address: 10.9.0.1, nodes: [twin, tracker, motion, recorder]}
   walls: {address: 10.9.0.2, nodes: [montage, panel]}
 """
 
