@@ -51,10 +51,36 @@ from eol_ros.settings import (
 from eol_ros.streams.graph import IMAGE_SOURCES, MAX_DOMAIN, NAMESPACE, NODES, providers
 from eol_ros.yaml_text import Mistake, Place
 
-_KEYS = (
-    'scene', 'include', 'network', 'domain', 'namespace', 'real_time', 'table', 'nodes',
-    'together', 'elsewhere', 'machines', 'notify',
-)  # fmt: skip
+KEYS = {  # key: example, meaning (docs/reference/scene.md)
+    'scene': ('scene: lights', 'name of the scene, shown in the panel and in bags'),
+    'include': (
+        'include: museum',
+        'start from another scene: a file, relative to this one, or the name of a shipped scene',
+    ),
+    'nodes': (
+        'nodes: {camera: {device: auto}, tracker: {}}',
+        'nodes of the scene, each with the settings that differ from their defaults; `off` '
+        'leaves out the recorder or a node of the included scene',
+    ),
+    'network': (
+        'network: secure',
+        'other machines that see the graph: `local` none, `secure` those with a key, `lan` all',
+    ),
+    'domain': ('domain: 7', 'DDS domain, 0 to 232 (default: `ROS_DOMAIN_ID`, else 0)'),
+    'namespace': ('namespace: north', 'first part of all topic names, such as `/north/blocks`'),
+    'table': ('table: {rows: 4, columns: 6}', 'rows, columns, sizes and empty places of the table'),
+    'together': ('together: [[motion, leds]]', 'groups of nodes that share a process'),
+    'elsewhere': (
+        'elsewhere: [camera]',
+        'nodes of the graph that another program starts, such as a camera driver',
+    ),
+    'machines': (
+        'machines: {show: {address: 10.0.0.1, nodes: [camera]}}',
+        'nodes of each machine, for one scene on several machines; needs `network: lan`',
+    ),
+    'real_time': ('real_time: true', 'real-time priority for the nodes from camera to sound'),
+    'notify': ('notify: {webhook: URL}', 'receivers of notifications of faults'),
+}
 SECRET = frozenset(  # settings whose values are never shown
     f.name
     for kind in (NotifySettings, *(node.settings for node in NODES.values()))
@@ -196,7 +222,7 @@ class Reader(yaml_text.Reader):
         if tree is not None or not any(secret in text for secret in SECRET):  # else none is found
             self.texts[name] = SceneText(text, tree, SECRET)
         if not isinstance(top.value, dict):
-            self.wrong(top, '', 'a scene is a mapping with the keys ' + ', '.join(_KEYS))
+            self.wrong(top, '', 'a scene is a mapping with the keys ' + ', '.join(KEYS))
             return start
         if 'include' in top.value:
             self._include(top, path, seen + (path.resolve(),))
@@ -478,8 +504,8 @@ def load(name: str | Path) -> Scene:
     top = reader.read(path)
     values = top.value
     for key in values:
-        if key not in _KEYS:
-            reader.unknown(top, key, key, _KEYS)
+        if key not in KEYS:
+            reader.unknown(top, key, key, KEYS)
     elsewhere = _elsewhere(reader, top)
     nodes = _nodes(reader, top, elsewhere)
     network = _choice(reader, values, 'network', ('local', 'secure', 'lan'), 'local')

@@ -132,7 +132,11 @@ def test_options_that_are_named_are_understood(page):
             module = importlib.import_module(f'eol_ros.verbs.{verb}')
         else:
             continue
-        named = {word.partition('=')[0].rstrip('.,;:)') for word in words if word[:2] == '--'}
+        named = {
+            word.partition('=')[0].rstrip('.,;:)')
+            for word in words
+            if len(word) > 2 and word[:2] == '--'
+        }
         assert named <= options(module), f'eol {verb} {" ".join(words)}'
 
 

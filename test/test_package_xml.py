@@ -56,8 +56,8 @@ def imports(*folders):
 
 
 def table():
-    """Return import and origin of what docs/guides/install.md says that rosdep has no key for."""
-    text = (ROOT / 'docs/guides/install.md').read_text()
+    """Return import and origin of what docs/guides/packages.md says that rosdep has no key for."""
+    text = (ROOT / 'docs/guides/packages.md').read_text()
     section = text.partition('rosdep has no key for:')[2].partition('\n## ')[0]
     return dict(re.findall(r'^\| `(\w+)` \| (.*) \|$', section, re.M))
 

@@ -53,7 +53,7 @@ def command() -> str:
         return 'colcon build --packages-select eol_msgs && . install/setup.sh'
     if source := _sources():
         return pip_install(str(source))
-    return f'{pip_install()} eol_msgs-*.whl  (docs/guides/install.md makes it)'
+    return f'{pip_install()} eol_msgs-*.whl  (docs/guides/packages.md makes it)'
 
 
 def _sources() -> Path | None:
