@@ -458,8 +458,8 @@ class LedsSettings:
     peak: float = live(1.0, 'peak light level of a flash', '', 0, 1)
     look: str = live(
         'paper',
-        'look of the light: paper takes decay_s, spread_*, and afterglow_s as they are set; the '
-        'others have their own (docs/explanation/light.md)',
+        'look of the light: paper takes decay_s, spread_*, afterglow_s and idle_period_s as set; '
+        'the others have their own (docs/explanation/light.md)',
         choices=('paper', 'lightning', 'wildfire', 'embers'),
     )
     spread_blocks: int = live(
@@ -487,6 +487,14 @@ class LedsSettings:
         's',
         0,
         10,
+    )
+    idle_period_s: float = live(
+        0.0,
+        'time without a slip after which dim light runs from the middle over all blocks, once in '
+        'each such period; at least 1 s; needs firmware 2.6; 0: none',
+        's',
+        0,
+        600,
     )
     flash_limit: str = setting(
         'field_of_view',

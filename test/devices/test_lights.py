@@ -403,6 +403,37 @@ def test_running_light_gets_dimmer_where_the_firmware_can(fake, make_lights, ver
     assert kinds == ['Light', *['Light' if level == 191 else 'DimLight'] * 2]
 
 
+def test_dim_light_runs_from_the_middle_while_all_is_still(fake, make_lights):
+    lights = make_lights(port=fake.port, idle_period_s=1.0, spread_delay_s=0.05, decay_s=0.02)
+    fake.report(7)
+    wait_until(lambda: lights.board.blocks.get(7))
+    lights.follow_firmware()
+    seen(lights, 24, time.time_ns())
+    told_by(lights, 0.5)
+    seen(lights, 24, time.time_ns())  # from here on
+    slipped_ns, told = time.time_ns(), []
+
+    def dimmed():
+        return [a.time_ns for a in fake.log if a.kind == 'DimLight']
+
+    def all_ran():
+        told.extend(lights.frame())
+        return len(dimmed()) >= 25
+
+    wait_until(all_ran)
+    told += told_by(lights)
+    white = np.array([list(one.white) for one in told])
+
+    assert dimmed()[0] - slipped_ns > 0.9e9
+    assert white[:, :24].max(axis=0).tolist() == [48] * 24
+    first = np.argmax(white > 0, axis=0)
+    assert first[12] < first[7] < first[2] < first[1] < first[0]
+    lights.set(LedsSettings(port=fake.port))
+    count = len(dimmed())
+    told_by(lights, 1.2)
+    assert len(dimmed()) == count and not lights.glows
+
+
 def test_an_afterglow_runs_through_the_last_slips_in_their_order(fake, make_lights):
     lights = make_lights(port=fake.port, afterglow_s=1.2, decay_s=0.05)
     began_ns = time.time_ns()

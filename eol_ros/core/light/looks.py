@@ -8,6 +8,9 @@ the limit from a block's own slips.
 
 With an afterglow, a block that has stayed dark since its slip lights up once more: so a cascade
 that is over runs through the blocks again, in the order of its last slips.
+
+With an idle period, dim light runs from the middle over all blocks when nothing has slipped for so
+long, and again after each further period.
 """
 
 from typing import NamedTuple
@@ -16,13 +19,15 @@ from eol_ros.core.serial_protocol import SHARES
 from eol_ros.core.table import Table
 
 REST_S = 1.0
+IDLE_SHARE = 0.25  # of the peak
 
 
 class Look(NamedTuple):
     """Time constant of a flash in s, blocks that light runs on, delay from block to block in s.
 
     `afterglow_s`: from a slip to the second lighting of its block, at least REST_S; 0: none.
-    `share`: light of a block that light runs to, over that of the block before it.
+    `share`: light of a block that light runs to, over that of the block before it. `idle_s`: from
+    the last slip to dim light over all blocks, at least REST_S; 0: none.
     """
 
     decay_s: float
@@ -30,12 +35,13 @@ class Look(NamedTuple):
     delay_s: float
     afterglow_s: float = 0.0
     share: float = 1.0
+    idle_s: float = 0.0
 
 
 LOOKS = {
     'lightning': Look(0.06, 3, 0.03, share=0.6),
     'wildfire': Look(0.15, 4, 0.1, share=0.7),
-    'embers': Look(0.4, 0, 0.1),
+    'embers': Look(0.4, 0, 0.15, idle_s=6.0),
 }
 
 
@@ -59,3 +65,16 @@ def spread(block: int, look: Look, table: Table = Table()) -> list[tuple[float, 
         told = max(1, round(share * SHARES)) / SHARES  # as the wire has it
         found += [(ring * look.delay_s, other, told) for other in front]
     return found + [(max(look.afterglow_s, REST_S), block, 1.0)] * (look.afterglow_s > 0)
+
+
+def idle(look: Look, table: Table = Table()) -> list[tuple[float, int, float]]:
+    """Return the blocks that shine while all is still, from the middle on, as `spread` does.
+
+    Examples
+    --------
+    >>> idle(Look(0.1, 0, 0.05), Table(rows=2, columns=2))
+    [(0.0, 2, 0.25), (0.05, 0, 0.25), (0.05, 3, 0.25), (0.1, 1, 0.25)]
+    """
+    middle = int(table.ids[table.count // 2])
+    over_all = spread(middle, Look(look.decay_s, table.cells, look.delay_s), table)
+    return [(0.0, middle, IDLE_SHARE), *((late_s, one, IDLE_SHARE) for late_s, one, _ in over_all)]

@@ -27,7 +27,7 @@ from eol_ros.core.light.local import (
     block_falls,
     new_field,
 )
-from eol_ros.core.light.looks import LOOKS, REST_S, Look, spread
+from eol_ros.core.light.looks import IDLE_SHARE, LOOKS, REST_S, Look, idle, spread
 from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.core.table import Table
 from eol_ros.devices.board.board import Board, State, TapReport
@@ -41,6 +41,7 @@ PLAYED_NS = 400_000_000  # in a replay, which is as late as the recorder was
 MOST_TAPS = 256  # between two looks at them
 LOW_MV = 3000  # of a lithium cell, whose protection lets go soon after
 SET_S = 0.02  # the system clock departs from steady time by more only where somebody sets it
+IDLE = -1  # in the place of a block: all have been still
 FOREIGN_NS = 1_000_000_000  # a stamp so old, or of the future, is of another clock
 
 
@@ -156,6 +157,7 @@ class Lights:
         self._lit_ns = [0] * table.cells  # when each block was last lit, as far as that is known
         # heap: when light runs to which block, and to which share of the peak
         self._running: list[tuple[int, int, float]] = []
+        self._idle_ns = 0  # when all will have been still for the idle period of the look
         self._twin_sigma_s = 0.0  # of the time of a knock
         if s.port == 'twin':
             from eol_ros.devices.board.twin import SIGMA_S, TwinBoard
@@ -209,6 +211,7 @@ class Lights:
         """Time has jumped back: begin in the dark again. A real board's light goes on to fade."""
         self.asleep = False
         self._felt_ns, self._lit_ns = [0] * self.table.cells, [0] * self.table.cells
+        self._idle_ns = 0
         if self.by_stamp:
             self.frames = self._new_frames()
 
@@ -227,7 +230,12 @@ class Lights:
     def _look(self) -> Look:
         s = self._settings
         return LOOKS.get(s.look) or Look(
-            s.decay_s, s.spread_blocks, s.spread_delay_s, s.afterglow_s, s.spread_share
+            s.decay_s,
+            s.spread_blocks,
+            s.spread_delay_s,
+            s.afterglow_s,
+            s.spread_share,
+            s.idle_period_s,
         )
 
     def slip(self, block: int, stamp_ns: int, onset_ns: int) -> float | None:
@@ -288,6 +296,14 @@ class Lights:
         for after_s, other, share in spread(block, self._look, self.table):
             one = (at_ns + round(after_s * 1e9), other, share if self._dims else 1.0)
             heapq.heappush(self._running, one)
+        self._wait_idle(at_ns)
+
+    def _wait_idle(self, at_ns: int) -> None:
+        """Let dim light run when all will have been still since `at_ns`, where blocks can dim."""
+        if self._look.idle_s and self._dims:
+            idle_s = max(self._look.idle_s, REST_S)
+            self._idle_ns = max(self._idle_ns, at_ns + round(idle_s * 1e9))
+            heapq.heappush(self._running, (self._idle_ns, IDLE, IDLE_SHARE))
 
     def _run(self, now_ns: int) -> None:
         """Light the blocks that running light has come to by now."""
@@ -295,6 +311,12 @@ class Lights:
             now_ns = self._played.recorded_ns(now_ns)
         while self._running and self._running[0][0] <= now_ns:
             at_ns, block, share = heapq.heappop(self._running)
+            if block == IDLE:
+                if at_ns == self._idle_ns and self._look.idle_s:
+                    for after_s, one, dim in idle(self._look, self.table):
+                        heapq.heappush(self._running, (at_ns + round(after_s * 1e9), one, dim))
+                    self._wait_idle(at_ns)
+                continue
             if at_ns - self._lit_ns[block] >= REST_S * 1e9:
                 self._lit_ns[block] = at_ns
                 self._light(0, block, at_ns=at_ns, spread=share)
@@ -420,6 +442,7 @@ class Lights:
         if jump_ns and (self._played is None or not self.by_stamp):
             self.frames.shift(jump_ns)
             self._running.clear()
+            self._idle_ns = 0
             self._lit_ns = [at_ns + jump_ns for at_ns in self._lit_ns]
         return now_ns
 
