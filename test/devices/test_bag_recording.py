@@ -271,13 +271,12 @@ def test_a_disk_that_is_full_at_the_start_is_waited_for(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_disk_that_refuses_a_write_pauses_the_recording(tmp_path, monkeypatch):
-    monkeypatch.setattr(bag_recording, 'FLUSH_S', 0.02)
-    recording = start(tmp_path)
-    feed(recording, 100)
-    wait_until(lambda: recording.message_count == 100)
-
+@pytest.mark.parametrize('flush_s, sync_s', [(0.02, 0.0), (60.0, 0.2)], ids=['flush', 'sync'])
+def test_a_disk_that_refuses_a_write_pauses_the_recording(tmp_path, monkeypatch, flush_s, sync_s):
+    monkeypatch.setattr(bag_recording, 'FLUSH_S', flush_s)
+    recording = start(tmp_path, RecorderSettings(min_free_gb=0.0, sync_s=sync_s))
     os.dup2(os.open('/dev/full', os.O_WRONLY), recording._writer._file.file.fileno())
+    feed(recording, 100)
     wait_until(lambda: recording.trouble)
     assert f'the disk of {tmp_path} is full (No space left on device)' in recording.trouble
     feed(recording, 10, first=100)
