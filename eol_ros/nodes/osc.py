@@ -11,7 +11,8 @@ import numpy as np
 from eol_ros.core.sound.senses import FirstSense
 from eol_ros.core.tuio import Tokens, tuio1, tuio2
 from eol_ros.core.vision.states import TRACKING
-from eol_ros.devices.osc import OscIn, OscOut, Peer, TimeTag, bundle, encode
+from eol_ros.devices.osc import OscIn, Peer, TimeTag, bundle, encode
+from eol_ros.devices.udp import UdpOut
 from eol_ros.errors import ConfigError, EolError, printable
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.parameters import checked_live
@@ -40,7 +41,7 @@ class OscNode(EolNode):
         s = self.settings
         names = osc.addresses(s.send, s.addresses, self.namespace)
         self.outs, self.tuio, self.tuio2 = (
-            [OscOut(target) for target in targets] for targets in (s.send_to, s.tuio, s.tuio2)
+            [UdpOut(target) for target in targets] for targets in (s.send_to, s.tuio, s.tuio2)
         )
         self.all = [*self.outs, *self.tuio, *self.tuio2]
         if not self.all and not s.port:
@@ -108,7 +109,7 @@ class OscNode(EolNode):
             unix_ns = self.wall_ns(stamp_ns) if stamp_ns else time.time_ns()
             self.transmit(self.outs, unix_ns, [(self.to[name], *line) for line in lines])
 
-    def transmit(self, outs: list[OscOut], unix_ns: int, messages: list) -> None:
+    def transmit(self, outs: list[UdpOut], unix_ns: int, messages: list) -> None:
         packet = bundle(TimeTag.of(unix_ns), [encode(*message) for message in messages])
         for out in outs:
             out.send(packet)

@@ -173,6 +173,8 @@ def _settings(scene: Scene) -> Iterator[Check]:
     sound, hours = scene.nodes.get('sound'), scene.settings('hours')
     if sound and sound.midi_map:
         yield 'sound.midi_map', lambda: _midi_map(sound.midi_map, hours.cues)
+    if 'sacn' in scene.nodes:
+        yield from _sacn(scene)
     if tracker and leds:
         yield 'leds.blink_block', lambda: _same_blink(tracker, leds)
 
@@ -301,6 +303,19 @@ def _osc(settings: Any) -> Iterator[Check]:
     for name in ('send_to', 'tuio', 'tuio2'):
         for line in getattr(settings, name):
             yield f'osc.{name}', functools.partial(target, line)
+
+
+def _sacn(scene: Scene) -> Iterator[Check]:
+    from eol_ros.core.light.e131 import mistakes, target
+    from eol_ros.devices import address
+
+    settings, cells = scene.nodes['sacn'], scene.table.rows * scene.table.columns
+    for line in settings.send_to:
+        yield 'sacn.send_to', functools.partial(address.target, target(line))
+    limit = scene.settings('leds').flash_limit
+    for name, what in mistakes(settings.first_channel, limit, cells):
+        where = name if name == 'sacn' else f'sacn.{name}'
+        yield where, functools.partial(_refuse, what)
 
 
 def _panel(settings: Any) -> Iterator[Check]:

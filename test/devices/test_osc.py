@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.waiting import wait_until
 
-from eol_ros.devices.osc import IMMEDIATELY, OscIn, OscOut, Peer, TimeTag, bundle, decode, encode
+from eol_ros.devices.osc import IMMEDIATELY, OscIn, Peer, TimeTag, bundle, decode, encode
+from eol_ros.devices.udp import UdpOut
 from eol_ros.errors import ConfigError, DeviceMissing
 
 VALUES = st.lists(
@@ -100,7 +101,7 @@ class Warned(list):
 
 def test_over_the_wire():
     source, warned = OscIn(0), Warned()
-    out = OscOut(f'127.0.0.1:{source.port}')
+    out = UdpOut(f'127.0.0.1:{source.port}')
     assert out.own == '127.0.0.1'
     out.send(encode('/eol/set/gain_db', -12.0))
     out.send(bundle(IMMEDIATELY, [encode('/a', 1)]))
@@ -119,7 +120,7 @@ def test_over_the_wire():
         OscIn(source.port)
     for wrong in ('here', 'localhost:', 'localhost:99999', ':57120'):
         with pytest.raises(ConfigError, match='HOST:PORT'):
-            OscOut(wrong)
+            UdpOut(wrong)
     source.close()
     out.close()
 
@@ -153,7 +154,7 @@ def test_a_name_that_does_not_resolve_is_looked_up_again(monkeypatch):
 
     monkeypatch.setattr(socket, 'getaddrinfo', resolver)
     ear = OscIn(0)
-    out = OscOut(f'synth.lan:{ear.port}')
+    out = UdpOut(f'synth.lan:{ear.port}')
     wait_until(lambda: out.trouble)
     assert out.trouble.endswith(': Name or service not known')
     out.send(encode('/lost'))
@@ -164,6 +165,6 @@ def test_a_name_that_does_not_resolve_is_looked_up_again(monkeypatch):
     out.close()
     ear.close()
     monkeypatch.undo()
-    long = OscOut('a' * 70 + '.lan:9')  # a label of more than 63 letters
+    long = UdpOut('a' * 70 + '.lan:9')  # a label of more than 63 letters
     wait_until(lambda: long.trouble)
     long.close()

@@ -79,6 +79,7 @@ ALL = (
     'montage',
     'osc',
     'midi',
+    'sacn',
     'panel',
     'recorder',
 )
