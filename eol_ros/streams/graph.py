@@ -113,7 +113,7 @@ _NODES = (
     NodeSpec('sound', settings.SoundSettings, requires='grain_triggers', real_time=SHORT,
              publishes=('sound_meter', 'sound_samples'), on_request=('grain_triggers', *_ANSWERS),
              subscribes=('grain_triggers', 'felt_triggers', 'corpus', 'requests'),
-             optional=('slips',)),
+             optional=('slips', 'node_states')),
     NodeSpec('montage', settings.MontageSettings, requires='slips', nice=3,
              publishes=('wall',), on_request=_ANSWERS,
              subscribes=('slips', 'requests')),
@@ -149,7 +149,8 @@ QOS = {
     'images': QoS(20, sent=12),
     # Small, one per image or per event. A node that had no processor for 2 s loses none, even
     # behind a replay at four times the pace: DDS acknowledges what is queued, not what is taken.
-    'stream': QoS(600, sent=60),
+    # A process whose DDS threads had none loses nothing for 5 s.
+    'stream': QoS(600, sent=300),
     'preview': QoS(10, reliable=False),
     'meter': QoS(10, reliable=False),
     'latched': QoS(10, latched=True),

@@ -1,8 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Quality of service between our nodes and nodes of others, over real DDS."""
 
+import signal
+import subprocess
+import sys
+import time
+
 import numpy as np
 import pytest
+from eol_msgs.msg import Slip
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
@@ -10,6 +16,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, Image
 from support.spinning import Nodes
+from support.waiting import wait_until
 
 from eol_ros.errors import ConfigError
 from eol_ros.ros import qos
@@ -19,6 +26,18 @@ from eol_ros.settings import MontageSettings
 from eol_ros.streams.graph import TOPICS
 
 RELIABLE = QoSProfile(depth=5)
+# Prints the number of each slip that it receives, as our subscribers ask for them.
+READER = """
+from eol_ros.ros import network
+network.configure('local')
+import rclpy
+from eol_msgs.msg import Slip
+from eol_ros.ros.topics import QOS
+rclpy.init()
+node = rclpy.create_node('reader', namespace='eol')
+node.create_subscription(Slip, 'slips', lambda slip: print(slip.slip, flush=True), QOS['stream'])
+rclpy.spin(node)
+"""
 pytestmark = pytest.mark.usefixtures('any_stamp')
 
 
@@ -134,3 +153,23 @@ def test_a_parameter_that_is_not_declared_is_a_warning_with_the_nearest_name(ros
     probe = Probe(Parameter('perod_s', value=3.0), Parameter('period_s', value=2.0))
     assert probe.settings.period_s == 2.0 and not probe.has_parameter('perod_s')
     assert 'probe has no setting perod_s. Did you mean period_s?' in capfd.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_reader_without_a_processor_for_4_s_loses_no_slip(ros):
+    """A dense cascade has 60 slips a second; the machine runs none of the reader's threads."""
+    probe = Probe()
+    slips = probe.publisher('slips')
+    reader = subprocess.Popen([sys.executable, '-c', READER], stdout=subprocess.PIPE, text=True)
+    try:
+        wait_until(slips.get_subscription_count, 60)
+        reader.send_signal(signal.SIGSTOP)
+        for slip in range(240):
+            slips.publish(Slip(slip=slip))
+            time.sleep(1 / 60)
+        reader.send_signal(signal.SIGCONT)
+        assert [int(reader.stdout.readline()) for _ in range(240)] == list(range(240))
+    finally:
+        reader.kill()
+        reader.communicate()
+        probe.destroy_node()
