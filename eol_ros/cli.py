@@ -12,10 +12,10 @@ import re
 import sys
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NoReturn, TextIO
 
-from eol_ros import folders, interrupts
+from eol_ros import folders, interrupts, memory
 from eol_ros.errors import (
     BagDamaged,
     ConfigError,
@@ -25,6 +25,7 @@ from eol_ros.errors import (
     printable,
     warning_line,
 )
+from eol_ros.verbs.progress import Progress
 
 WARNINGS_LOG, WARNINGS_MOST = 'warnings.log', 1_000_000  # bytes: then it begins again
 FULL = errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO  # of a disk, at a write
@@ -78,6 +79,11 @@ GROUPS = {
     },
 }
 VERBS = {verb: text for group in GROUPS.values() for verb, text in group.items()}
+# that go on until they are stopped, and say so themselves
+LASTING = {
+    'run', 'kiosk', 'mirror', 'echo', 'midi', 'replay', 'camera', 'board', 'measure', 'speakers',
+    'listen',
+}  # fmt: skip
 
 
 def _overview() -> str:
@@ -245,11 +251,15 @@ def _run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
     warnings.showwarning = show
     try:
         interrupts.begin()
-        return int(module.run(args) or 0) or (1 if damage else 0)
+        with _watched(prog):
+            return int(module.run(args) or 0) or (1 if damage else 0)
     except EolError as error:
         lines = [printable(line) for line in str(error).split('\n')]
         print(f'{prog}: {lines[0]}' if len(lines) == 1 else '\n'.join(lines), file=sys.stderr)
         return error.exit_code
+    except MemoryError:
+        print(f'{prog}: needs more memory than this machine has: give it less', file=sys.stderr)
+        return EolError.exit_code
     except BrokenPipeError:
         return _unread()
     except (ModuleNotFoundError, OSError) as error:
@@ -260,6 +270,17 @@ def _run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
         return known.exit_code
     finally:
         interrupts.finish()
+
+
+@contextlib.contextmanager
+def _watched(prog: str) -> Iterator[None]:
+    """Bound the memory of a verb that ends by itself, and let it say what it does if it is long."""
+    verb = prog.removeprefix('eol ')
+    if verb not in VERBS or verb in LASTING:
+        yield
+        return
+    with memory.bounded(), Progress(f'{prog}: {VERBS[verb]}'):
+        yield
 
 
 def _explained(error: ModuleNotFoundError | OSError, args: argparse.Namespace) -> EolError | None:

@@ -10,6 +10,7 @@ through `DISK`; a test puts a disk below it that forgets.
 import contextlib
 import errno
 import os
+import stat
 import sys
 import threading
 import zlib
@@ -26,6 +27,7 @@ DAMAGED = (
     OSError, ValueError, LookupError, TypeError, AttributeError, EOFError, OverflowError,
     RecursionError, BadZipFile, zlib.error, EolError,
 )  # fmt: skip
+MOST_TEXT = 1_000_000  # bytes of a file that people write (chosen); a scene has some thousand
 _TOKEN = os.urandom(3).hex()  # thread numbers are not unique across containers
 _named: set[Path] = set()
 
@@ -97,6 +99,30 @@ def _aside(path: Path) -> Iterator[Path]:
         yield part
     finally:
         part.unlink(missing_ok=True)
+
+
+def regular(path: str, flags: int) -> int:
+    """Open a file, for `opener` of open(); raise OSError for a device or a pipe."""
+    handle = os.open(path, flags | os.O_NONBLOCK)  # else a pipe that nobody writes holds on
+    if not stat.S_ISREG(os.fstat(handle).st_mode) and not stat.S_ISDIR(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise OSError(errno.EINVAL, 'a device or pipe, not a file', path)
+    return handle
+
+
+def content(path: str | Path, most: int = MOST_TEXT) -> bytes:
+    """Return the content of a file of at most `most` bytes.
+
+    Raises
+    ------
+    OSError
+        It cannot be read, is larger, or is no file, as a pipe that nobody writes.
+    """
+    with open(path, 'rb', opener=regular) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > most:
+            raise OSError(errno.EFBIG, f'larger than {most / 1e6:g} MB', str(path))
+        return file.read(size)
 
 
 def read(path: Path, parse: Callable[[bytes], T]) -> T | None:

@@ -34,6 +34,7 @@ from pathlib import Path
 from typing import Any
 
 from eol_ros import yaml_text
+from eol_ros.disk import content
 from eol_ros.errors import FEW_NAMES, ConfigError, EolError, nearest
 from eol_ros.said import said
 from eol_ros.scene_secrets import SceneText, without
@@ -214,7 +215,7 @@ class Reader(yaml_text.Reader):
         name = _shown(path)
         start = Place({}, name)
         try:
-            data = path.read_bytes()
+            data = content(path)
         except OSError as error:
             self.wrong(start, '', f'{error.strerror}')
             return start

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from eol_ros import scene
-from eol_ros.disk import DISK
+from eol_ros.disk import DISK, content
 from eol_ros.errors import ConfigError, writing
 from eol_ros.yaml_text import decoded
 
@@ -49,7 +49,7 @@ def write(path: Path, node: str, values: Mapping[str, Any]) -> None:
     wanted = scene.plain(before)
     wanted['nodes'][node] |= values
     with writing(path), DISK.replacing(path) as part:
-        text = changed(decoded(path.read_bytes()), node, values)
+        text = changed(decoded(content(path)), node, values)
         part.write_bytes(text.encode())
         part.chmod(path.stat().st_mode)
         if not _says(part, wanted):

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """YAML that people write: values with file, line and column, and every mistake at once."""
 
+import itertools
+import math
 import re
 import unicodedata
 from collections.abc import Mapping
@@ -26,6 +28,35 @@ _NUMBERS = {  # forms of numbers that YAML 1.1 reads as other numbers, or as tex
 def decoded(data: bytes) -> str:
     """Return a text in UTF-8, or UTF-16 with a byte order mark; raises UnicodeDecodeError."""
     return data.decode('utf-16' if data[:2] in (b'\xff\xfe', b'\xfe\xff') else 'utf-8')
+
+
+def load(text: str | bytes, loader: Any = yaml.SafeLoader) -> Any:
+    """Return the first document of a YAML text that holds something; None if none does.
+
+    Raises yaml.YAMLError, also where aliases repeat a part without end; ValueError, RecursionError.
+    """
+    reader = loader(text)
+    try:
+        while reader.check_node():
+            node = reader.get_node()
+            if _count(node, {}) > MOST_VALUES:
+                raise yaml.YAMLError(f'aliases make more than {MOST_VALUES} values of it')
+            if (found := reader.construct_document(node)) is not None:
+                return found
+    finally:
+        reader.dispose()
+    return None
+
+
+def _count(node: yaml.Node, known: dict[int, float]) -> float:
+    """Return how many values a node holds, those that aliases repeat each time."""
+    if isinstance(node, yaml.ScalarNode):
+        return 1
+    if id(node) not in known:
+        known[id(node)] = math.inf  # where it holds itself
+        inner = node.value if isinstance(node, yaml.SequenceNode) else itertools.chain(*node.value)
+        known[id(node)] = 1 + sum(_count(item, known) for item in inner)
+    return known[id(node)]
 
 
 @dataclass(frozen=True, order=True)
@@ -92,7 +123,7 @@ class Reader:
 
     def __init__(self) -> None:
         self.mistakes: list[Mistake] = []
-        self._count = 0
+        self._count: float = 0
 
     def wrong(self, place: Place, where: str, what: str) -> None:
         """Note a mistake."""
@@ -114,6 +145,9 @@ class Reader:
                 self.wrong(start, '', 'a no-break space (U+00A0): write an ordinary one')
                 return start, None, text
             tree = yaml.compose(text, Loader=yaml.SafeLoader)
+            self._count += _count(tree, {}) if tree else 0
+            if self._count > MOST_VALUES:  # anchors may stand for each other without end
+                raise RecursionError
             return (self._convert(tree, name, merge_hint) if tree else start), tree, text
         except UnicodeDecodeError:
             self.wrong(start, '', 'not a text file in UTF-8')
@@ -128,9 +162,6 @@ class Reader:
         return start, None, text
 
     def _convert(self, node: yaml.Node, name: str, merge_hint: str) -> Place:
-        self._count += 1
-        if self._count > MOST_VALUES:  # anchors may stand for each other without end
-            raise RecursionError
         place = Place(None, name, node.start_mark.line + 1, node.start_mark.column + 1)
         if isinstance(node, yaml.MappingNode):
             place.value = {}

@@ -6,6 +6,7 @@ from typing import Any
 
 import yaml
 
+from eol_ros import yaml_text
 from eol_ros.analysis.bag import Bag
 from eol_ros.core.table import Table
 from eol_ros.devices.bag.reader import table_in
@@ -21,7 +22,7 @@ def recorded_table(bag: Bag) -> Table:
 def recorded_settings(bag: Bag, node: str) -> Any | None:
     """Return the settings that `node` was recorded with; None where the bag does not say."""
     try:
-        values: dict[str, Any] = yaml.safe_load(bag.about['settings'])['nodes'][node] or {}
+        values: dict[str, Any] = yaml_text.load(bag.about['settings'])['nodes'][node] or {}
         kind = NODES[node].settings
         known = {field.name for field in dataclasses.fields(kind)}
         found = {k: v for k, v in by_today(kind, values).items() if k in known}

@@ -6,6 +6,7 @@ from typing import Any
 
 import yaml
 
+from eol_ros import yaml_text
 from eol_ros.bringup import plan
 from eol_ros.devices.bag.player import complete
 from eol_ros.devices.bag.reader import BagReader, table_in
@@ -41,7 +42,7 @@ def settle(scene: Scene) -> tuple[Scene, list[str]]:
 def differences(about: dict[str, str], scene: Scene) -> list[str]:
     """Return a line for each setting that differs from the run's and changes what comes of it."""
     try:
-        nodes: dict[str, Any] = yaml.safe_load(about.get('settings', ''))['nodes']
+        nodes: dict[str, Any] = yaml_text.load(about.get('settings', ''))['nodes']
     except (yaml.YAMLError, KeyError, TypeError):
         return []  # a bag of another program
     nodes = {

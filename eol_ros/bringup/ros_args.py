@@ -13,12 +13,13 @@ from typing import Any
 
 import yaml
 
+from eol_ros import yaml_text
+from eol_ros.disk import content
 from eol_ros.errors import ConfigError, UsageError
 from eol_ros.ros.parameters import checked
 from eol_ros.scene import Scene, check_namespace
 from eol_ros.settings import renamed
 from eol_ros.streams.graph import NODES
-from eol_ros.yaml_text import decoded
 
 REMAP, PARAMETER, FILE = ('-r', '--remap'), ('-p', '--param'), '--params-file'
 WITH_VALUE = ('--log-level', '-e', '--enclave', '--log-config-file')
@@ -100,7 +101,7 @@ def _parameter(word: str, rule: str, scene: Scene) -> tuple[str, str, Any]:
 
 def _file(path: Path) -> Iterator[tuple[str, str, Any]]:
     try:
-        data = yaml.safe_load(decoded(path.read_bytes()))
+        data = yaml_text.load(yaml_text.decoded(content(path)))
     except FileNotFoundError:
         raise UsageError(f'--ros-args {FILE} {path}: no such file') from None
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:

@@ -14,7 +14,7 @@ import yaml
 
 from eol_ros import folders
 from eol_ros.core.sound.midi import Mapping
-from eol_ros.disk import DISK
+from eol_ros.disk import DISK, content
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
 from eol_ros.ros.parameters import checked_live
 from eol_ros.said import said
@@ -22,6 +22,7 @@ from eol_ros.scene import check_value
 from eol_ros.settings import by_today
 from eol_ros.streams.graph import INSTRUMENT, NODES
 from eol_ros.yaml_text import decoded
+from eol_ros.yaml_text import load as load_yaml
 
 NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9_-]{0,63}')
 Preset = dict[str, dict[str, Any]]
@@ -47,7 +48,7 @@ def path_of(name: str, where: Path) -> Path:
 def load(path: Path) -> Preset:
     """Return the settings of a preset by node; raises ConfigError where they cannot be."""
     try:
-        data = yaml.safe_load(decoded(path.read_bytes()))
+        data = load_yaml(decoded(content(path)))
     except FileNotFoundError:
         raise DeviceMissing(said('no_preset', path=path)) from None
     except (OSError, UnicodeError, ValueError, RecursionError, yaml.YAMLError) as error:

@@ -29,6 +29,7 @@ HELP = (
 EXAMPLES = ['eol backup museum', 'eol backup my/scene.yaml --output /media/usb/eol.tar.gz']
 MANIFEST = 'manifest.json'
 MOVED = '*.moved.csv'
+MOST = 100_000_000  # bytes of a backup, packed or not (chosen); one has some 100 kB
 
 
 def add_arguments(parser):

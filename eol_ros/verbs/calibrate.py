@@ -2,6 +2,7 @@
 """eol calibrate: from images of the table to the file that turns pixels into metres."""
 
 import datetime
+import itertools
 import json
 import sys
 from dataclasses import replace
@@ -13,7 +14,7 @@ from eol_ros import scene as scenes
 from eol_ros.cli import within
 from eol_ros.core.table import Table, check_same
 from eol_ros.devices.bag.reader import table_in
-from eol_ros.errors import ConfigError, UsageError, writing
+from eol_ros.errors import ConfigError, EolError, UsageError, writing
 
 HELP = 'Calibrate the camera on the resting blocks, on known points, or on a ChArUco board.'
 EXAMPLES = [
@@ -312,15 +313,19 @@ def _images(sources) -> tuple[list[np.ndarray], dict[str, str]]:
     images: list[np.ndarray] = []
     about: dict[str, str] = {}
     for path in sources:
-        if Path(path).suffix.lower() in PICTURES:
-            images.append(picture_file.load_grey(path, picture_file.GREY))
-            continue
-        source = open_source(path)
-        about = about or source.about
-        every = max(source.count // _VIEWS, 1)
-        images += [image.copy() for k, (_, image) in enumerate(source.read()) if k % every == 0][
-            :_VIEWS
-        ]
+        try:
+            if Path(path).suffix.lower() in PICTURES:
+                images.append(picture_file.load_grey(path, picture_file.GREY))
+                continue
+            source = open_source(path)
+            about = about or source.about
+            every = max(source.count // _VIEWS, 1)
+            views = itertools.islice(source.read(), 0, every * _VIEWS, every)
+            images += [image.copy() for _, image in views]
+        except EolError as error:
+            if len(sources) == 1:
+                raise
+            print(f'{error}; left out', file=sys.stderr)
     if not images:
         raise ConfigError('no image in ' + ', '.join(sources))
     if len({image.shape for image in images}) > 1:
@@ -330,7 +335,7 @@ def _images(sources) -> tuple[list[np.ndarray], dict[str, str]]:
 
 def _pair(text, name) -> tuple[int, int]:
     parts = text.lower().split('x')
-    if len(parts) != 2 or not all(p.isdigit() and int(p) > 2 for p in parts):
+    if len(parts) != 2 or not all(p.isdecimal() and len(p) < 6 and int(p) > 2 for p in parts):
         raise UsageError(f'{name} {text}: two numbers like 1280x800 are needed')
     return int(parts[0]), int(parts[1])
 

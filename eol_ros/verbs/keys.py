@@ -4,9 +4,9 @@
 import shlex
 import socket
 import sys
-from pathlib import Path
 
 from eol_ros.cli import within
+from eol_ros.disk import content
 from eol_ros.ros import wireguard
 
 HELP = (
@@ -77,7 +77,7 @@ def run(args):
         _say(f'{args.name} is let in no longer. {_renew(keys)}')
     elif args.action == 'join':
         try:
-            text = sys.stdin.read() if args.file == '-' else Path(args.file).read_text('utf-8')
+            text = sys.stdin.read() if args.file == '-' else content(args.file).decode()
         except (OSError, UnicodeDecodeError) as error:
             raise ConfigError(f'{args.file}: {getattr(error, "strerror", error)}') from None
         keys = wireguard.join(text)

@@ -3,11 +3,13 @@
 
 import argparse
 import json
+import re
 import sys
 import time
 
 from eol_ros import folders
 from eol_ros.cli import within
+from eol_ros.disk import regular
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
 
 HELP = 'run the earthquake automaton (or a rice pile) and fit the law of its sizes'
@@ -106,6 +108,8 @@ def _lattice(args):
             raise UsageError('--model oslo begins with an empty pile: leave out --start')
         return OsloPile(size, args.seed), False
     try:
+        if len(args.alpha) > 40 or 'e' in args.alpha.lower():  # 1e-999999999 has no end
+            raise ValueError
         alpha = Fraction(args.alpha)
     except (ValueError, ZeroDivisionError):
         raise UsageError(
@@ -137,10 +141,11 @@ def _start(path: str):
     import numpy as np
 
     try:
-        numbers = np.load(path, allow_pickle=False)
+        with open(path, 'rb', opener=regular) as file:
+            numbers = np.load(file, allow_pickle=False)
     except FileNotFoundError:
         raise DeviceMissing(f'--start: there is no file {path}') from None
-    except (OSError, ValueError, EOFError) as error:
+    except (OSError, ValueError, EOFError, MemoryError) as error:
         raise ConfigError(f'--start {path}: not a .npy file ({error})') from None
     if not isinstance(numbers, np.ndarray) or numbers.ndim != 2:
         raise ConfigError(f'--start {path}: a square of whole numbers is wanted')
@@ -151,11 +156,10 @@ def _fit_range(text: str, side: int) -> tuple[int, int]:
     """Return the sizes to fit on: small ones follow the lattice, the greatest its boundary."""
     if not text:
         return 2, min(200, max(20, side * side // 6))
-    low, _, high = text.partition(':')
-    try:
-        return int(low), int(high)
-    except ValueError:
-        raise UsageError(f'--fit {text}: write two sizes, like 2:200') from None
+    found = re.fullmatch(r'(\d{1,15}):(\d{1,15})', text)
+    if not found or not 1 <= int(found[1]) < int(found[2]):
+        raise UsageError(f'--fit {text}: write two rising sizes, like 2:200')
+    return int(found[1]), int(found[2])
 
 
 def _advance(lattice, count: int, chunk: int, words: str, full: bool):

@@ -15,21 +15,30 @@ class Progress:
     """Shows the share done, 0 to 1, with which it is called; silent for `quiet_s`.
 
     After `SILENT_S` without a word it says what goes on. Close it, or leave its `with`, at the end.
+    Within another one, the inner one speaks.
     """
+
+    _active: list['Progress'] = []
 
     def __init__(self, words: str, quiet_s: float = 1.0):
         self._words, self._tenth = words, 0
         self._begin_s = time.monotonic() + quiet_s
         self._bar: Any = None
-        self._timer = threading.Timer(SILENT_S, self._still)
-        self._timer.daemon = True
-        self._timer.start()
+        for outer in self._active:
+            outer._timer.cancel()
+        self._active.append(self)
+        self._wait()
 
     def __enter__(self) -> 'Progress':
         return self
 
     def __exit__(self, *exc) -> None:
         self.close()
+
+    def _wait(self) -> None:
+        self._timer = threading.Timer(SILENT_S, self._still)
+        self._timer.daemon = True
+        self._timer.start()
 
     def _still(self) -> None:
         if self._bar is None:
@@ -59,6 +68,10 @@ class Progress:
     def close(self) -> None:
         """Remove the progress bar, say no more."""
         self._timer.cancel()
+        if self in self._active:
+            self._active.remove(self)
+            for outer in self._active[-1:]:
+                outer._wait()
         if self._bar is not None:
             self._bar.stop()
 

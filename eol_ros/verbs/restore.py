@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol restore: put back what `eol backup` wrote."""
 
+import gzip
 import hashlib
 import io
 import json
@@ -8,10 +9,10 @@ import sys
 import tarfile
 from pathlib import Path, PurePosixPath
 
-from eol_ros.disk import DAMAGED, DISK
+from eol_ros.disk import DAMAGED, DISK, content
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
 from eol_ros.settings import MASK
-from eol_ros.verbs.backup import MANIFEST, places, private
+from eol_ros.verbs.backup import MANIFEST, MOST, places, private
 
 HELP = (
     'Put back what `eol backup` wrote: state, presets and moved grains into the folders of this '
@@ -44,12 +45,12 @@ def run(args):
             f'{there[0]}{more}: there, with other content; nothing was written. '
             '`eol backup` first keeps what is there, --force replaces it'
         )
-    for path, content in files.items():
+    for path, data in files.items():
         with writing(path), private(about['secrets']):
             path.parent.mkdir(parents=True, exist_ok=True)
-            DISK.write(path, content)
+            DISK.write(path, data)
         print(path)
-        if path.suffix in ('.yaml', '.yml') and MASK.encode() in content:
+        if path.suffix in ('.yaml', '.yml') and MASK.encode() in data:
             print(f'eol restore: {path}: enter the secrets in place of {MASK}', file=sys.stderr)
     if about['kept_bags']:
         bags = ', '.join(about['kept_bags'])
@@ -62,7 +63,8 @@ def _read(path: Path) -> tuple[dict, dict[str, bytes]]:
     if not path.is_file():
         raise DeviceMissing(f'{path}: no such file')
     try:
-        with tarfile.open(fileobj=io.BytesIO(path.read_bytes()), mode='r:gz') as tar:
+        whole = io.BytesIO(_unpacked(content(path, MOST)))
+        with tarfile.open(fileobj=whole, mode='r:') as tar:
             packed = {m.name: file.read() for m in tar if (file := tar.extractfile(m))}
         about = json.loads(packed.pop(MANIFEST))
         digests, about = dict(about['files']), about | {'kept_bags': list(about['kept_bags'])}
@@ -74,6 +76,15 @@ def _read(path: Path) -> tuple[dict, dict[str, bytes]]:
     if wrong:
         raise ConfigError(f'{path}: {wrong[0]} is not what was backed up; nothing was written')
     return about, packed
+
+
+def _unpacked(data: bytes) -> bytes:
+    """Return what gzip data hold, at most `MOST` bytes: a small file may hold endless ones."""
+    with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+        found = file.read(MOST + 1)
+    if len(found) > MOST:
+        raise ValueError(f'more than {MOST / 1e6:g} MB in it')
+    return found
 
 
 def _target(roots: dict[str, Path], name: str) -> Path:

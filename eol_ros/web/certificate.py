@@ -9,11 +9,13 @@ import contextlib
 import datetime
 import ipaddress
 import os
+import re
 import ssl
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from eol_ros.disk import content
 from eol_ros.errors import ConfigError, EolError, pip_install
 
 YEARS = 10  # it is trusted because somebody has compared its fingerprint, not because it is young
@@ -65,7 +67,7 @@ def make(path: Path, names: Sequence[str], now: datetime.datetime) -> Any:
     x509, hashes, serialization, ec = _cryptography()
     alternatives = [_alternative(x509, name) for name in names]
     key = ec.generate_private_key(ec.SECP256R1())
-    who = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, names[0])])
+    who = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, names[0][:64])])
     built = (
         x509.CertificateBuilder()
         .subject_name(who)
@@ -102,7 +104,7 @@ def read(path: str) -> Any:
     """Return the (first) certificate of a file; raises ConfigError or EolError."""
     x509, *_ = _cryptography()
     try:
-        return x509.load_pem_x509_certificate(Path(path).read_bytes())
+        return x509.load_pem_x509_certificate(content(path))
     except OSError as error:
         raise ConfigError(f'panel.certificate: {path}: {error.strerror}') from None
     except ValueError:
@@ -136,7 +138,7 @@ def _alternative(x509: Any, name: str) -> Any:
     except ValueError:
         pass
     parts = name.removeprefix('*.').split('.')
-    if not all(part and part.replace('-', '').isalnum() and part.isascii() for part in parts):
+    if not all(re.fullmatch('[A-Za-z0-9-]{1,63}', part) for part in parts) or len(name) > 253:
         raise ConfigError(f'{name!r} is no host name and no address')
     return x509.DNSName(name)
 

@@ -21,3 +21,12 @@ def test_work_that_is_done_or_tells_its_share_says_no_more(monkeypatch, capsys):
         shown(0.5)
         time.sleep(0.1)
     assert capsys.readouterr().err == 'writing: 50 %\n'
+
+
+def test_of_two_the_inner_one_speaks(monkeypatch, capsys):
+    monkeypatch.setattr(progress, 'SILENT_S', 0.05)
+    with progress.Progress('checking') as outer:
+        with progress.Progress('reading') as inner:
+            inner._timer.join(5.0)
+        outer._timer.join(5.0)
+    assert capsys.readouterr().err == 'reading ...\nchecking ...\n'

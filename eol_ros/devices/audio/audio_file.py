@@ -22,6 +22,7 @@ from eol_ros.said import said
 BLOCK = 1 << 20  # samples read at a time: a long file never needs all its channels in memory
 WRITTEN = 1 << 12  # samples written at a time: libsndfile dies of a long piece of Vorbis
 RATES = 1000, 1_000_000  # Hz, of recordings (chosen): hydrophones to laboratory cards
+LONGEST_PERIOD = 200_000  # samples, of two rates together: bounds the filter that resamples
 ROOM = 160e6  # bytes that a sound may take in memory, beside twice the size of its file
 UNRECOGNISED = 1, 7  # errors of libsndfile: no format, no MP3
 UNKNOWN_SIZE = 0x7FFF_0000  # from here on the size in a header is what a stream has for one
@@ -64,8 +65,8 @@ def read_mono(path, rate: int | None = None, guard: int = 0) -> Sound:
             soundfile.SoundFile(content) as sound,
         ):
             own_rate, channels = sound.samplerate, sound.channels
-            _check(path, sound)
             rate = rate or own_rate
+            _check(path, sound, rate)
             taken = _Pieces(sound)
             pieces = taken if rate == own_rate else resampled(taken, own_rate, rate)
             memory = np.zeros(-(-sound.frames * rate // own_rate) + 2 * guard, np.float32)
@@ -176,17 +177,25 @@ def write(path, samples: np.ndarray, rate: int, subtype: str | None = None) -> N
         raise ConfigError(f'{path}: cannot write this sound ({error})') from None
 
 
-def _check(path: Path, sound: soundfile.SoundFile) -> None:
-    """Raise ConfigError where rate or decoded length of a sound are beyond what can be meant."""
+def _check(path: Path, sound: soundfile.SoundFile, wanted: int) -> None:
+    """Raise ConfigError where rate or length of a sound are beyond what can be meant.
+
+    wanted: the rate at which its samples are to be, in Hz.
+    """
     rate, count = sound.samplerate, sound.frames
     if not RATES[0] <= rate <= RATES[1]:
         raise ConfigError(
             f'{path}: its header says {rate} samples a second; sounds have {RATES[0]} to '
             f'{RATES[1]}; export it again'
         )
-    if count * 4 > 2 * path.stat().st_size + ROOM:
+    if max(rate, wanted) // math.gcd(rate, wanted) > LONGEST_PERIOD:
         raise ConfigError(
-            f'{path}: {count / rate / 60:.0f} min of sound take {count * 4e-6:.0f} MB of memory '
+            f'{path}: {rate} samples a second are no usual rate; export it again at {wanted}'
+        )
+    taken = 4 * count * max(rate, wanted) // rate
+    if taken > 2 * path.stat().st_size + ROOM:
+        raise ConfigError(
+            f'{path}: {count / rate / 60:.0f} min of sound take {taken * 1e-6:.0f} MB of memory '
             'when decoded, too much for a file of this size; cut it up, or export it as WAV'
         )
 

@@ -35,6 +35,7 @@ from mcap.records import (
 )
 from mcap.stream_reader import StreamReader
 
+from eol_ros import yaml_text
 from eol_ros.devices.bag import scan
 from eol_ros.devices.bag.mcap_file import LIBRARY, BagMessage, BagTopic
 from eol_ros.devices.bag.scan import HEAD, MAGIC, DamagedRecord, Found
@@ -468,7 +469,7 @@ def walked(file: BinaryIO, size: int, ours: bool, breathe: Callable[[], object])
 
 def _custom_data(rosbag2: dict[str, str]) -> dict[str, str]:
     try:
-        information = yaml.safe_load(rosbag2.get('serialized_metadata', '')) or {}
+        information = yaml_text.load(rosbag2.get('serialized_metadata', '')) or {}
         return information['rosbag2_bagfile_information']['custom_data'] or {}
     except (yaml.YAMLError, KeyError, TypeError):
         return {}

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import yaml
 from mcap.records import Chunk, Message, Metadata
 
+from eol_ros import yaml_text
 from eol_ros.devices.bag import scan
 from eol_ros.devices.bag.file import BagFileReader, add_topic
 from eol_ros.devices.bag.mcap_file import BagMessage as BagMessage
@@ -465,7 +466,7 @@ def information(folder: Path) -> dict | None:
 
 def loads(text: str) -> dict:
     """Parse the text of a `metadata.yaml`; raises the errors of YAML and of a wrong text."""
-    found = yaml.safe_load(text)['rosbag2_bagfile_information']
+    found = yaml_text.load(text)['rosbag2_bagfile_information']
     return {**found, 'relative_file_paths': [str(p) for p in found['relative_file_paths']]}
 
 
@@ -476,7 +477,7 @@ def table_in(settings: str) -> TableSettings | None:
     Raises ConfigError where its table is none.
     """
     try:
-        said = yaml.safe_load(settings)
+        said = yaml_text.load(settings)
     except yaml.YAMLError:
         return None
     if not isinstance(said, dict):

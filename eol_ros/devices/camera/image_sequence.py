@@ -19,6 +19,7 @@ IMAGE_TOPIC = 'camera/image_raw'
 TAPS_TOPIC = 'block_taps'
 DEFAULT_FPS = 60.0
 FASTEST_FPS = 10000.0
+LATEST_S = 1e11  # of a time, in s: beyond it, doubles lose the order of images
 JUMP_NS = 60 * 10**9  # stamps that run ahead of reception by more are of another clock
 
 
@@ -96,13 +97,13 @@ def read_stamps(path: str) -> np.ndarray:
             word = word.replace(',', '.')
         whole = word.lstrip('+-').isdecimal()
         try:
-            value: float = int(word) if whole else float(word)
+            value: float = int(word) if whole and len(word) < 30 else float(word)
         except ValueError:
             value = math.nan
         if '_' in word:  # which Python takes between digits
             value = math.nan
         unit_s = 1e-9 if whole else 1.0
-        if not math.isfinite(value):
+        if not abs(value * unit_s) < LATEST_S:  # nan, too
             wrong = 'is not a time: seconds with a decimal point, or whole nanoseconds'
         elif times and whole != in_ns:
             wrong = f'is in {"nanoseconds" if whole else "seconds"}, unlike the line before'
@@ -135,6 +136,8 @@ def open_source(path: str, fps: float | None = None, stamps: str | None = None) 
     place = Path(path)
     if not place.exists() and '%' not in path:
         raise DeviceMissing(f'{path}: there is no such file or folder')
+    if place.exists() and not place.is_file() and not place.is_dir():
+        raise ConfigError(f'{path}: a device or pipe, not a file or folder')
     if place.suffix == '.mcap' or (place.is_dir() and _is_bag(place)):
         if stamps is not None:
             raise UsageError('--stamps: a bag has the stamps of its images: leave it out')

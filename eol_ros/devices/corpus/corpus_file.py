@@ -20,7 +20,7 @@ from eol_ros import folders
 from eol_ros.core.sound.corpus import AXES, COLUMNS, Corpus, Source, grain_dtype
 from eol_ros.devices.files import text_table
 from eol_ros.devices.files.names import find, visible
-from eol_ros.disk import DISK, read
+from eol_ros.disk import DISK, content, read
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest, writing
 from eol_ros.said import said
 from eol_ros.settings import MAP_AXES, MORE_DESCRIPTORS, PROJECTIONS, GrainsSettings
@@ -30,6 +30,7 @@ ICE_RECIPE = 2  # counts up whenever the same seed gives another ice recording
 ANALYSIS = 3  # increased whenever the same sound gives other grains or descriptors
 SOUNDS = {'.wav', '.flac', '.ogg', '.oga', '.opus', '.aif', '.aiff', '.mp3', '.caf', '.au', '.w64'}
 LEFT_OUT = 'left out: '  # with which a note on a sound or its companions begins
+MOST_CORPUS = 500_000_000  # bytes of its JSON (chosen): some 700,000 grains
 MOST_S = 86400.0  # of a sound: a day
 _MADE = 'the .json that `eol corpus SOUND --output` writes'
 DIGITS = 9  # significant, in JSON and CSV
@@ -231,14 +232,14 @@ def load(path: Path, trusted: bool = False) -> Corpus:
     whose content is not what was described is told of in `notes`.
     """
     try:
-        content = Path(path).read_bytes()
+        data = content(path, MOST_CORPUS)
     except FileNotFoundError:
         raise DeviceMissing(
             f'{path}: no such corpus; make it with: eol corpus SOUND --output {path}'
         ) from None
     except OSError as error:
         raise ConfigError(f'{path}: {error.strerror}; give {_MADE}') from None
-    return loads(content, path, trusted)
+    return loads(data, path, trusted)
 
 
 def loads(content: bytes, path: Path, trusted: bool = False) -> Corpus:

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from eol_ros.core.sound.corpus import Corpus
-from eol_ros.devices.corpus.corpus_file import write_text
+from eol_ros.devices.corpus.corpus_file import MOST_CORPUS, write_text
 from eol_ros.devices.corpus.exchange import check_columns, table_of, with_values
+from eol_ros.disk import content
 from eol_ros.errors import ConfigError, DeviceMissing
 
 
@@ -56,7 +57,7 @@ def _beside(path: Path) -> Path:
 
 def _read(path: Path) -> tuple[dict, int]:
     try:
-        found = json.loads(path.read_text('utf-8'))
+        found = json.loads(content(path, MOST_CORPUS))
         data, cols = found['data'], found['cols']
     except FileNotFoundError:
         raise DeviceMissing(f'{path}: no such file') from None
@@ -69,7 +70,7 @@ def _read(path: Path) -> tuple[dict, int]:
 
 def _named(path: Path, cols: int) -> list[str]:
     try:
-        names = json.loads(_beside(path).read_text('utf-8'))['columns']
+        names = json.loads(content(_beside(path)))['columns']
         if isinstance(names, list) and len(names) == cols:
             return [str(name) for name in names]
     except (OSError, ValueError, KeyError, TypeError):

@@ -16,7 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from eol_ros.core.sound.corpus import Corpus
+from eol_ros.devices.corpus.corpus_file import MOST_CORPUS
 from eol_ros.devices.corpus.exchange import check_columns, table_of, with_values
+from eol_ros.disk import content
 from eol_ros.errors import ConfigError, DeviceMissing, writing
 
 SIGNATURE = b'XGRN'
@@ -92,7 +94,7 @@ def _frame(signature: bytes, time_s: float, stream: int, matrix: bytes) -> bytes
 def _read(path: Path) -> tuple[list[str], list[tuple[float, int, np.ndarray]]]:
     """Return the columns of our matrix, and time, stream and row of each frame that has one."""
     try:
-        data = path.read_bytes()
+        data = content(path, MOST_CORPUS)
     except FileNotFoundError:
         raise DeviceMissing(f'{path}: no such file') from None
     except OSError as error:

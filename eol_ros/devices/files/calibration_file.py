@@ -17,7 +17,7 @@ from eol_ros.core.table import Table, check_same
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.devices.files import camera_info
-from eol_ros.disk import DISK
+from eol_ros.disk import DISK, content
 from eol_ros.errors import ConfigError, DeviceMissing
 
 _NO_TABLE = ': a camera_info file knows the lens but not the table; run `eol calibrate` with it'
@@ -104,7 +104,7 @@ def load(path: str | Path, mirror: bool = False, table: Table | None = None) -> 
 
 def _read(path: str | Path) -> bytes:
     try:
-        return Path(path).read_bytes()
+        return content(path)
     except FileNotFoundError:
         raise DeviceMissing(
             f'{path}: no such calibration file; make one with `eol calibrate`'

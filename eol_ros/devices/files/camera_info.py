@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from eol_ros import yaml_text
 from eol_ros.errors import ConfigError
 
 LARGEST_PX = 20000
@@ -63,7 +64,7 @@ def read(text: str | bytes, path: str | Path) -> dict[str, Any]:
     elif isinstance(text, str):
         text = text.removeprefix(_OPENCV)
     try:
-        content = next((found for found in yaml.load_all(text, _Loader) if found is not None), None)
+        content = yaml_text.load(text, _Loader)
     except yaml.YAMLError as error:
         where = getattr(error, 'problem_mark', None)
         place = f':{where.line + 1}:{where.column + 1}' if where else ''

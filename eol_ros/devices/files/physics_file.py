@@ -9,6 +9,7 @@ import numpy as np
 
 from eol_ros.core.physics.result import Run
 from eol_ros.core.physics.scene import Scene, from_mapping
+from eol_ros.disk import content
 from eol_ros.errors import ConfigError, DeviceMissing, writing
 from eol_ros.yaml_text import decoded
 
@@ -19,7 +20,7 @@ def load_scene(path: str | Path) -> Scene:
     Raises DeviceMissing if it cannot be read, ConfigError if it is not JSON or not a scene.
     """
     try:
-        text = decoded(Path(path).read_bytes())
+        text = decoded(content(path))
     except OSError as error:
         raise DeviceMissing(f'{path}: {error.strerror}') from None
     except UnicodeDecodeError:

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from eol_ros.disk import regular
 from eol_ros.errors import ConfigError, DeviceMissing
 
 _MARKS = {
@@ -150,7 +151,7 @@ def _lines(path: Path) -> Iterator[str]:
     """Yield the lines of a text; raises DeviceMissing, ConfigError."""
     line, column = 1, 1
     try:
-        with open(path, 'rb') as file:
+        with open(path, 'rb', opener=regular) as file:
             head = file.read(4)
         encoding = next((e for mark, e in _MARKS.items() if head.startswith(mark)), 'utf-8')
         with open(path, encoding=encoding, newline='', errors='surrogateescape') as text:

@@ -33,13 +33,15 @@ def load_triggers(path: str | Path) -> np.ndarray:
             elif cell or name in ('grain', *DEFAULTS):
                 row[name] = _value(line, name)
         found.append(row)
+    if not found:
+        raise ConfigError(f'{path}: no triggers in it')
     times_s = np.array([row['time_s'] for row in found])
-    if len(found) and times_s.max() > CALM_S * (1 + len(found)):
+    if times_s.max() > CALM_S * (1 + len(found)):
         raise ConfigError(
             f'{path}: {len(found)} triggers in {times_s.max():g} s; are the times milliseconds? '
             'They count in s from the first sample'
         )
-    return np.array(found, TRIGGER) if found else np.zeros(0, TRIGGER)
+    return np.array(found, TRIGGER)
 
 
 def _value(line: text_table.Row, name: str) -> float:

@@ -28,6 +28,7 @@ import numpy as np
 
 from eol_ros import yaml_text
 from eol_ros.devices.files.physics_file import load_scene
+from eol_ros.disk import content
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest
 from eol_ros.lab.presets import NAMED
 from eol_ros.lab.science.sweep import MODELS, Plain
@@ -38,6 +39,7 @@ KEYS = ('model', 'fixed', 'vary')
 RANGE = ('from', 'to', 'steps', 'spacing')
 SPACINGS = ('linear', 'log')
 MOST_TASKS = 100_000_000
+MOST_VALUES = 1_000_000  # of one parameter (chosen): they are held in memory
 FILLED_IN = ('scene_digest',)
 
 
@@ -74,7 +76,7 @@ def load(path: str | Path) -> Spec:
     Raises DeviceMissing if it cannot be read, SpecError with all its mistakes.
     """
     try:
-        data = Path(path).read_bytes()
+        data = content(path)
     except OSError as error:
         raise DeviceMissing(f'{path}: {error.strerror}') from None
     return _Reader(Path(path)).spec(data)
@@ -195,13 +197,13 @@ class _Reader(yaml_text.Reader):
             return []
         if 'steps' not in given:
             if kind is int and spacing == 'linear':
-                if high - low > MOST_TASKS:
-                    self.wrong(place, where, f'more than {MOST_TASKS} values')
+                if high - low > MOST_VALUES:
+                    self.wrong(place, where, f'more than {MOST_VALUES} values')
                     return []
                 return list(range(low, high + 1))
             self.wrong(place, where, 'lacks steps, how many values there are')
             return []
-        steps = dataclasses.field(metadata={'min': 2, 'max': MOST_TASKS})
+        steps = dataclasses.field(metadata={'min': 2, 'max': MOST_VALUES})
         steps.type = int
         count = self._value(given['steps'], f'{where}.steps', steps)
         if count is None:

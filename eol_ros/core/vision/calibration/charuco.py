@@ -42,11 +42,15 @@ class Board:
             raise ConfigError(
                 'a board needs at least 3x3 squares, and markers smaller than its squares'
             )
+        dictionary = cv2.aruco.getPredefinedDictionary(number)
+        markers, wanted = len(dictionary.bytesList), self.columns * self.rows // 2
+        if wanted > markers:
+            raise ConfigError(
+                f'a board of {self.columns}x{self.rows} needs {wanted} markers, and '
+                f'{self.dictionary} has {markers}: take fewer squares, or another dictionary'
+            )
         return cv2.aruco.CharucoBoard(
-            (self.columns, self.rows),
-            self.square_m,
-            self.marker_m,
-            cv2.aruco.getPredefinedDictionary(number),
+            (self.columns, self.rows), self.square_m, self.marker_m, dictionary
         )
 
     def picture(self, px_per_square: int = 100) -> np.ndarray:
