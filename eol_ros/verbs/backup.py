@@ -16,6 +16,7 @@ from pathlib import Path
 from eol_ros import folders
 from eol_ros import scene as scenes
 from eol_ros.devices.bag.retention import KEPT
+from eol_ros.devices.files import sealed_file
 from eol_ros.disk import DISK
 from eol_ros.errors import DeviceMissing, writing
 from eol_ros.scene import Scene
@@ -24,7 +25,8 @@ HELP = (
     'Write one file with what cannot be installed again: the scene with its includes, calibration, '
     'background, state of the run (learnt covers, presets, corners of walls, counts of the day), '
     'moved grains, and the names of the bags that are kept. Sounds, images and bags are not in it, '
-    'nor are secrets: `eol restore` names the files in which they are to be entered again.'
+    'nor are secrets, unless --secrets asks for them: the file is then encrypted under a '
+    'password. `eol restore` names the files in which the others are to be entered again.'
 )
 EXAMPLES = ['eol backup museum', 'eol backup my/scene.yaml --output /media/usb/eol.tar.gz']
 MANIFEST = 'manifest.json'
@@ -41,7 +43,16 @@ def add_arguments(parser):
     )  # fmt: skip
     parser.add_argument(
         '--secrets', action='store_true',
-        help='with PIN, passwords, keys and certificate; not encrypted, readable by you only',
+        help='with PIN, passwords, keys and certificate, encrypted under a password',
+    )  # fmt: skip
+    add_password(parser)
+
+
+def add_password(parser):
+    """Declare where a password comes from."""
+    parser.add_argument(
+        '--password-file', metavar='FILE',
+        help='file whose first line is the password (default: asked for at the terminal)',
     )  # fmt: skip
 
 
@@ -49,6 +60,7 @@ def run(args):
     """Write the file."""
     scene = scenes.load(args.scene)
     folders.check_writable(args.output, '--output')
+    password = sealed_file.ask(args.password_file, new=True) if args.secrets else ''
     contents = dict(_contents(scene, args.secrets))
     bags = Path(scene.settings('recorder').folder)
     about = {
@@ -64,8 +76,10 @@ def run(args):
             member = tarfile.TarInfo(name)
             member.size, member.mtime, member.mode = len(content), int(time.time()), 0o600
             tar.addfile(member, io.BytesIO(content))
+    data = packed.getvalue()
+    data = sealed_file.seal(data, password) if args.secrets else data
     with writing(args.output, '--output'), private(args.secrets):
-        DISK.write(Path(args.output), packed.getvalue())
+        DISK.write(Path(args.output), data)
     print(f'eol backup: {len(contents)} files', file=sys.stderr)
     print(args.output)
     return 0

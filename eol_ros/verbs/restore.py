@@ -9,10 +9,11 @@ import sys
 import tarfile
 from pathlib import Path, PurePosixPath
 
+from eol_ros.devices.files import sealed_file
 from eol_ros.disk import DAMAGED, DISK, content
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
 from eol_ros.settings import MASK
-from eol_ros.verbs.backup import MANIFEST, MOST, places, private
+from eol_ros.verbs.backup import MANIFEST, MOST, add_password, places, private
 
 HELP = (
     'Put back what `eol backup` wrote: state, presets and moved grains into the folders of this '
@@ -30,11 +31,12 @@ def add_arguments(parser):
     parser.add_argument('backup', help='the file that `eol backup` wrote')
     parser.add_argument('folder', nargs='?', help='of the scene (default: where it was)')
     parser.add_argument('--force', action='store_true', help='replace files that are there')
+    add_password(parser)
 
 
 def run(args):
     """Verify all, then write all."""
-    about, contents = _read(Path(args.backup))
+    about, contents = _read(Path(args.backup), args.password_file)
     roots = places(Path(args.folder or about['folder']).expanduser())
     files = {_target(roots, name): content for name, content in contents.items()}
     files = {p: content for p, content in files.items() if not _same(p, content)}
@@ -58,12 +60,15 @@ def run(args):
     return 0
 
 
-def _read(path: Path) -> tuple[dict, dict[str, bytes]]:
+def _read(path: Path, password_file: str | None) -> tuple[dict, dict[str, bytes]]:
     """Return the manifest and the verified contents."""
     if not path.is_file():
         raise DeviceMissing(f'{path}: no such file')
     try:
-        whole = io.BytesIO(_unpacked(content(path, MOST)))
+        data = content(path, MOST)
+        if data.startswith(sealed_file.MAGIC):
+            data = _opened(path, data, password_file)
+        whole = io.BytesIO(_unpacked(data))
         with tarfile.open(fileobj=whole, mode='r:') as tar:
             packed = {m.name: file.read() for m in tar if (file := tar.extractfile(m))}
         about = json.loads(packed.pop(MANIFEST))
@@ -76,6 +81,14 @@ def _read(path: Path) -> tuple[dict, dict[str, bytes]]:
     if wrong:
         raise ConfigError(f'{path}: {wrong[0]} is not what was backed up; nothing was written')
     return about, packed
+
+
+def _opened(path: Path, data: bytes, password_file: str | None) -> bytes:
+    password = sealed_file.ask(password_file)
+    try:
+        return sealed_file.unseal(data, password)
+    except ConfigError as error:
+        raise ConfigError(f'{path}: {error}; nothing was written') from None
 
 
 def _unpacked(data: bytes) -> bytes:

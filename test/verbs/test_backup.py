@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """A backup holds what cannot be installed again and no secret; a restore writes all or none."""
 
+import getpass
 import gzip
 import io
 import json
+import sys
 import tarfile
 from pathlib import Path
 
 import pytest
 
 from eol_ros import cli, folders
+from eol_ros.devices.files import sealed_file
 
 PIN = 'kept-to-ourselves'
 SCENE = f"""\
@@ -49,9 +52,13 @@ def museum(tmp_path, monkeypatch):
     return files
 
 
-def backup(*words):
-    assert cli.main(['backup', 'scene.yaml', '-o', 'out.tar.gz', *words]) == 0
-    with tarfile.open('out.tar.gz') as tar:
+def backup():
+    assert cli.main(['backup', 'scene.yaml', '-o', 'out.tar.gz']) == 0
+    return unpacked(Path('out.tar.gz').read_bytes())
+
+
+def unpacked(data):
+    with tarfile.open(fileobj=io.BytesIO(data)) as tar:
         return {m.name: tar.extractfile(m).read().decode() for m in tar}
 
 
@@ -76,13 +83,56 @@ def test_a_lost_machine_comes_back(museum, tmp_path, capsys):
     assert (tmp_path / 'other/lamps.png').read_text() == 'lamps'
 
 
-def test_secrets_only_where_asked_for_and_then_for_the_owner_alone(museum, tmp_path):
-    found = backup('--secrets')
-    assert PIN in found['scene/scene.yaml'] and found['config/key'] == PIN
+@pytest.fixture
+def phrase(tmp_path):
+    """Return the words that name a file with a password."""
+    (tmp_path / 'phrase').write_text('correct horse\r\nbattery\n')
+    return ['--password-file', str(tmp_path / 'phrase')]
+
+
+def test_secrets_are_encrypted_and_for_the_owner_alone(museum, tmp_path, phrase, capsys):
+    assert cli.main(['backup', 'scene.yaml', '-o', 'out.tar.gz', '--secrets', *phrase]) == 0
+    data = Path('out.tar.gz').read_bytes()
     assert Path('out.tar.gz').stat().st_mode & 0o077 == 0
+    found = unpacked(sealed_file.unseal(data, 'correct horse'))
+    assert sealed_file.seal(b'x', 'y')[13:41] != sealed_file.seal(b'x', 'y')[13:41]  # salt, nonce
+    assert PIN in found['scene/scene.yaml'] and found['config/key'] == PIN
     (tmp_path / 'config/key').unlink()
-    assert cli.main(['restore', 'out.tar.gz']) == 0
+    assert cli.main(['restore', 'out.tar.gz', *phrase]) == 0
     assert (tmp_path / 'config/key').stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.parametrize('change', ['password', 'salt', 'nonce', 'a bit', 'cut', 'head alone'])
+def test_a_wrong_password_or_a_changed_bit_writes_nothing(museum, tmp_path, phrase, capsys, change):
+    assert cli.main(['backup', 'scene.yaml', '-o', 'out.tar.gz', '--secrets', *phrase]) == 0
+    data = bytearray(Path('out.tar.gz').read_bytes())
+    at = {'salt': 15, 'nonce': 32, 'a bit': 500}.get(change)
+    if at:
+        data[at] ^= 1
+    length = {'cut': -1, 'head alone': len(sealed_file.MAGIC)}.get(change, len(data))
+    Path('out.tar.gz').write_bytes(data[:length])
+    if change == 'password':
+        (tmp_path / 'phrase').write_text('correct house')
+    Path('lamps.png').unlink()
+    capsys.readouterr()
+    assert cli.main(['restore', 'out.tar.gz', *phrase]) == 78
+    assert 'out.tar.gz: wrong password, or the file is damaged' in capsys.readouterr().err
+    assert not Path('lamps.png').exists()
+
+
+def test_a_password_is_typed_twice_and_long_enough(museum, tmp_path, phrase, monkeypatch, capsys):
+    (tmp_path / 'phrase').write_text('short')
+    words = ['backup', 'scene.yaml', '-o', 'out.tar.gz', '--secrets']
+    monkeypatch.setattr(sys, 'stdin', io.StringIO())  # no terminal
+    for more, said in ((phrase, 'at least 8 characters'), ([], 'name --password-file')):
+        assert cli.main([*words, *more]) == 2
+        assert said in capsys.readouterr().err
+    typed = iter(['correct horse', 'correct house'])
+    monkeypatch.setattr(sys.stdin, 'isatty', lambda: True)
+    monkeypatch.setattr(getpass, 'getpass', lambda prompt: next(typed))
+    assert cli.main(words) == 2
+    assert 'passwords differ' in capsys.readouterr().err
+    assert not Path('out.tar.gz').exists()
 
 
 def test_what_is_there_stays_unless_it_is_forced(museum, tmp_path, capsys):
