@@ -56,7 +56,7 @@ def test_pages_that_people_write_are_counted_together(capsys):
 
     check_words.check_prose(pages | {'docs/adr/001-a.md': page, 'README.md': page})
 
-    assert '\n44000 words in docs, of 56000 at most\n' in capsys.readouterr().out
-    quiet = dict.fromkeys(['docs/a.md', 'docs/b.md'], '| word ' * 28_000)
+    assert '\n44000 words in docs, of 45000 at most\n' in capsys.readouterr().out
+    quiet = dict.fromkeys(['docs/a.md', 'docs/b.md'], '| word ' * 22_500)
     assert check_words.check_prose(quiet) == 0
     assert check_words.check_prose(quiet | {'docs/c.md': 'word'}) == 1

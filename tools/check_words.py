@@ -59,7 +59,7 @@ ALLOWED = {
     (r'bags/sample/metadata\.yaml', r'.*'): 'recorded before, and read as it is',
     (r'eol_ros/core/physics/.*', 'anew'): 'being rewritten',
 }
-MOST_WORDS = 56_000  # of all pages of docs, but the decision records and what is generated
+MOST_WORDS = 45_000  # of all pages of docs, but the decision records and what is generated
 MOST_IN_SENTENCE, MOST_IN_PARAGRAPH = 35, 120
 GENERATED = re.compile(r'docs/reference/(api|settings|topics|scene|commands|exit_codes)\.md')
 COUNTED = re.compile(r'docs/(?!adr/).*\.md')
@@ -67,10 +67,12 @@ PROSE = re.compile(r'(README|CONTRIBUTING|SECURITY)\.md|docs/.*\.md')
 PASSIVE = re.compile(r'\b(?:is|are|was|were|be|been|being) (?:told|asked|said)\b', re.I)
 # (pattern of the path, pattern of the finding): why it may stand there.
 ALLOWED_PROSE = {
-    (r'docs/guides/(camera|measure|security|table)\.md', r'.*'): 'being rewritten',
-    (r'docs/reference/(glossary|serial|web|osc)\.md', r'.*'): 'being rewritten',
     (r'docs/explanation/numerics/extremes\.md', r'sentence.*'): 'notes of a benchmark',
-    (r'docs/build/README\.md', r'.*'): 'being rewritten',
+    (r'docs/reference/glossary\.md', r'.*: absent, accepted, .*'): 'list of words in names',
+    (r'docs/build/README\.md', r'sentence.*: BT1 2 .*'): 'net of a circuit',
+    (r'docs/reference/web\.md', r'sentence.*: (trigger mode|lines, one a sound):.*'): (
+        'made of the texts of settings'
+    ),
 }
 Paragraph = tuple[int, str]
 
