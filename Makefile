@@ -33,6 +33,7 @@ lint: setup-test  ## ruff, mypy and the terms that are not used
 docs: setup-test  ## rewrite the generated pages, and build the site in build/docs
 	$(PY) tools/generate_docs.py
 	$(PY) -m sphinx -q -W --keep-going -b html docs build/docs
+	@$(PY) -m assets.sheet
 	@echo build/docs/index.html
 
 kit: setup-test  ## draw schematics, tables and drawings of docs/build again

@@ -6,6 +6,7 @@ import dataclasses
 import difflib
 import importlib
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ import yaml
 from catkin_pkg.changelog import BulletList, Changelog, populate_changelog_from_rst
 from support.checkout import tracked
 
+from assets import sheet
 from eol_ros import cli
 from eol_ros.settings import NotifySettings, renamed
 from eol_ros.streams.graph import NODES, TOPICS
@@ -65,6 +67,9 @@ def test_the_site_builds_without_a_warning_and_asks_no_other_server(tmp_path):
             r'<(?:script|img|link|iframe)[^>]*?(?:src|href)="([^"]+)"', page.read_text()
         )
         assert not [url for url in fetched if '//' in url], page
+    assert sheet.main(tmp_path) == 0
+    if shutil.which('chromium'):
+        assert len(re.findall(rb'/Type\s*/Page\b', (tmp_path / 'year.pdf').read_bytes())) == 2
 
 
 @each_page
