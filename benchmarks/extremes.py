@@ -281,7 +281,8 @@ def markdown(result: dict[str, Any]) -> str:
         ]
         for r in rows:
             against = r.get('against', 'none')
-            covered = f'{covered_share(r):.0%}' if 'error_m' in r else '-'
+            share = r['stretch_s'] / (r['t_reached'] or r['stretch_s']) if 'error_m' in r else None
+            covered = '-' if share is None else f'{share:.0%}'
             peer = r.get('peer', NO_PEER)
             if 'peer_error_m' in r:
                 peer += f': {r["peer_error_m"]:.0e}; {r["peer_ms"]:.3g} ({r["own_ms"]:.2g})'
@@ -325,11 +326,6 @@ def conclusion(rows: list[dict[str, Any]]) -> str:
         + f'Longest: {slowest["times_ordinary"]:.2g} ordinary tables ({slowest["case"]}). '
         + f'Early end: {", ".join(early) or "none"}.'
     )
-
-
-def covered_share(row: dict[str, Any]) -> float:
-    """Return which share of its run the reference of a row covers."""
-    return row['stretch_s'] / row['t_reached'] if row['t_reached'] else 1.0
 
 
 def _exponent(value: float | None) -> str:

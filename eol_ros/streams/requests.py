@@ -346,13 +346,9 @@ def _asked(columns: Columns, i: int, accepted: bool = False) -> Heeded:
         str(columns['kind'][i]),
         str(columns['node'][i]),
         {str(v['name']): value_of(v['value']) for v in columns['values'][i]},
-        b'' if accepted else _bytes(columns['data'][i]),
+        b'' if accepted else np.asarray(columns['data'][i], np.uint8).tobytes(),
         int(columns['from_stamp'][i].astype('i8')),
         str(columns['id'][i]),
         '' if accepted else str(columns['source'][i]),
     )
     return Heeded(asked, int(columns['log_time'][i].astype('i8')), accepted)
-
-
-def _bytes(data: Any) -> bytes:
-    return np.asarray(data, np.uint8).tobytes()

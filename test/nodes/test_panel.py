@@ -304,21 +304,15 @@ def test_what_people_ask_reaches_the_graph(rig):
 
 
 @pytest.mark.slow
-def test_a_taken_port_is_one_line_and_code_69(rig):
-    port = rig.panel.server.port
+@pytest.mark.parametrize(
+    'setting, code, said',
+    [('port:={port}', 69, '{port} on 127.0.0.1 is taken'), ("host:='0.0.0.0'", 78, 'panel.pin')],
+)
+def test_a_taken_port_and_openness_without_a_pin_are_one_line(rig, setting, code, said):
+    setting, said = (text.format(port=rig.panel.server.port) for text in (setting, said))
     done = subprocess.run(
-        [sys.executable, '-m', 'eol_ros.nodes.panel', '--ros-args', '-p', f'port:={port}'],
+        [sys.executable, '-m', 'eol_ros.nodes.panel', '--ros-args', '-p', setting],
         capture_output=True, text=True, timeout=60,
     )  # fmt: skip
-    assert done.returncode == 69 and f'{port} on 127.0.0.1 is taken' in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-
-
-@pytest.mark.slow
-def test_open_without_a_pin_is_one_line_and_code_78():
-    done = subprocess.run(
-        [sys.executable, '-m', 'eol_ros.nodes.panel', '--ros-args', '-p', "host:='0.0.0.0'"],
-        capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
-    assert done.returncode == 78 and 'panel.pin' in done.stderr
+    assert done.returncode == code and said in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1

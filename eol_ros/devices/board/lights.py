@@ -422,16 +422,14 @@ class Lights:
         blocks = tuple(block for block in blocks if block < count)
         mask = sum(1 << block for block in blocks)
         share = 1.0 if spread is None else spread
-        sequence = self.board.light(mask, self._wall_us(stamp_ns), share) if blocks else None
+        wall_ns = self._played.wall_ns(stamp_ns) if self._played and stamp_ns else stamp_ns
+        sequence = self.board.light(mask, wall_ns // 1000, share) if blocks else None
         if sequence is None:
             return 0
         self._sequence, sent_ns = sequence, time.time_ns()
         cause = _Cause(stamp_ns, sent_ns)
         self.frames.lit(at_ns, cause, *blocks, onset_ns=onset_ns, spread=spread)
         return sent_ns
-
-    def _wall_us(self, stamp_ns: int) -> int:
-        return (self._played.wall_ns(stamp_ns) if self._played and stamp_ns else stamp_ns) // 1000
 
     def _now_ns(self) -> int:
         """Return system time. Where it was set, the light goes on as if it had not been."""

@@ -138,7 +138,8 @@ def open_source(path: str, fps: float | None = None, stamps: str | None = None) 
         raise DeviceMissing(f'{path}: there is no such file or folder')
     if place.exists() and not place.is_file() and not place.is_dir():
         raise ConfigError(f'{path}: a device or pipe, not a file or folder')
-    if place.suffix == '.mcap' or (place.is_dir() and _is_bag(place)):
+    files = '*.mcap', 'metadata.yaml'
+    if place.suffix == '.mcap' or any(any(place.glob(name)) for name in files):
         if stamps is not None:
             raise UsageError('--stamps: a bag has the stamps of its images: leave it out')
         return _bag(place)
@@ -148,10 +149,6 @@ def open_source(path: str, fps: float | None = None, stamps: str | None = None) 
     if place.is_dir():
         return _folder(place, moments)
     return _film(path, moments)
-
-
-def _is_bag(folder: Path) -> bool:
-    return any(folder.glob('*.mcap')) or (folder / 'metadata.yaml').exists()
 
 
 def _stack(path: Path, moments: Moments) -> ImageSource:

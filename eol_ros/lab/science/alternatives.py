@@ -52,7 +52,7 @@ def compare(numbers: np.ndarray, power: Fit) -> list[Alternative]:
     widened = inefficiency(np.log(inside))
     found = []
     for name, density in (
-        ('exponential', _exponential(support, counts)),
+        ('exponential', _family(support[:, None], np.zeros(len(support)), counts)),
         ('stretched exponential', _stretched(support, counts)),
     ):
         gain = own - density
@@ -113,10 +113,6 @@ def _family(features: np.ndarray, base: np.ndarray, counts: np.ndarray) -> np.nd
         if done:
             break
     return density
-
-
-def _exponential(support: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    return _family(support[:, None], np.zeros(len(support)), counts)
 
 
 def _stretched(support: np.ndarray, counts: np.ndarray) -> np.ndarray:
