@@ -206,6 +206,7 @@ FOREIGN = {
     'colcon_defaults',
     'dask',
     'dataframe',
+    'foxglove_bridge',
     'image_size',
     'message_lost',
     'output_encoding',
