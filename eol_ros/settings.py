@@ -1212,9 +1212,20 @@ def masked(settings: Any) -> Any:
     return dataclasses.replace(settings, **dict.fromkeys(secrets(settings), MASK))
 
 
-def live_fields(settings: type) -> set[str]:
+@functools.cache  # a fader asks for them hundreds of times a second
+def fields_of(settings: type) -> Mapping[str, dataclasses.Field[Any]]:
+    """Return the fields of a dataclass of settings by name."""
+    return {field.name: field for field in dataclasses.fields(settings)}
+
+
+@functools.cache
+def _live_fields(settings: type) -> frozenset[str]:
+    return frozenset(name for name, f in fields_of(settings).items() if f.metadata.get('live'))
+
+
+def live_fields(settings: type) -> frozenset[str]:
     """Return the names of the settings that may change while the node runs."""
-    return {f.name for f in dataclasses.fields(settings) if f.metadata.get('live')}
+    return _live_fields(settings)  # of which mypy accepts no type[Any]
 
 
 # By class, the name of a setting before and that of today; both are understood for one release.

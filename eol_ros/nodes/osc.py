@@ -22,7 +22,7 @@ from eol_ros.ros.stamps import to_ns
 from eol_ros.said import clauses, code_and_args, said
 from eol_ros.streams import osc, triggers
 from eol_ros.streams.graph import NODES, full_name
-from eol_ros.streams.requests import KINDS, SET
+from eol_ros.streams.requests import KINDS, SET, Asked
 from eol_ros.streams.work_state import States
 
 LOOK_S = 0.02
@@ -99,7 +99,8 @@ class OscNode(EolNode):
     def set_up_input(self) -> None:
         self.client = RequestClient(self, self.publisher('requests'))
         self.sets = full_name('set/', self.namespace)
-        self.open: dict[str, tuple[Peer, str, float, Answers]] = {}
+        # by id: who asked, to which address; until when to wait for which answers
+        self.open: dict[str, tuple[list[tuple[Peer, str]], float, Answers]] = {}
         self.subscribe('request_results', self.client.heard)
         self.create_timer(LOOK_S, self.look)
 
@@ -207,45 +208,75 @@ class OscNode(EolNode):
             out.resolve()
 
     def look(self) -> None:
-        """Do what peers ask; of a setting that comes several times, the last counts."""
+        """Do what peers ask, in order; settings of one node that come together are one request.
+
+        Of a setting that comes several times, the last counts.
+        """
         assert self.input is not None  # there is a timer only then
         latest: dict[object, tuple[Peer, str, list]] = {}
         for peer, (address, *values) in self.input.take(time.monotonic(), self.warn):
             key: object = address if address.startswith(self.sets) else len(latest)
             latest.pop(key, None)
             latest[key] = peer, address, values
+        together: dict[tuple[str, str], tuple[Asked, list[tuple[Peer, str]]]] = {}
         for peer, address, values in latest.values():
-            self.ask(peer, address, values)
+            asked = self.read(peer, address, values)
+            if asked is None:
+                continue
+            if asked.kind == SET:
+                first, senders = together.get((asked.source, asked.node), (asked, []))
+                asked = replace(asked, values=first.values | asked.values)
+                together[asked.source, asked.node] = asked, [*senders, (peer, address)]
+                continue
+            for one in together.values():
+                self.ask(*one)
+            together = {}
+            self.ask(asked, [(peer, address)])
+        for one in together.values():
+            self.ask(*one)
         now_s = time.monotonic()
-        for *_, until_s, answers in list(self.open.values()):
+        for _, until_s, answers in list(self.open.values()):
             if now_s > until_s:
                 self.client.give_up(answers)
                 self.answered(answers)
 
-    def ask(self, peer: Peer, address: str, values: list) -> None:
+    def read(self, peer: Peer, address: str, values: list) -> Asked | None:
+        """Return the request of a message; None for a button let go, and for what is refused."""
         try:
             asked = osc.asked_of(address, values, self.namespace)
             if asked is None:
-                return
+                return None
             if asked.kind == SET:
                 kind = NODES[asked.node].settings
                 asked = replace(asked, values=checked_live(kind, asked.node, asked.values))
+        except EolError as error:
+            self.refuse(peer, address, str(error))
+            return None
+        return replace(asked, source=f'osc {peer.host}')
+
+    def ask(self, asked: Asked, senders: list[tuple[Peer, str]]) -> None:
+        try:
             if len(self.open) >= MOST_OPEN:
                 raise EolError(f'{MOST_OPEN} requests wait for their answers already')
             expected = expected_of(asked.kind, asked.node, self.there.__contains__)
         except EolError as error:
-            return self.refuse(peer, address, str(error))
-        asked = replace(asked, source=f'osc {peer.host}')
+            for sender in senders:
+                self.refuse(*sender, str(error))
+            return
         answers = self.client.ask(asked, expected, self.answered)
-        until_s = time.monotonic() + KINDS[asked.kind].within_s
-        self.open[answers.asked.id] = peer, address, until_s, answers
+        self.open[answers.asked.id] = (
+            senders,
+            time.monotonic() + KINDS[asked.kind].within_s,
+            answers,
+        )
 
     def answered(self, answers: Answers) -> None:
-        peer, address, *_ = self.open.pop(answers.asked.id)
-        if answers.refusal or not answers.whole:
-            self.refuse(peer, address, answers.refusal or answers.silent)
-        else:
-            self.reply(peer, address, 1, answers.text)
+        senders, *_ = self.open.pop(answers.asked.id)
+        for sender in senders:
+            if answers.refusal or not answers.whole:
+                self.refuse(*sender, answers.refusal or answers.silent)
+            else:
+                self.reply(*sender, 1, answers.text)
 
     def refuse(self, peer: Peer, address: str, why: str) -> None:
         self.refused += 1

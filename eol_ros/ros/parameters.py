@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of a running node, read and changed from the command line."""
 
-import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -9,6 +8,7 @@ from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest
 from eol_ros.ros.session import Session
 from eol_ros.said import Said, said
 from eol_ros.scene import check_value
+from eol_ros.settings import fields_of
 
 WAIT_S = 5.0
 
@@ -18,7 +18,7 @@ def checked_live(settings: type, node: str, values: Mapping[str, Any]) -> dict[s
 
     Raises ConfigError that names what cannot be, before rcl refuses it in words of its own.
     """
-    fields = {f.name: f for f in dataclasses.fields(settings)}
+    fields = fields_of(settings)
     if not values:
         raise ConfigError('names no setting')
     for name in values:
@@ -36,7 +36,7 @@ def no_setting(node: str, name: str, known: Iterable[str]) -> Said:
 
 def checked(settings: type, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return `values` as the dataclass `settings` has them; raise ConfigError that names one."""
-    fields = {f.name: f for f in dataclasses.fields(settings)}
+    fields = fields_of(settings)
     found = {}
     for name, value in values.items():
         try:

@@ -6,7 +6,6 @@ stamp from which it counts. Both are in the bag, so that what was asked while re
 again by a replay and by `eol report --retrack`, from the same image on.
 """
 
-import dataclasses
 import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -17,7 +16,7 @@ import numpy as np
 
 from eol_ros.errors import UsageError, nearest
 from eol_ros.said import said
-from eol_ros.settings import live_fields
+from eol_ros.settings import fields_of, live_fields
 from eol_ros.streams.graph import NODES
 
 SET, CUE = 'set', 'cue'
@@ -103,7 +102,7 @@ class Value:
 
 def as_setting(settings: type, name: str, given: Sequence[Any]) -> Any:
     """Return what OSC or MIDI sent as the setting has it: not all can send a boolean."""
-    field = next(f for f in dataclasses.fields(settings) if f.name == name)
+    field = fields_of(settings)[name]
     if isinstance(field.default, tuple):
         return list(given)
     if len(given) != 1:

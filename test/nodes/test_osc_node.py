@@ -298,6 +298,12 @@ def test_requests_are_answered(ros, ear, capfd):
         told += [words[1:] for words in ear.take()]
         assert len(told) < 19 and {words[:2] for words in told} == {('/eol/set/grains/radius', 1)}
         assert told[-1][2] == 'radius is 0.19'
+        settings = [('/eol/set/grains/radius', 0.2), ('/eol/set/grains/k', 5)]
+        ear.throw(port, bundle(TimeTag(1), [encode(*one) for one in settings]))
+        told = answers(2)  # of one request
+        assert [words[:2] for words in told] == [(address, 1) for address, _ in settings]
+        assert told[0][2] == told[1][2] == 'radius is 0.2; k is 5'
+        assert (grains.settings.radius, grains.settings.k) == (0.2, 5)
         ear.say(port, ('/eol/set/grains/radius', math.nan))
         ear.say(port, ('/eol/call/restore_grain', 3), ('/eol/call/mute',), ('/else', 1))
         found = {address: (done, why) for address, done, why in answers(4)}
@@ -305,12 +311,12 @@ def test_requests_are_answered(ros, ear, capfd):
         assert found['/eol/call/restore_grain'][1] == 'grains: no grain was moved'
         assert found['/eol/call/mute'][1] == 'sound does not run'
         assert found['/else'][1].startswith('no such address')
-        assert grains.settings.radius == 0.19
+        assert grains.settings.radius == 0.2
         ear.throw(port, b'no packet')
         nodes.until(lambda: one.input.malformed)
         one.report()
         values = one.health.values
-        assert (values['received'], values['refused'], values['malformed']) == (24, 4, 1)
+        assert (values['received'], values['refused'], values['malformed']) == (26, 4, 1)
         assert 'OSC /eol/call/mute: sound does not run' in capfd.readouterr().err
         nodes.end(montage)
         ear.say(port, ('/eol/call/sleep',))
@@ -335,8 +341,8 @@ def test_no_more_requests_wait_than_can_be_answered(node, ear, monkeypatch):
         ear.say(one.input.port, ('/eol/call/mute',))
     wait_until(lambda: one.look() or one.input.received == 3)
     assert [words[1:3] for words in ear.take()] == [('/eol/call/mute', 0)] and len(one.open) == 2
-    for key, (peer, address, _, answers) in list(one.open.items()):
-        one.open[key] = peer, address, 0.0, answers  # their time is over
+    for key, (senders, _, answers) in list(one.open.items()):
+        one.open[key] = senders, 0.0, answers  # their time is over
     one.look()
     assert len(ear.take()) == 2 and not one.open and one.refused == 3
 
@@ -445,7 +451,7 @@ def test_a_million_bent_packets_leave_the_node_alive_and_its_counts_true(node, e
         answers = module.Answers(asked, expected, answered)
         if done['asked'] % 3:
             answers.found = dict.fromkeys(expected, (True, ''))
-            one.open[asked.id] = module.Peer('127.0.0.1', 9), '', 0.0, answers
+            one.open[asked.id] = [(module.Peer('127.0.0.1', 9), '')], 0.0, answers
             answered(answers)
         return answers
 

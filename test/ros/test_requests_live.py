@@ -80,7 +80,7 @@ def test_a_setting_is_changed_or_refused_with_the_reason(rig):
     ]  # fmt: skip
     refused = rig.answer('dance', 'motion')
     assert not refused.accepted and refused.reason.endswith('; motion is asked for set')
-    assert refused.reason.startswith('dance: no such request. Of 14, the nearest are ')
+    assert refused.reason.startswith('dance: no such request. Of 15, the nearest are ')
     assert rig.node.settings.stop_mps == 0.002
 
 
@@ -168,7 +168,7 @@ def test_the_rate_of_a_replay_is_changed_while_it_plays(ros, capfd):
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
-        (['call', 'dance'], 'no such request. Of 14, the nearest are '),
+        (['call', 'dance'], 'no such request. Of 15, the nearest are '),
         (['call', 'darkness', 'until_ns=3'], 'no such request'),
         (['call'], 'name what to ask for'),
         (['call', 'set', 'radius=1'], 'whose settings?'),
