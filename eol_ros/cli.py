@@ -79,10 +79,10 @@ GROUPS = {
     },
 }
 VERBS = {verb: text for group in GROUPS.values() for verb, text in group.items()}
-# that go on until they are stopped, and say so themselves
+# that go on until they are stopped, or say themselves how far they are
 LASTING = {
     'run', 'kiosk', 'mirror', 'echo', 'midi', 'replay', 'camera', 'board', 'measure', 'speakers',
-    'listen',
+    'listen', 'compile',
 }  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.devices.files import calibration_file
 from eol_ros.devices.files.day_file import DayFile
 from eol_ros.devices.files.media_folder import Pictures
+from eol_ros.errors import EolError
 from eol_ros.nodes.panel_bridge import PanelBridge
 from eol_ros.nodes.panel_frames import Frames
 from eol_ros.nodes.panel_health import Health
@@ -27,6 +28,7 @@ from eol_ros.streams.requests import Asked
 from eol_ros.web import metrics, notices, screens, wire
 from eol_ros.web.server import WebServer
 
+OUTLINE = 96  # parts of a grain's outline: two pixels each where it is drawn
 TEST_S = 20.0  # for which walls show the test card
 
 
@@ -61,7 +63,7 @@ class PanelNode(EolNode):
             known: lambda: routes.screens,
             staff: lambda: routes.pin.known,
         }
-        self.states = Health(self)
+        self.states, self.grains = Health(self), None
         self.work, self.work_states = said('starting'), self.publisher('work_state')
         self.test_until_s = 0.0
         self.streams, self.markers = Streams(self, self.server.hub), Markers(self)
@@ -81,6 +83,7 @@ class PanelNode(EolNode):
         size = self.table.rows, self.table.columns
         self.documents['terrain'] = lambda: landscape(self.settings.terrain_seed, *size)
         self.documents['status'] = lambda: wire.text(self.states.nodes()).encode()
+        self.server.routes.grain = self.grain
         self.server.routes.metrics = lambda: metrics.text(self.states.nodes(), self.namespace)
         self.server.start()
         self.health.watches('web', self.server.rounds)
@@ -96,7 +99,23 @@ class PanelNode(EolNode):
 
     def on_corpus(self, message) -> None:
         self.documents['corpus'] = wire.text(corpus.to_json(message)).encode()
+        self.grains = message
         self.tell('corpus', {'t': 'corpus', 'digest': message.digest})
+
+    def grain(self, number: int) -> dict | None:
+        """Return the outline of a grain's sound; None if there is none. Reads a file."""
+        grains = self.grains
+        if grains is None or number >= len(grains.file):
+            return None
+        from eol_ros.devices.audio import audio_file
+
+        path = grains.files[grains.file[number]]
+        stretch = float(grains.start[number]), float(grains.duration[number])
+        try:
+            found = audio_file.outline(path, *stretch, OUTLINE)
+        except EolError:  # gone, or on another machine
+            return {'peaks': []}
+        return {'peaks': found.round(3).tolist()}
 
     def on_calibration(self, found: Calibration) -> None:
         size = {'width': found.image_width, 'height': found.image_height}

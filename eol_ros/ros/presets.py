@@ -5,7 +5,7 @@ nodes: {grains: {radius: 0.05, mode: chain}, sound: {gain_db: -6.0}}
 """
 
 import dataclasses
-import re
+import unicodedata
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -21,10 +21,10 @@ from eol_ros.said import said
 from eol_ros.scene import check_value
 from eol_ros.settings import by_today
 from eol_ros.streams.graph import INSTRUMENT, NODES
+from eol_ros.streams.requests import is_name
 from eol_ros.yaml_text import decoded
 from eol_ros.yaml_text import load as load_yaml
 
-NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9_-]{0,63}')
 Preset = dict[str, dict[str, Any]]
 
 
@@ -35,14 +35,21 @@ def folder() -> Path:
 
 def names(where: Path) -> list[str]:
     """Return the names of the presets in a folder, in order."""
-    return sorted(path.stem for path in where.glob('*.yaml') if NAME.fullmatch(path.stem))
+    stems = (unicodedata.normalize('NFC', path.stem) for path in where.glob('*.yaml'))
+    return sorted({stem for stem in stems if is_name(stem)})
 
 
 def path_of(name: str, where: Path) -> Path:
-    """Return the file of a preset; raise UsageError where that is no name of one."""
-    if not NAME.fullmatch(name):
+    """Return the file of a preset; raise UsageError where that is no name of one.
+
+    A file that another system wrote may have its letters decomposed (Unicode UAX 15).
+    """
+    name = unicodedata.normalize('NFC', name)
+    if not is_name(name):
         raise UsageError(f'{name[:64]!r}: name the preset by letters, digits, - and _')
-    return where / f'{name}.yaml'
+    path = where / f'{name}.yaml'
+    forms = (where / f'{unicodedata.normalize(form, name)}.yaml' for form in ('NFC', 'NFD'))
+    return next((form for form in forms if form.exists()), path)
 
 
 def load(path: Path) -> Preset:

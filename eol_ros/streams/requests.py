@@ -8,6 +8,7 @@ again by a replay and by `eol report --retrack`, from the same image on.
 
 import math
 import re
+import unicodedata
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -54,6 +55,16 @@ class Number:
         return int(value) if self.whole else float(value)
 
 
+def is_name(text: str) -> bool:
+    """Return whether a text in Unicode's form NFC is letters and digits of any script, - and _.
+
+    1 to 64 characters and at most 200 bytes: it names a file. A letter or digit comes first.
+    """
+    kinds = [unicodedata.category(c)[0] for c in text]  # L letter, M mark on a letter, N number
+    good = all(kind in 'LMN' or c in '-_' for kind, c in zip(kinds, text, strict=True))
+    return good and 1 <= len(text) <= 64 and kinds[0] in 'LN' and len(text.encode()) <= 200
+
+
 @dataclass(frozen=True)
 class Word:
     """A name that a request takes."""
@@ -62,14 +73,10 @@ class Word:
 
     def check(self, value: Any) -> str:
         """Return the value; raise UsageError where it is another."""
-        if not (
-            isinstance(value, str)
-            and value.replace('_', '').replace('-', '').isalnum()
-            and value.isascii()
-            and len(value) <= 64
-        ):
+        found = unicodedata.normalize('NFC', value) if isinstance(value, str) else ''
+        if not is_name(found):
             raise UsageError(said('no_name', name=self.name, value=f'{str(value)[:40]!r}'))
-        return value
+        return found
 
 
 @dataclass(frozen=True)

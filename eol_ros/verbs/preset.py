@@ -23,7 +23,7 @@ EXAMPLES = [
 def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('action', choices=('save', 'recall', 'list', 'show'))
-    parser.add_argument('name', nargs='?', help='letters, digits, - and _')
+    parser.add_argument('name', nargs='?', help='letters and digits of any script, - and _')
     add = parser.add_argument
     add(
         '--over',

@@ -61,6 +61,7 @@ class Routes:
         self.documents: dict[str, bytes | Callable[[], bytes]] = {
             'lattice': wire.text(self.lattice).encode()
         }
+        self.grain: Callable[[int], dict[str, Any] | None] = lambda number: None
         self.metrics: Callable[[], bytes] = lambda: metrics.text({}, '')
         self.screens: dict[str, Any] = {}  # by name: corners and edges, kept by the panel
         self.skew_ms = 0.0
@@ -83,6 +84,7 @@ class Routes:
         for name in ('lattice', 'terrain', 'corpus', 'status'):
             app.router.add_get(f'/{name}', self._document(name))
         app.router.add_get('/metrics', self._metrics)
+        app.router.add_get('/grain/{number:[0-9]{1,7}}', self._grain)
         app.router.add_get('/live', self._live)
         app.router.add_post('/pin', self._check_pin)
         app.router.add_get('/screen/{name:[a-z0-9-]{1,40}}', self._screen)
@@ -148,6 +150,13 @@ class Routes:
             body=body, content_type=metrics.CONTENT_TYPE, charset=metrics.CHARSET,
             headers={'Cache-Control': 'no-store'},
         )  # fmt: skip
+
+    async def _grain(self, request: web.Request) -> web.Response:
+        number = int(request.match_info['number'])
+        found = await asyncio.get_running_loop().run_in_executor(None, self.grain, number)
+        if found is None:
+            return _error(404, 'no such grain')
+        return web.json_response(found, headers={'Cache-Control': 'max-age=5'})
 
     async def _media(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info['name']

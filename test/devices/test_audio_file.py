@@ -118,3 +118,19 @@ def test_a_minute_of_vorbis_can_be_written(tmp_path):
     samples = np.random.default_rng(1).uniform(-0.1, 0.1, 60 * 44100).astype('f4')
     audio_file.write(tmp_path / 'x.ogg', samples, 44100)
     assert audio_file.read_mono(tmp_path / 'x.ogg').duration_s == pytest.approx(60, abs=0.01)
+
+
+def test_the_outline_of_a_stretch_is_its_least_and_greatest_samples(tmp_path):
+    rng = np.random.default_rng(1)
+    samples = rng.uniform(-1, 1, (8000, 2))
+    audio_file.write(tmp_path / 'x.wav', samples, 8000, 'DOUBLE')
+    found = audio_file.outline(tmp_path / 'x.wav', 0.25, 0.5, 10)
+    parts = samples.mean(axis=1)[2000:6000].reshape(10, 400)
+    assert np.allclose(found, np.stack([parts.min(axis=1), parts.max(axis=1)], 1), atol=1e-6)
+    assert not audio_file.outline(tmp_path / 'x.wav', 5.0, 1.0, 4).any()  # behind its end
+    assert not audio_file.outline(tmp_path / 'x.wav', 0.9, 0.2, 2)[1].any()
+    (tmp_path / 'x.wav').write_bytes(b'')
+    with pytest.raises(ConfigError, match='not a sound'):
+        audio_file.outline(tmp_path / 'x.wav', 0.0, 1.0, 4)
+    with pytest.raises(DeviceMissing):
+        audio_file.outline(tmp_path / 'y.wav', 0.0, 1.0, 4)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Settings of the sound kept by name, recalled in a running graph and glided to."""
 
+import unicodedata
+
 import pytest
 import yaml
 from support.spinning import spinning_in
@@ -11,6 +13,11 @@ from eol_ros.core.sound.ice import ice
 from eol_ros.devices.audio import audio_file
 from eol_ros.nodes.grains import GrainsNode
 from eol_ros.settings import GrainsSettings
+from eol_ros.streams.requests import Word
+
+NO_NAMES = (
+    '../etc', 'a/b', '.a', '_a', 'a b', 'a.b', 65 * 'a', 67 * '氷', 'a\n', '\udc84', '\u0301a'
+)  # fmt: skip
 
 
 @pytest.fixture
@@ -65,6 +72,21 @@ def test_no_preset_is_said(tmp_path, capsys):
     )
 
 
+@pytest.mark.parametrize('name', ['Möwe', '冰山', 'हिम', '1-a_b', 'e' * 64, '氷' * 60])
+def test_a_preset_has_a_name_of_any_letters(tmp_path, capsys, name):
+    for form in ('NFC', 'NFD'):  # NFD: as a Mac writes it
+        file = tmp_path / form / f'{unicodedata.normalize(form, name)}.yaml'
+        file.parent.mkdir()
+        file.write_text('nodes: {grains: {radius: 0.031}}\n')
+        for typed in ('NFC', 'NFD'):
+            given = unicodedata.normalize(typed, name)
+            assert main(['preset', 'show', given, '--folder', str(file.parent)]) == 0
+            assert '0.031' in capsys.readouterr().out
+            assert Word('name').check(given) == unicodedata.normalize('NFC', name)
+        assert main(['preset', 'list', '--folder', str(file.parent)]) == 0
+        assert capsys.readouterr().out == f'{unicodedata.normalize("NFC", name)}\n'
+
+
 def test_a_preset_can_be_part_of_a_scene(tmp_path):
     (tmp_path / 'calm.yaml').write_text('nodes: {grains: {radius: 0.031}}\n')
     (tmp_path / 's.yaml').write_text('scene: s\ninclude: calm.yaml\nnodes: {twin: , tracker: }\n')
@@ -75,7 +97,7 @@ def test_a_preset_can_be_part_of_a_scene(tmp_path):
     ('words', 'code', 'said'),
     [
         (['recall'], 2, 'name the preset'),
-        (['recall', '../etc'], 2, 'name the preset'),
+        *((['recall', name], 2, 'name the preset') for name in NO_NAMES),
         (['recall', 'a', '--over', '-1'], 2, '-1 is outside 0 to 3600'),
         (['recall', 'none'], 69, 'no such preset'),
         (['recall', 'empty'], 78, 'not a preset'),

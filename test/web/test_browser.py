@@ -488,6 +488,7 @@ def test_who_hears_the_page_is_told_what_is_under_the_cursor(graph, browser):
     mouse(browser, 'mouseMoved', *run(browser, at), 0)
     until_page(browser, f'{under}.startsWith("block 12, in the middle, at rest, x ")')
     run(browser, 'eol.space.pick(7)')
+    until_page(browser, 'eol.space.canvas.dataset.wave === "96" && eol.space.wave')
     words = 'document.querySelector("#grain[aria-live]").textContent'
     until_page(browser, f'/^grain 7, from/.test({words})')
     radius = 'document.getElementById("radius")'

@@ -623,3 +623,11 @@ def test_without_prometheus_client_metrics_say_what_to_install(serve, monkeypatc
     server = serve()
     status, _, body = ask(server, '/metrics')
     assert status == 501 and '-m pip install prometheus-client' in body
+
+
+def test_a_grain_has_an_outline_or_is_not_there(serve):
+    server = serve()
+    server.routes.grain = lambda number: {'peaks': [[-0.5, 0.5]]} if number < 3 else None
+    assert json.loads(ask(server, '/grain/2')[2]) == {'peaks': [[-0.5, 0.5]]}
+    for address in ('/grain/3', '/grain/-1', '/grain/x', f'/grain/{"9" * 30}'):
+        assert ask(server, address)[0] == 404

@@ -111,6 +111,30 @@ def read_mono(path, rate: int | None = None, guard: int = 0) -> Sound:
     return Sound(str(path), memory[guard:at], rate, channels, tuple(notes))
 
 
+def outline(path, start_s: float, duration_s: float, count: int) -> np.ndarray:
+    """Return the least and greatest sample of each of `count` parts of a stretch of a sound.
+
+    (count, 2) float32, of the mean of all channels; 0 behind the end of the file. Raises
+    DeviceMissing if there is no file and ConfigError if it is not sound.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise DeviceMissing(said('no_sound_file', path=path))
+    found = np.zeros((count, 2), np.float32)
+    try:
+        with soundfile.SoundFile(os.fsencode(path)) as sound:
+            edges = np.linspace(start_s, start_s + duration_s, count + 1) * sound.samplerate
+            sound.seek(min(round(edges[0]), sound.frames))
+            for part, (begin, end) in zip(found, itertools.pairwise(edges.round()), strict=True):
+                piece = sound.read(min(int(end - begin), BLOCK), np.float32, always_2d=True)
+                if len(piece):
+                    samples = piece.mean(axis=1)
+                    part[:] = samples.min(), samples.max()
+    except (soundfile.LibsndfileError, TypeError) as error:
+        raise ConfigError(f'{path}: not a sound ({_reason(path, error)})') from None
+    return np.nan_to_num(found, posinf=0.0, neginf=0.0)
+
+
 def resample(samples: np.ndarray, rate_from: int, rate_to: int) -> np.ndarray:
     """Return (n,) float32 at another rate by an anti-aliased polyphase filter."""
     return np.concatenate(list(resampled([samples], rate_from, rate_to)))

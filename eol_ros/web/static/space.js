@@ -7,6 +7,7 @@ import { descriptor, say } from './i18n.js';
 
 const FLASH_S = 0.5;
 const PAD = 0.08;
+const REST_MS = 80; // so long the pointer rests on a grain before its waveform is fetched
 const HEARD_MS = 120; // hearing under the pointer: no grain sooner after the one before
 const TICKS = [0, 0.25, 0.5, 0.75, 1];
 // What an axis may be though the corpus does not have it yet: it is described when it is chosen.
@@ -172,6 +173,9 @@ export class SpaceView {
     if (grain === this.picked) return;
     this.picked = grain;
     this.dirty = true;
+    this.wave = null;
+    clearTimeout(this.resting);
+    if (grain >= 0) this.resting = setTimeout(() => this.fetchWave(grain), REST_MS);
     if (grain < 0) return write(this.legend, '');
     const { corpus } = this;
     const column = corpus.descriptors.indexOf(this.menus.colour.value);
@@ -182,6 +186,31 @@ export class SpaceView {
     });
     const near = this.blocksOver(grain);
     this.legend.textContent = near.length ? `${words}; ${say('grain_reached', { blocks: near.join(', ') })}` : words;
+  }
+
+  async fetchWave(grain) {
+    const answer = await fetch(`/grain/${grain}`).catch(() => null);
+    const { peaks } = answer?.ok ? await answer.json() : { peaks: [] };
+    if (grain !== this.picked) return;
+    this.wave = peaks;
+    this.canvas.dataset.wave = peaks.length;
+    this.dirty = true;
+  }
+
+  // The waveform of the picked grain, in the upper corner away from it, scaled to its loudest.
+  drawWave(brush, w, h) {
+    if (!this.wave?.length) return;
+    const [wide, high] = [Math.min(192, w / 3), Math.min(48, h / 6)];
+    const left = this.at(this.corpus.x[this.picked], 0)[0] < w / 2 ? w - wide - 6 : 6;
+    const step = wide / this.wave.length;
+    const loudest = Math.max(...this.wave.flat().map(Math.abs), 1e-6);
+    brush.fillStyle = '#0d1115e0';
+    brush.fillRect(left, 6, wide, high);
+    brush.fillStyle = THREAD;
+    this.wave.forEach(([least, most], i) => {
+      const top = 6 + (high / 2) * (1 - most / loudest);
+      brush.fillRect(left + i * step, top, Math.max(step - 0.5, 0.5), Math.max((high / 2) * ((most - least) / loudest), 1));
+    });
   }
 
   // Which blocks stand so near to a grain that they would play it.
@@ -298,6 +327,7 @@ export class SpaceView {
       else this.ring(brush, grain, dot * (2 + 4 * age), THREAD, 1 - age, dot * 1.8 * (1 - age));
     }
     this.drawBlocks(brush);
+    this.drawWave(brush, w, h);
   }
 
   // Axes and grains move only when a person moves them: drawn once, kept.
