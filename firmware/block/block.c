@@ -34,13 +34,22 @@ static void tell(eol_block *b, uint8_t only_lit)
     b->only_lit = only_lit;
 }
 
+/* An order that comes now is the last one, told again. */
+static void obeyed(eol_block *b)
+{
+    b->order_ms = (uint8_t)(EOL_BLOCK_ORDER_MS * eol_link_orders(b->groups));
+}
+
 uint8_t eol_block_sample(eol_block *b, uint32_t now_us, int16_t x, int16_t y)
 {
     uint8_t what = eol_knock_sample(&b->knock, x, y);
     if (what == EOL_KNOCK_FELT) {
         b->flags = eol_light_felt(&b->light);
         b->lit_us = now_us;
-        if (b->flags) b->uncounted = b->untold = 1;
+        if (b->flags) {
+            b->uncounted = b->untold = 1;
+            obeyed(b); /* a missed order that is told again would be a flash that nobody counts */
+        }
     } else if (what == EOL_KNOCK_TOLD) {
         uint32_t lit_us, age_us = ((uint32_t)b->knock.age * EOL_BLOCK_PERIOD_US) >> 4;
         if (b->knock.first) age_us += EOL_BLOCK_WAKE_LATE_US;
@@ -107,7 +116,7 @@ static void take_word(eol_block *b, const uint8_t *frame, uint8_t group)
     b->infrared = b->own ? (infrared & b->own) != 0 : 1;
     /* the order is in every word until the next one; to a block that has just come it is old */
     if (b->words && count != b->light_count && (light & b->own) && !b->order_ms) {
-        b->order_ms = (uint8_t)(EOL_BLOCK_ORDER_MS * eol_link_orders(groups));
+        obeyed(b);
         eol_light_flash(&b->light, (uint8_t)(EOL_WHOLE - (light >> EOL_WORD_DIM_BIT)));
         if (each) eol_light_told(&b->light, falls); /* this word knows of the flash */
     }

@@ -345,6 +345,17 @@ static uint8_t next_group(eol_bridge *b)
     return b->group = (uint8_t)((b->group + 1) % groups(b));
 }
 
+/* Blocks that may still obey their order: one that fell meanwhile would make a flash that is not counted. */
+static uint32_t obeying(const eol_bridge *b, uint64_t now_us)
+{
+    const eol_bridge_block *one = &b->blocks[b->group * EOL_GROUP];
+    uint16_t again_ms = (uint16_t)(EOL_BRIDGE_ORDER_MS * eol_link_orders(groups(b))), now_ms = (uint16_t)to_ms(now_us);
+    uint32_t found = 0, own = 1;
+    for (uint32_t left = b->groups[b->group].order; left; left >>= 1, own <<= 1, one++)
+        if ((left & 1) && (uint16_t)(now_ms - one->ordered_ms) < again_ms) found |= own;
+    return found;
+}
+
 uint8_t eol_bridge_says(eol_bridge *b, uint64_t now_us, uint8_t *frame)
 {
     memset(frame, 0, EOL_FRAME);
@@ -360,7 +371,7 @@ uint8_t eol_bridge_says(eol_bridge *b, uint64_t now_us, uint8_t *frame)
         frame[0] = (uint8_t)(EOL_FRAME_WORD + b->group);
         frame[1] = (uint8_t)(b->flags & EOL_BY_ITSELF);
         if (each_field(b)) {
-            uint32_t falls = eol_local_falls(&b->light.local, seconds(now_us), b->group);
+            uint32_t falls = eol_local_falls(&b->light.local, seconds(now_us), b->group) & ~obeying(b, now_us);
             frame[1] = (uint8_t)(frame[1] | EOL_WORD_EACH | (falls >> 24 ? EOL_WORD_LAST : 0));
             frame[15] = (uint8_t)falls;
             frame[16] = (uint8_t)(falls >> 8);
