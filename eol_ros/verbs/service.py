@@ -172,12 +172,9 @@ def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str 
     user: who runs it, with this home folder. folder: where it is started. log_in: 'getty',
     'lightdm' or empty.
     """
-    from eol_ros.web.guard import is_loopback
-
     panel, machine = scene.nodes.get('panel'), scene.nodes.get('machine')
     scheme = 'https' if panel and panel.certificate else 'http'
-    alone = scene.network == 'local' and (panel is None or is_loopback(panel.host))
-    alone = alone and scene.notify is None and 'projectors' not in scene.nodes
+    alone = not _reaches_out(scene)
     kept = (*FOLDERS, 'ROS_DOMAIN_ID')
     environment = [
         f'Environment={_quoted(f"{k}={os.environ[k]}")}\n' for k in kept if os.environ.get(k)
@@ -206,6 +203,23 @@ def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str 
         place, text = (LIGHTDM_PATH, _LIGHTDM) if log_in == 'lightdm' else (GETTY_PATH, _GETTY)
         found[place] = text.format(**values)
     return found
+
+
+def _reaches_out(scene: scenes.Scene) -> bool:
+    """Return whether a node of the scene exchanges packets with other machines."""
+    from eol_ros.devices.address import target
+    from eol_ros.web.guard import is_loopback
+
+    if scene.network != 'local' or scene.notify or {'projectors', 'sacn'} & set(scene.nodes):
+        return True
+    panel, osc = scene.nodes.get('panel'), scene.nodes.get('osc')
+    camera = scene.nodes.get('camera')
+    if camera and camera.device.startswith('genicam:'):  # GigE Vision, perhaps
+        return True
+    hosts = [panel.host] if panel else []
+    if osc:
+        hosts += [target(one)[0] for one in (*osc.send_to, *osc.tuio, *osc.tuio2)]
+    return bool(osc and osc.peers) or not all(map(is_loopback, hosts))
 
 
 def _quoted(word: str) -> str:

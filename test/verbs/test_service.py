@@ -118,10 +118,18 @@ def test_what_is_open_to_the_network_is_not_shut_in(tmp_path):
         ('network: lan', 'tracker: {}'),
         ('notify: {webhook: "https://museum.at/hook"}', 'tracker: {}'),
         ('', 'projectors: {addresses: [10.0.0.5]}'),
+        ('', 'osc: {peers: [10.0.0.7]}'),
+        ('', 'osc: {tuio: ["10.0.0.7:3333"]}'),
+        ('', 'sacn: {}, leds: {}, motion: {}, tracker: {}'),
+        ('', 'camera: {device: "genicam:auto"}'),
     ):
-        path.write_text(f'{head}\nnodes: {{twin: {{}}, {node}}}\n')
+        twin = '' if 'camera' in node else 'twin: {}, '
+        path.write_text(f'{head}\nnodes: {{{twin}{node}}}\n')
         units = service.units(scenes.load(path), 'museum', Path('/home/museum'), tmp_path)
-        assert 'IPAddressDeny' not in units[service.WORK_PATH]
+        assert 'IPAddressDeny' not in units[service.WORK_PATH], node
+    path.write_text('nodes: {twin: {}, osc: {send_to: ["127.0.0.1:57120"]}}\n')
+    units = service.units(scenes.load(path), 'museum', Path('/home/museum'), tmp_path)
+    assert 'IPAddressDeny' in units[service.WORK_PATH]
 
 
 def test_all_folders_that_a_scene_writes_to_can_be_written(tmp_path, monkeypatch):
