@@ -191,11 +191,12 @@ def command(prog: str, about: str, parser: argparse.ArgumentParser) -> str:
     parts = [about, '\n'.join(arguments(parser))]
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
+            told = {one.dest: one.help for one in action._choices_actions}
             for name, sub in dict.fromkeys(
                 (next(n for n, s in action.choices.items() if s is sub), sub)
                 for sub in action.choices.values()
             ):
-                parts += [f'**`{prog} {name}`**: {sub.description}', '\n'.join(arguments(sub))]
+                parts += [f'**`{prog} {name}`**: {told[name]}', '\n'.join(arguments(sub))]
     return '\n\n'.join(filter(None, parts))
 
 
