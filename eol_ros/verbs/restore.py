@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 
 from eol_ros.devices.files import sealed_file
 from eol_ros.disk import DAMAGED, DISK, content
-from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
+from eol_ros.errors import ConfigError, DeviceMissing, EolError, UsageError, writing
 from eol_ros.settings import MASK
 from eol_ros.verbs.backup import MANIFEST, MOST, add_password, places, private
 
@@ -74,6 +74,8 @@ def _read(path: Path, password_file: str | None) -> tuple[dict, dict[str, bytes]
         about = json.loads(packed.pop(MANIFEST))
         digests, about = dict(about['files']), about | {'kept_bags': list(about['kept_bags'])}
         about |= {'folder': str(about['folder']), 'secrets': bool(about['secrets'])}
+    except EolError:  # about the password: it says itself what is wrong
+        raise
     except (*DAMAGED, tarfile.TarError) as error:
         raise ConfigError(f'{path}: not a backup of eol, or damaged ({error})') from None
     found = {name: hashlib.sha256(content).hexdigest() for name, content in packed.items()}

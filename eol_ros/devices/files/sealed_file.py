@@ -61,12 +61,18 @@ def ask(file: str | None, new: bool = False) -> str:
             why = getattr(error, 'strerror', None) or 'not text in UTF-8'
             raise ConfigError(f'--password-file {file}: {why}') from None
     elif sys.stdin.isatty():
-        given = getpass.getpass('password: ')
-        if new and given != getpass.getpass('the same again: '):
+        try:
+            given = getpass.getpass('password: ')
+            again = getpass.getpass('repeat the password: ') if new else given
+        except EOFError:
+            raise UsageError('no password was typed') from None
+        if given != again:
             raise UsageError('the two passwords differ')
     else:
         raise UsageError('no terminal to ask for the password: name --password-file FILE')
-    if len(given) < (SHORTEST if new else 1):
+    if not given:
+        raise UsageError('the password is empty')
+    if new and len(given) < SHORTEST:
         raise UsageError(f'a password has at least {SHORTEST} characters')
     return given
 
