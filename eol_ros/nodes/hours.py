@@ -82,9 +82,9 @@ class HoursNode(EolNode):
         if due:
             self.due_s = self.due_s if self.due else steady_s
             self.due += due
-            self.keep(cued_s=self.times.done_s)
         if self.due and (self.met() or steady_s - self.due_s > PATIENCE_S):
             due, self.due = self.due, []
+            self.keep(cued_s=self.times.done_s)  # not before: a restart takes up cues that wait
             for name in due:
                 asked = Asked(CUE, self.NAME, {'name': name}, id=new_id(self.NAME))
                 self.requests.ask(asked)
