@@ -163,7 +163,12 @@ export class Link extends EventTarget {
 
   // Try a PIN; answers in words what came of it.
   async enter(pin) {
-    const answer = await fetch('/pin', { method: 'POST', headers: { 'X-Pin': pin } });
+    let answer;
+    try {
+      answer = await fetch('/pin', { method: 'POST', headers: { 'X-Pin': pin } });
+    } catch {
+      return say('no_connection');
+    }
     if (answer.status === 429) return say('pin_locked', { seconds: answer.headers.get('Retry-After') });
     if (!answer.ok) return say('pin_wrong');
     this.pin = pin;
