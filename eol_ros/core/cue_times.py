@@ -13,6 +13,7 @@ the first; one that it leaves out, in spring, is when it has gone past it.
 
 import datetime
 import re
+import unicodedata
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -40,7 +41,7 @@ class _Line(NamedTuple):
 
 def line(text: str) -> _Line:
     """Read a line; raise ConfigError that quotes it and says what is wrong."""
-    words = opening_hours.close_up(text).split(' ')
+    words = opening_hours.close_up(unicodedata.normalize('NFC', text)).split(' ')
     if len(words) != 3:
         raise ConfigError(f'{text!r}: not DAYS TIME CUE, {_LIKE}')
     try:

@@ -8,6 +8,7 @@ A line is a cue and one of its requests, in the words of `eol call`:
 """
 
 import shlex
+import unicodedata
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 
@@ -42,7 +43,7 @@ def _read(line: str) -> tuple[str, Asked]:
         words = shlex.split(request)
         if not words:
             raise ValueError('give CUE REQUEST, such as evening set leds look=embers')
-        KINDS[CUE].check({'name': name})
+        name = KINDS[CUE].check({'name': name})['name']
         asked = asked_of(words)
         if asked.kind == CUE:
             raise ValueError('a cue gives no other cue: write the requests of that one')
@@ -70,7 +71,7 @@ def mistakes(
     """Yield the setting of each mistake in the lines `cues` and `cue_times`, and what is wrong."""
     known = set()
     for number, line in enumerate(cues):
-        known.add(line.partition(' ')[0])
+        known.add(unicodedata.normalize('NFC', line.partition(' ')[0]))
         try:
             cues_of([line], there)
         except ConfigError as error:
