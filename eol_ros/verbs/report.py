@@ -105,16 +105,21 @@ def _other_versions(bag):
     """Return a line that names the versions which recorded the bag, if others recompute it."""
     import yaml
 
+    from eol_ros import yaml_text
     from eol_ros.ros.run_record import versions
 
-    recorded, here = yaml.safe_load(bag.about.get('versions', '')) or {}, versions()
+    try:
+        recorded = yaml_text.load(bag.about.get('versions', ''))
+    except (yaml.YAMLError, ValueError, RecursionError):
+        recorded = None
+    recorded, here = recorded if isinstance(recorded, dict) else {}, versions()
     unequal = [
         n for n in ('eol_ros', 'commit', 'python', 'numpy') if recorded.get(n) != here.get(n)
     ]
     if not unequal:
         return []
     then, now = (', '.join(f'{n} {v.get(n, "?")}' for n in unequal) for v in (recorded, here))
-    return [f'recorded with {then}, recomputed with {now}: another version may differ rightly']
+    return [f'recorded with {then}, recomputed with {now}: another version may give other results']
 
 
 def _exhibition(args):
