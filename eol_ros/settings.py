@@ -962,7 +962,7 @@ class HoursSettings:
     )
     cues: tuple[str, ...] = setting(
         (),
-        'lines of requests by the name of their cue, in the words of `eol call`, such as evening '
+        'lines of a cue and one of its requests, in the words of `eol call`, such as evening '
         'set leds look=embers',
     )
     cue_times: tuple[str, ...] = setting(
