@@ -116,7 +116,7 @@ def content(path: str | Path, most: int = MOST_TEXT) -> bytes:
     Raises
     ------
     OSError
-        It cannot be read, is larger, or is no file, as a pipe that nobody writes.
+        It cannot be read, is larger, or is a device or a pipe.
     """
     with open(path, 'rb', opener=regular) as file:
         size = os.fstat(file.fileno()).st_size

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bound of memory for a command: it ends in a sentence before the system ends a process."""
+"""A limit of memory for a command: it ends with a message before the kernel kills a process."""
 
 import contextlib
 import re
@@ -10,10 +10,10 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def bounded() -> Iterator[None]:
-    """Let the body ask for no more memory than is free now; beyond, it meets MemoryError.
+    """Limit the memory of the body to what is available now; beyond, it gets MemoryError.
 
-    Linux promises more than it has, and kills what uses it. The bound counts private memory
-    (RLIMIT_DATA, getrlimit(2)); processes that the body starts inherit it.
+    Linux promises more memory than it has, and kills processes that use it. The limit counts
+    private memory (RLIMIT_DATA, getrlimit(2)); processes that the body starts inherit it.
     """
     before, hard = resource.getrlimit(resource.RLIMIT_DATA)
     bound = _kilobytes('/proc/self/status', 'VmData') + _kilobytes('/proc/meminfo', 'MemAvailable')

@@ -7,8 +7,8 @@ A line names days, times and a cue; each line counts on each day that it names:
     Fri,Sat 18:30, 20:30 evening
     2026-12-24 12:00 farewell
 
-Days and clocks are those of `core.opening_hours`. A time that a clock shows twice, in autumn, is
-the first; one that it leaves out, in spring, is when it has gone past it.
+Days and clocks are those of `core.opening_hours`. A time that a clock shows twice, in autumn, means
+the first. A time that it skips, in spring, means the end of the gap.
 """
 
 import datetime
@@ -21,7 +21,7 @@ from eol_ros.core import opening_hours
 from eol_ros.core.opening_hours import CLOCK_SET_S, DAY, HORIZON
 from eol_ros.errors import ConfigError
 
-BACK_S = 60.0  # a clock set back by less gives no cue twice
+BACK_S = 60.0  # after the clock was set back by less, no cue is given twice
 _TIME = re.compile(r'([01]?\d|2[0-3]):([0-5]\d)')
 _LIKE = "such as 'Fri,Sat 18:30 evening', '2026-12-24 12:00 farewell'"
 
@@ -67,9 +67,9 @@ class CueTimes:
     texts : sequence of str
         Lines.
     time_zone : datetime.tzinfo
-        Of the clock that they mean.
+        Time zone of the times in these lines.
     done_s : float, optional
-        Until when cues have been given, as `done_s` had it before a restart.
+        Time until which cues have been given, s since the epoch: `done_s` before a restart.
 
     Raises
     ------
@@ -88,8 +88,8 @@ class CueTimes:
     def look(self, now_s: float, since_s: float) -> list[str]:
         """Take the time of the system's clock; return the cues that are due now, in order.
 
-        At the start these are the cues of the time from `since_s` on, so that the work is as if it
-        had run all the while. A clock that was never set gives none.
+        Both times are s since the epoch. The first call returns the cues from `since_s` on, so that
+        the work is as if it had run since then. A clock that was never set gives none.
         """
         if now_s < CLOCK_SET_S:
             self.next, self._looked_s = None, -float('inf')

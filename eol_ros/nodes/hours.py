@@ -20,13 +20,13 @@ from eol_ros.said import Said, clauses, said
 from eol_ros.streams.requests import CUE, KINDS, Asked
 
 LOOK_S = 1.0
-AGAIN_S = 2.0  # who has not answered is asked again: it may be starting
-PATIENCE_S = 20.0  # then that is told, and a cue is given without who is missing
-DAY_S = 86400.0  # a work that never opens or closes takes up the cues of so long
+AGAIN_S = 2.0  # between requests to nodes that have not answered: they may be starting
+PATIENCE_S = 20.0  # until silent nodes are reported, and a cue is given without them
+DAY_S = 86400.0  # before a start, whose cues it gives where the work never opens or closes
 
 
 class HoursNode(EolNode):
-    """Asks what people ask with buttons, so that bags show it.
+    """Sends the requests that people send with buttons, so that bags have them.
 
     A cue is a request, and so is each of its parts: a bag has both, with their results.
     """
@@ -45,10 +45,10 @@ class HoursNode(EolNode):
             raise ConfigError('\n'.join(found))
         self.cues = cues_of(s.cues, there)
         self.times = CueTimes(s.cue_times, hours.zone, self.resumed.get('cued_s'))
-        self.due: list[str] = []  # cues whose time has come, and since when they wait for nodes
+        self.due: list[str] = []  # cues that wait for their nodes, and since when
         self.due_s = 0.0
         self.parts: dict[str, tuple[Asked, float, list[Answers]]] = {}  # of cues, by id
-        self.refused: Said | str = ''  # what the last cue could not do
+        self.refused: Said | str = ''  # requests of the last cue that failed, and why
         self.sleepers = (there - {self.NAME}) & set(KINDS[SLEEP].whom(''))
         self.kind = ''  # what is being asked of the work
         self.waits: set[str] = set()  # for the answers of these
@@ -96,7 +96,7 @@ class HoursNode(EolNode):
                 self.given(id_)
 
     def met(self) -> bool:
-        """Return whether all nodes that cues ask take requests: at the start some do not yet."""
+        """Return whether all nodes of cues take requests: after a start some do not yet."""
         asked = {name for parts in self.cues.values() for _, names in parts for name in names}
         found = self.get_subscriptions_info_by_topic(self.resolve_topic_name(REQUESTS))
         there = {end.node_name for end in found}
@@ -111,7 +111,7 @@ class HoursNode(EolNode):
         return LATER
 
     def give(self, asked: Asked) -> None:
-        """Ask what a cue asks, in the order of its lines; `given` answers the cue."""
+        """Send the requests of a cue, in the order of its lines; `given` answers the cue."""
         parts: list[Answers] = []
         requests = self.cues[asked.values['name']]
         within_s = max(KINDS[one.kind].within_s for one, _ in requests)

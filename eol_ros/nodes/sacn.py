@@ -14,7 +14,7 @@ from eol_ros.ros.node import EolNode
 from eol_ros.ros.run import runner
 from eol_ros.said import clauses, said
 
-LOOK_S = 0.1  # for what is sent again
+LOOK_S = 0.1  # between looks for packets to send again
 RESOLVE_S = 5.0
 
 
@@ -29,7 +29,7 @@ class SacnNode(EolNode):
             raise ConfigError('\n'.join(found))
         targets = [target(line) for line in s.send_to] or [multicast(s.universe)]
         self.outs = [UdpOut(one) for one in targets]
-        # the same after a restart, and another for each machine, graph and universe
+        # the same after a restart, but different for each machine, graph and universe
         name = f'{uuid.getnode():x} {self.namespace} {s.universe}'
         cid = uuid.uuid5(uuid.NAMESPACE_OID, name).bytes
         self.stream = Stream(cid, s.universe, s.first_channel, s.priority, bytes(cells))

@@ -13,11 +13,9 @@ from eol_ros.core.light.local import OFF
 PORT = 5568
 CHANNELS = 512  # of a universe
 MOST_HZ = 44.0  # that DMX512 can carry with all its channels (E1.11)
-AGAIN_S = 0.8  # a level that stays is sent again within 0.8 to 1 s (6.6.1)
+AGAIN_S = 0.8  # an unchanged level is sent again within 0.8 to 1 s (6.6.1)
 REPEATS = 3  # of each change, and of the end of the stream (6.6.1, 6.2.6)
-SILENT_S = (
-    2.5  # without word of lights that shine they are sent dark: their source has gone (6.7.1)
-)
+SILENT_S = 2.5  # without levels of lights that shine: then dark, as their source has gone (6.7.1)
 _TERMINATED = 0x40
 
 
@@ -45,7 +43,9 @@ def mistakes(first_channel: int, flash_limit: str, cells: int) -> Iterator[tuple
 
 
 class Stream:
-    """The packets of a universe: each change once the rate allows it, repeated, and kept alive.
+    """The packets of a universe: each change when MOST_HZ allows it, repeated, and kept alive.
+
+    Times are s of a steady clock.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Stream:
     universe, first_channel, priority : int
         1 to 63999, 1 to 512, 0 to 200.
     levels : bytes
-        Before any are known, one for each channel from the first on.
+        First levels, one byte 0 to 255 for each channel from `first_channel` on.
     """
 
     def __init__(self, cid: bytes, universe: int, first_channel: int, priority: int, levels: bytes):
@@ -66,7 +66,7 @@ class Stream:
         self._sent_s = self._heard_s = float('-inf')
 
     def take(self, levels: bytes, now_s: float) -> None:
-        """Take the levels of now, which `due` sends."""
+        """Take new levels, which `due` then sends."""
         self.levels, self._heard_s = levels, now_s
 
     def wait_s(self, now_s: float) -> float:

@@ -7,13 +7,13 @@ from collections import deque
 import numpy as np
 
 WINDOW = 200  # triggers
-RECENT_S = 60.0  # a trigger of longer ago says nothing of the link of today
-LATE_SHARE = 0.01  # so many may be late without a remedy
+RECENT_S = 60.0  # older triggers say nothing about the network as it is now
+LATE_SHARE = 0.01  # of triggers that may be late
 MARGIN_S = 0.002  # above the latency that sufficed
 
 
 class Arrivals:
-    """The last WINDOW triggers of one kind, of the last RECENT_S seconds."""
+    """The last WINDOW triggers of one kind within RECENT_S; times are s of a steady clock."""
 
     def __init__(self) -> None:
         self._rows: deque[tuple[float, float]] = deque(maxlen=WINDOW)

@@ -52,7 +52,14 @@ def unseal(data: bytes, password: str) -> bytes:
 def ask(file: str | None, new: bool = False) -> str:
     """Return a password, of the first line of `file` or typed at the terminal.
 
-    new: it is typed twice, and has at least `SHORTEST` characters. Raises UsageError, ConfigError.
+    new: ask twice at the terminal, and take at least `SHORTEST` characters.
+
+    Raises
+    ------
+    ConfigError
+        `file` cannot be read.
+    UsageError
+        No terminal, no password, one that is too short, or two that differ.
     """
     if file:
         try:
