@@ -204,7 +204,7 @@ KINDS: dict[str, Kind] = {
         Kind('learn_background', 'take what shines now, without blocks, for background',
              ('leds',), answered_by='tracker', within_s=15.0, triggered=True),
         Kind(CUE, 'carry out a cue of the scene: the requests of this name', ('hours',),
-             (Word('name'),), within_s=50.0),
+             (Word('name'),), within_s=65.0),  # longer than any request of a cue
         Kind('play_grain', 'hear one grain', ('sound',), (_GRAIN,)),
         Kind('save_preset', 'keep the live settings of grains and sound by a name', ('sound',),
              (_PRESET,), within_s=10.0),
