@@ -63,7 +63,7 @@ def flashes(bag: Bag) -> np.ndarray:
 
 
 def shown(bag: Bag, commands: Messages) -> tuple[np.ndarray, np.ndarray]:
-    """Return of when levels are, s from the start of the bag, rising; and the levels.
+    """Return the times of levels, in s from the start of the bag, rising, and the levels.
 
     Levels that a slip or tap changed are those of its stamp; the packet was sent later. Raises
     ConfigError where a packet has not one for each place of the table.

@@ -131,7 +131,7 @@ class SoundNode(EolNode):
             if enough_s is None:
                 continue
             if enough_s <= s.latency_max_s:
-                self.get_logger().warning(f'grains are late: {name} becomes {enough_s:g}')
+                self.get_logger().warning(f'grains are late: {name} becomes {enough_s:g} s')
                 self.instrument.set(self.NAME, {name: enough_s})
             else:
                 texts.append(said('grains_late', name=name, enough=f'{enough_s:g}'))

@@ -9,8 +9,8 @@ the limit from a block's own slips.
 With an afterglow, a block that has stayed dark since its slip lights up once more: so a cascade
 that is over runs through the blocks again, in the order of its last slips.
 
-With an idle period, dim light runs from the middle over all blocks when nothing has slipped for so
-long, and again after each further period.
+With an idle period, dim light runs from the middle over all blocks after each such period without a
+slip.
 """
 
 from typing import NamedTuple
