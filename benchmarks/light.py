@@ -355,10 +355,11 @@ def table(result: dict[str, Any]) -> str:
     for r in result['limits']:
         raised = '-' if r['raised'] is None else f'{r["raised"]:.1%}'
         tau = '-' if r.get('order_tau') is None else f'{r["order_tau"]:.2f}'
+        median_s, p90_s = (r[k] or 0.0 for k in ('flash_median_s', 'flash_p90_s'))  # none: 0
         frames = ' '.join(map(str, r.get('frames_lit', '-')))
         lines.append(
-            f'{r["limit"]:25}{r["decay_s"]:5.2f} s{r["flash_median_s"]:7.2f}'
-            f'{r["flash_p90_s"]:5.2f} s{r["many_lit"]:8.1%}{raised:>9}{r["most_flashes_per_s"]:9d}'
+            f'{r["limit"]:25}{r["decay_s"]:5.2f} s{median_s:7.2f}'
+            f'{p90_s:5.2f} s{r["many_lit"]:8.1%}{raised:>9}{r["most_flashes_per_s"]:9d}'
             f'{r["contrast_space"]:7.2f}{r["contrast_time"]:6.0%}{r["at_limit"]:10.1%}{tau:>7}'
             f'{frames:>10}' + (f'{r["cost_us"]:5.0f} us' if r['cost_us'] else '')
         )

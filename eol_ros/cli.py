@@ -82,7 +82,7 @@ VERBS = {verb: text for group in GROUPS.values() for verb, text in group.items()
 # that go on until they are stopped, or say themselves how far they are
 LASTING = {
     'run', 'kiosk', 'mirror', 'echo', 'midi', 'replay', 'camera', 'board', 'measure', 'speakers',
-    'listen', 'compile',
+    'listen', 'compile', 'status', 'bench', 'sweep',
 }  # fmt: skip
 
 

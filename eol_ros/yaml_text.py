@@ -33,7 +33,8 @@ def decoded(data: bytes) -> str:
 def load(text: str | bytes, loader: Any = yaml.SafeLoader) -> Any:
     """Return the first document of a YAML text that holds something; None if none does.
 
-    Raises yaml.YAMLError, also where aliases repeat a part without end; ValueError, RecursionError.
+    Raises yaml.YAMLError, also where aliases repeat a part or values nest without end, and where a
+    value is none of its kind, such as the date 2026-13-40.
     """
     reader = loader(text)
     try:
@@ -43,6 +44,8 @@ def load(text: str | bytes, loader: Any = yaml.SafeLoader) -> Any:
                 raise yaml.YAMLError(f'aliases make more than {MOST_VALUES} values of it')
             if (found := reader.construct_document(node)) is not None:
                 return found
+    except (ValueError, RecursionError) as error:
+        raise yaml.YAMLError(str(error)) from None
     finally:
         reader.dispose()
     return None
@@ -146,8 +149,10 @@ class Reader:
                 return start, None, text
             tree = yaml.compose(text, Loader=yaml.SafeLoader)
             self._count += _count(tree, {}) if tree else 0
-            if self._count > MOST_VALUES:  # anchors may stand for each other without end
-                raise RecursionError
+            if self._count > MOST_VALUES:
+                what = f'more than {MOST_VALUES} values, or anchors that stand for each other'
+                self.wrong(start, '', what)
+                return start, None, text
             return (self._convert(tree, name, merge_hint) if tree else start), tree, text
         except UnicodeDecodeError:
             self.wrong(start, '', 'not a text file in UTF-8')

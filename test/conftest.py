@@ -15,6 +15,7 @@ import pytest
 from support.any_stamp import use_any_stamp
 
 from eol_ros.ros import network
+from eol_ros.verbs import progress
 
 # Set before any test imports rclpy: every worker process has a domain of its own.
 _worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])
@@ -32,6 +33,7 @@ hypothesis.settings.register_profile(
     'eol', deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
 )
 hypothesis.settings.load_profile('eol')  # a busy machine is no fault of the code
+progress.SILENT_S = 3600.0  # nor what a command says where it is slow
 
 
 @pytest.fixture(scope='session')

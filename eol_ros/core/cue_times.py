@@ -104,6 +104,7 @@ class CueTimes:
         self._looked_s = now_s
         now = datetime.datetime.fromtimestamp(now_s, datetime.timezone.utc)
         done = datetime.datetime.fromtimestamp(self.done_s, datetime.timezone.utc)
+        done = max(done, now - DAY)  # a clock that was set by years
         due = self._between(done, now) if done < now else []
         self.done_s = max(self.done_s, now_s)
         self.next = self._after(max(done, now))

@@ -24,8 +24,9 @@ class SacnNode(EolNode):
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
         s, cells = self.settings, self.table.cells
-        limit = self.scene.settings('leds').flash_limit
-        if found := [': '.join(one) for one in mistakes(s.first_channel, limit, cells)]:
+        leds = self.scene.nodes.get('leds')
+        limit, replayed = leds.flash_limit if leds else '', self.sim_time
+        if found := [': '.join(one) for one in mistakes(s.first_channel, limit, cells, replayed)]:
             raise ConfigError('\n'.join(found))
         targets = [target(line) for line in s.send_to] or [multicast(s.universe)]
         self.outs = [UdpOut(one) for one in targets]

@@ -170,7 +170,9 @@ class SoundNode(EolNode):
         if state.node != self.machine:
             return
         values = values_of(state.values)
-        ahead_ms, error_ms = values.get('offset_ms', 0.0), values.get('offset_error_ms', 0.0)
+        if 'offset_ms' not in values:  # it has just started
+            return
+        ahead_ms, error_ms = values['offset_ms'], values['offset_error_ms']
         self.clock_ahead_ns = round(1e6 * ahead_ms) if abs(ahead_ms) > error_ms else 0
         self.health.values['clock_ahead_ms'] = self.clock_ahead_ns * 1e-6
 

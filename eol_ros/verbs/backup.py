@@ -18,7 +18,7 @@ from eol_ros import scene as scenes
 from eol_ros.devices.bag.retention import KEPT
 from eol_ros.devices.files import sealed_file
 from eol_ros.disk import DISK
-from eol_ros.errors import DeviceMissing, writing
+from eol_ros.errors import ConfigError, DeviceMissing, writing
 from eol_ros.scene import Scene
 
 HELP = (
@@ -77,6 +77,8 @@ def run(args):
             member.size, member.mtime, member.mode = len(content), int(time.time()), 0o600
             tar.addfile(member, io.BytesIO(content))
     data = packed.getvalue()
+    if max(len(data), sum(map(len, contents.values()))) > MOST:
+        raise ConfigError(f'more than {MOST / 1e6:.0f} MB, which restore refuses: look for what is')
     data = sealed_file.seal(data, password) if args.secrets else data
     with writing(args.output, '--output'), private(args.secrets):
         DISK.write(Path(args.output), data)

@@ -312,8 +312,9 @@ def _sacn(scene: Scene) -> Iterator[Check]:
     settings, cells = scene.nodes['sacn'], scene.table.rows * scene.table.columns
     for line in settings.send_to:
         yield 'sacn.send_to', functools.partial(address.target, target(line))
-    limit = scene.settings('leds').flash_limit
-    for name, what in mistakes(settings.first_channel, limit, cells):
+    leds, replayed = scene.nodes.get('leds'), 'replay' in scene.nodes
+    limit = leds.flash_limit if leds else ''
+    for name, what in mistakes(settings.first_channel, limit, cells, replayed):
         where = name if name == 'sacn' else f'sacn.{name}'
         yield where, functools.partial(_refuse, what)
 

@@ -26,6 +26,9 @@ class Leds(EolNode):
         self.commands.publish(LedCommand(white=levels))
 
 
+LIT = Scene('lit', {'leds': LedsSettings()})
+
+
 @pytest.fixture
 def fixture():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as made:
@@ -47,7 +50,7 @@ def test_levels_arrive_and_the_stream_ends_dark(ros, fixture):
     port = fixture.getsockname()[1]
     settings = SacnSettings((f'127.0.0.1:{port}',), universe=7, first_channel=11)
     with Nodes() as nodes:
-        leds, node = nodes.add(Leds()), nodes.add(SacnNode(settings))
+        leds, node = nodes.add(Leds()), nodes.add(SacnNode(settings, scene=LIT))
         nodes.meet()
         levels = [(k, *range(24)) for k in range(1, 101)]
         began_s = time.monotonic()
@@ -71,7 +74,7 @@ def test_levels_arrive_and_the_stream_ends_dark(ros, fixture):
 
 
 def test_without_receivers_it_goes_to_all(ros):
-    node = SacnNode(SacnSettings(universe=258))
+    node = SacnNode(SacnSettings(universe=258), scene=LIT)
     assert [out.target for out in node.outs] == ['239.255.1.2:5568']
     node.close()
     node.destroy_node()
@@ -84,8 +87,9 @@ def test_without_receivers_it_goes_to_all(ros):
             LedsSettings(flash_limit='false', flash_limit_off_because='a film'),
             TableSettings(),
             SacnSettings(),
-            'leds.flash_limit must not be false',
+            'needs leds in this scene with a leds.flash_limit',
         ),
+        (None, TableSettings(), SacnSettings(), 'needs leds in this scene'),
         (
             LedsSettings(),
             TableSettings(rows=15, columns=15, platform_m=(4.0, 4.0)),
@@ -96,6 +100,7 @@ def test_without_receivers_it_goes_to_all(ros):
     ],
 )
 def test_what_cannot_be(ros, leds, table, settings, why):
-    scene = Scene('test', {'leds': leds, 'sacn': settings}, table=table)
+    nodes = {'sacn': settings} | ({'leds': leds} if leds else {})
+    scene = Scene('test', nodes, table=table)
     with pytest.raises(ConfigError, match=why):
         SacnNode(settings, scene=scene)

@@ -33,10 +33,17 @@ def target(text: str) -> str:
     return text if ':' in text else f'{text}:{PORT}'
 
 
-def mistakes(first_channel: int, flash_limit: str, cells: int) -> Iterator[tuple[str, str]]:
-    """Yield the setting of each mistake, and what is wrong."""
-    if flash_limit == OFF:
-        yield 'sacn', 'sends what leds limits: leds.flash_limit must not be false with it'
+def mistakes(
+    first_channel: int, flash_limit: str, cells: int, replayed: bool
+) -> Iterator[tuple[str, str]]:
+    """Yield the setting of each mistake, and what is wrong.
+
+    flash_limit: that of `leds`, empty where the scene has none. replayed: whether a bag is played.
+    """
+    if replayed:
+        yield 'sacn', 'a replay has its own speed, and the flash limit is that of the recorded time'
+    elif flash_limit in (OFF, ''):
+        yield 'sacn', 'needs leds in this scene with a leds.flash_limit, which bounds what it sends'
     if first_channel + cells - 1 > CHANNELS:
         what = f'{first_channel} leaves {CHANNELS + 1 - first_channel} channels'
         yield 'first_channel', f'{what} for {cells} places: at most {CHANNELS + 1 - cells}'

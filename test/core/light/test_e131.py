@@ -104,9 +104,12 @@ def test_lights_whose_node_is_gone_go_out():
 
 
 def test_what_is_refused():
-    assert list(mistakes(1, 'field_of_view', 25)) == [] == list(mistakes(488, 'field', 25))
-    assert [name for name, _ in mistakes(489, 'false', 25)] == ['sacn', 'first_channel']
-    what = dict(mistakes(489, 'field', 25))['first_channel']
+    for channel, limit in ((1, 'field_of_view'), (488, 'field')):
+        assert list(mistakes(channel, limit, 25, False)) == []
+    assert [name for name, _ in mistakes(489, 'false', 25, False)] == ['sacn', 'first_channel']
+    assert [name for name, _ in mistakes(1, '', 25, False)] == ['sacn']
+    assert [name for name, _ in mistakes(1, 'field', 25, True)] == ['sacn']
+    what = dict(mistakes(489, 'field', 25, False))['first_channel']
     assert what == '489 leaves 24 channels for 25 places: at most 488'
 
 
