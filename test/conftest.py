@@ -26,6 +26,7 @@ os.environ['ROS_DOMAIN_ID'] = str(_BASE)
 os.environ['EOL_STATE'] = tempfile.mkdtemp(prefix='eol-test-state-')
 for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'NUMBA_NUM_THREADS'):
     os.environ.setdefault(_name, '1')
+os.environ['OPENCV_FFMPEG_LOGLEVEL'] = '-8'  # as `devices/camera` sets it before a first video
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'  # assigned values have the types of their fields
 os.environ['PYTHONWARNINGS'] = 'error::RuntimeWarning'  # in processes that tests start, too
 network.configure('local', images=True)

@@ -138,7 +138,7 @@ def test_light_goes_on_and_flashes_no_more_than_three_times_a_second(
     clock, real = SetClock(), lights_module.time
     lights_module.time = clock
     lights = Lights(LedsSettings(port='twin', decay_s=0.182, flash_limit=limit))
-    lights.board.light = lambda mask, stamp_us: 0
+    lights.board.light = lambda mask, stamp_us, share: 0
     try:
         times, shown, waiting = [], [], []
         for tick in range(span * (len(jumps) + 1) + 200):

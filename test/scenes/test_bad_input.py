@@ -58,10 +58,10 @@ def test_scene_mistakes_start_nothing(tmp_path):
 
 
 def test_a_setting_of_another_node_is_told_whose_it_is(tmp_path):
-    result = bringup(scene(tmp_path, '  twin: {}\n  tracker: {send_to: ["a:1"], pairs: x}\n'))
+    result = bringup(scene(tmp_path, '  twin: {}\n  tracker: {tuio: ["a:1"], pairs: x}\n'))
 
     assert result.returncode == 78
-    assert 'tracker.send_to: no such key; nodes.osc has it' in result.stderr
+    assert 'tracker.tuio: no such key; nodes.osc has it' in result.stderr
     assert 'tracker.pairs: no such key; nodes.montage has it' in result.stderr
 
 
