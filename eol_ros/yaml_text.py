@@ -149,10 +149,8 @@ class Reader:
                 return start, None, text
             tree = yaml.compose(text, Loader=yaml.SafeLoader)
             self._count += _count(tree, {}) if tree else 0
-            if self._count > MOST_VALUES:
-                what = f'more than {MOST_VALUES} values, or anchors that stand for each other'
-                self.wrong(start, '', what)
-                return start, None, text
+            if self._count > MOST_VALUES:  # anchors may stand for each other without end
+                raise RecursionError
             return (self._convert(tree, name, merge_hint) if tree else start), tree, text
         except UnicodeDecodeError:
             self.wrong(start, '', 'not a text file in UTF-8')
