@@ -28,10 +28,10 @@ def shown(times):
 
 def test_each_cue_once_at_its_time_and_the_next_told():
     times = CueTimes(LINES, VIENNA)
-    assert look(times, '2026-11-27 09:59:59.5') == [] and shown(times) == ('Fri 10:00', 'day')
+    assert look(times, '2026-11-27 09:59:59.500') == [] and shown(times) == ('Fri 10:00', 'day')
     assert look(times, '2026-11-27 10:00:00') == ['day'] and shown(times) == ('Fri 14:30', 'day')
     assert look(times, '2026-11-27 10:00:01') == []
-    assert look(times, '2026-11-27 14:30:00.9') == ['day']
+    assert look(times, '2026-11-27 14:30:00.900') == ['day']
     assert shown(times) == ('Fri 18:30', 'evening')
     # asleep for a day: all that came in between, in order; of one time by their lines
     assert look(times, '2026-11-28 15:00:00') == ['evening', 'day', 'day', 'farewell']
