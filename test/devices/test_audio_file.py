@@ -120,13 +120,17 @@ def test_a_minute_of_vorbis_can_be_written(tmp_path):
     assert audio_file.read_mono(tmp_path / 'x.ogg').duration_s == pytest.approx(60, abs=0.01)
 
 
-def test_the_outline_of_a_stretch_is_its_least_and_greatest_samples(tmp_path):
+def test_the_outline_of_a_stretch_is_its_least_and_greatest_samples(tmp_path, monkeypatch):
     rng = np.random.default_rng(1)
     samples = rng.uniform(-1, 1, (8000, 2))
     audio_file.write(tmp_path / 'x.wav', samples, 8000, 'DOUBLE')
     found = audio_file.outline(tmp_path / 'x.wav', 0.25, 0.5, 10)
     parts = samples.mean(axis=1)[2000:6000].reshape(10, 400)
     assert np.allclose(found, np.stack([parts.min(axis=1), parts.max(axis=1)], 1), atol=1e-6)
+    monkeypatch.setattr(audio_file, 'BLOCK', 100)  # of a part that is longer, its begin
+    found = audio_file.outline(tmp_path / 'x.wav', 0.25, 0.5, 10)
+    begins = parts[:, :100]
+    assert np.allclose(found, np.stack([begins.min(axis=1), begins.max(axis=1)], 1), atol=1e-6)
     assert not audio_file.outline(tmp_path / 'x.wav', 5.0, 1.0, 4).any()  # behind its end
     assert not audio_file.outline(tmp_path / 'x.wav', 0.9, 0.2, 2)[1].any()
     (tmp_path / 'x.wav').write_bytes(b'')

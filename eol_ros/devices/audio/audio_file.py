@@ -124,8 +124,8 @@ def outline(path, start_s: float, duration_s: float, count: int) -> np.ndarray:
     try:
         with soundfile.SoundFile(os.fsencode(path)) as sound:
             edges = np.linspace(start_s, start_s + duration_s, count + 1) * sound.samplerate
-            sound.seek(min(round(edges[0]), sound.frames))
             for part, (begin, end) in zip(found, itertools.pairwise(edges.round()), strict=True):
+                sound.seek(min(int(begin), sound.frames))
                 piece = sound.read(min(int(end - begin), BLOCK), np.float32, always_2d=True)
                 if len(piece):
                     samples = piece.mean(axis=1)
