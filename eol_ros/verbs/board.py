@@ -44,7 +44,7 @@ def add_arguments(parser):
     )
     parser.add_argument(
         '--knocks', action='store_true',
-        help='print what blocks feel: knock on each, to see which it is and that it works',
+        help='print the taps that accelerometers report: knock on a block to find and test it',
     )  # fmt: skip
     parser.add_argument(
         '--self-test',

@@ -6,8 +6,8 @@ import sys
 from eol_ros.verbs import reach
 
 HELP = (
-    'Copy what is on the graph into a DDS domain of its own, until Ctrl-C: all that who has a '
-    'read-only key (`eol keys add NAME --read-only`) can reach. Nothing comes back from there. '
+    'Copy all topics of the graph into a DDS domain of its own, until Ctrl-C. Read-only keys '
+    '(`eol keys add NAME --read-only`) reach that domain alone, and nothing is copied back. '
     'Run it on the machine of the work.'
 )
 EXAMPLES = ['eol mirror --secure']
