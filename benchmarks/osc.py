@@ -9,7 +9,6 @@ of `osc`, user and system time, the share while nothing comes told apart.
 
 import argparse
 import contextlib
-import os
 import signal
 import socket
 import subprocess
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from support.running import free_udp_port, used_s
 
 from benchmarks import machine
 from eol_ros import parent_death
@@ -58,7 +58,7 @@ def measure(args: argparse.Namespace) -> dict[str, float]:
     """Return the share of a core of each part, %, above that of `idle`."""
     with contextlib.ExitStack() as ending:
         folder = Path(ending.enter_context(tempfile.TemporaryDirectory()))
-        port = _free_port()
+        port = free_udp_port()
         nodes = {name: {} for name in ('replay', 'grains', 'montage')}
         osc = {'send_to': ['127.0.0.1:9'], 'port': port, 'peer_rate_hz': 1e5}
         nodes |= {'osc': osc, 'recorder': False}
@@ -161,22 +161,11 @@ def _graph(process: subprocess.Popen) -> Iterator[tuple[Callable[[], None], list
 
 
 def _share(process: subprocess.Popen, give: Callable[[int], Any], args: Any) -> float:
-    used_s, began_s = _used_s(process.pid), time.monotonic()
+    before_s, began_s = used_s(process.pid), time.monotonic()
     count = round(args.rate * args.seconds)
     for number in range(0, count, CHUNK):
         time.sleep(max(0.0, began_s + number / args.rate - time.monotonic()))
         for one in range(number, min(number + CHUNK, count)):
             give(one)
     time.sleep(max(0.0, began_s + args.seconds - time.monotonic()))
-    return 100 * (_used_s(process.pid) - used_s) / (time.monotonic() - began_s)
-
-
-def _used_s(pid: int) -> float:
-    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(') ')[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
-
-
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(('127.0.0.1', 0))
-        return int(probe.getsockname()[1])
+    return 100 * (used_s(process.pid) - before_s) / (time.monotonic() - began_s)

@@ -83,6 +83,12 @@ def on_machine(scene: Scene, name: str | None) -> Scene:
     return replace(scene, nodes={**scene.nodes, 'machine': mine})
 
 
+def own_part(told: Scene) -> Scene:
+    """Return the part of a scene of `on_machine` that this machine runs."""
+    machine = told.machines[told.nodes['machine'].name]
+    return only(told, (*machine.nodes, 'machine'))
+
+
 def processes(
     scene: Scene,
     file: Path,

@@ -104,7 +104,7 @@ def _file(path: Path) -> Iterator[tuple[str, str, Any]]:
         data = yaml_text.load(yaml_text.decoded(content(path)))
     except FileNotFoundError:
         raise UsageError(f'--ros-args {FILE} {path}: no such file') from None
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+    except (OSError, UnicodeError, yaml.YAMLError) as error:
         raise ConfigError(f'{path}: cannot be read ({type(error).__name__})') from None
     found = list(_of_nodes(data, ''))
     if not found:

@@ -89,8 +89,7 @@ def run(args: argparse.Namespace) -> int:
         if args.only:
             raise UsageError(f'--only {args.only}: `machines` of the scene say what runs where')
         told = plan.on_machine(scene, args.machine)
-        name = told.nodes['machine'].name
-        scene = plan.only(told, (*told.machines[name].nodes, 'machine'))
+        scene, name = plan.own_part(told), told.nodes['machine'].name
         notes += [f'this is machine {name} ({told.machines[name].address})']
         if args.bag and 'recorder' not in scene.nodes:
             raise UsageError(f'--bag {args.bag}: no recorder runs on machine {name}')

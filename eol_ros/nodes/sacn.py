@@ -25,8 +25,8 @@ class SacnNode(EolNode):
         super().__init__(settings, **kwargs)
         s, cells = self.settings, self.table.cells
         leds = self.scene.nodes.get('leds')
-        limit, replayed = leds.flash_limit if leds else '', self.sim_time
-        if found := [': '.join(one) for one in mistakes(s.first_channel, limit, cells, replayed)]:
+        wrong = mistakes(s.first_channel, leds, cells, self.sim_time)
+        if found := [': '.join(one) for one in wrong]:
             raise ConfigError('\n'.join(found))
         targets = [target(line) for line in s.send_to] or [multicast(s.universe)]
         self.outs = [UdpOut(one) for one in targets]

@@ -274,17 +274,18 @@ class SoundNode(EolNode):
         latency_s = min(latency_s * self.stretch(), AHEAD_S / 2)
         trigger = triggers.to_core(message, since_ns * 1e-9 + latency_s)
         self.mixer.play(np.array([trigger], TRIGGER), bank, self.voicing)
-        if by_hand and not self.log:
+        live = not (by_hand or self.sim_time)
+        if not (live or self.log):
             return
         # it is late where the frame at which it begins has been mixed already
         mixed_s = self.mixer.time_of(int(self.mixer.state['frame'][0]))
         spare_s = since_ns * 1e-9 + latency_s - LOOK_AHEAD_S - mixed_s
-        if not (by_hand or self.sim_time):
+        if live:
             arrivals = self.arrivals['tap_latency_s' if felt else 'latency_s']
             arrivals.add(time.monotonic(), latency_s - spare_s)
             kind = 'stamp_to_tap_trigger' if felt else 'stamp_to_trigger'
-            self.health.took(kind, (came_ns - self.wall_ns(stamp_ns)) * 1e-9)
-        if self.sounding and not by_hand and not (self.muted or self.asleep):
+            self.health.took(kind, (came_ns - self.epoch_ns - since_ns) * 1e-9)
+        if self.sounding and live and not (self.muted or self.asleep):
             at_s = stamp_ns * 1e-9 + latency_s - min(spare_s, 0.0)
             self.took(self.sounding.sounds(message.block, stamp_ns * 1e-9, at_s))
         if self.log:

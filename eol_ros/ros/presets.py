@@ -47,9 +47,8 @@ def path_of(name: str, where: Path) -> Path:
     name = unicodedata.normalize('NFC', name)
     if not is_name(name):
         raise UsageError(f'{name[:64]!r}: name the preset by letters, digits, - and _')
-    path = where / f'{name}.yaml'
-    forms = (where / f'{unicodedata.normalize(form, name)}.yaml' for form in ('NFC', 'NFD'))
-    return next((form for form in forms if form.exists()), path)
+    forms = [where / f'{unicodedata.normalize(form, name)}.yaml' for form in ('NFC', 'NFD')]
+    return next((form for form in forms if form.exists()), forms[0])
 
 
 def load(path: Path) -> Preset:
@@ -58,7 +57,7 @@ def load(path: Path) -> Preset:
         data = load_yaml(decoded(content(path)))
     except FileNotFoundError:
         raise DeviceMissing(said('no_preset', path=path)) from None
-    except (OSError, UnicodeError, ValueError, RecursionError, yaml.YAMLError) as error:
+    except (OSError, UnicodeError, yaml.YAMLError) as error:
         raise ConfigError(f'{path}: cannot be read ({type(error).__name__})') from None
     found = data.get('nodes') if isinstance(data, dict) else None
     if not isinstance(found, dict) or not found or not set(found) <= set(INSTRUMENT):

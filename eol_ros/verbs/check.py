@@ -313,8 +313,7 @@ def _sacn(scene: Scene) -> Iterator[Check]:
     for line in settings.send_to:
         yield 'sacn.send_to', functools.partial(address.target, target(line))
     leds, replayed = scene.nodes.get('leds'), 'replay' in scene.nodes
-    limit = leds.flash_limit if leds else ''
-    for name, what in mistakes(settings.first_channel, limit, cells, replayed):
+    for name, what in mistakes(settings.first_channel, leds, cells, replayed):
         where = name if name == 'sacn' else f'sacn.{name}'
         yield where, functools.partial(_refuse, what)
 

@@ -110,7 +110,7 @@ def _other_versions(bag):
 
     try:
         recorded = yaml_text.load(bag.about.get('versions', ''))
-    except (yaml.YAMLError, ValueError, RecursionError):
+    except yaml.YAMLError:
         recorded = None
     recorded, here = recorded if isinstance(recorded, dict) else {}, versions()
     unequal = [

@@ -259,9 +259,7 @@ def made(path: Path) -> list[Path]:
 def _install(args) -> int:
     scene = scenes.load(args.scene)
     if scene.machines or args.machine:
-        scene = plan.on_machine(scene, args.machine)
-        name = scene.nodes['machine'].name
-        scene = plan.only(scene, (*scene.machines[name].nodes, 'machine'))
+        scene = plan.own_part(plan.on_machine(scene, args.machine))
     try:
         person = pwd.getpwnam(args.user or pwd.getpwuid(os.getuid()).pw_name)
     except KeyError:

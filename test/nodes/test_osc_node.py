@@ -20,6 +20,7 @@ from eol_msgs.msg import (
     Wall,
 )
 from support import fuzz
+from support.running import free_udp_port
 from support.spinning import Nodes
 from support.waiting import wait_until
 from support.work_states import STATES
@@ -101,12 +102,6 @@ def node(ros, ear):
 
 def defaults(*nodes):
     return {name: NODES[name].settings() for name in nodes}
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-        one.bind(('127.0.0.1', 0))
-        return one.getsockname()[1]
 
 
 def blocks(table, state=TRACKING, stamp_ns=None):
@@ -194,7 +189,7 @@ def test_a_scene_says_what_is_sent_and_where(node, ear):
     topics = {s.topic_name for s in one.subscriptions if s.topic_name.startswith('/eol/')}
     assert topics - {'/eol/ready'} == {'/eol/slips', '/eol/corpus', '/eol/grain_triggers',
                                        '/eol/felt_triggers'}  # fmt: skip
-    everything = node(tuio=(ear.address,), port=free_port())
+    everything = node(tuio=(ear.address,), port=free_udp_port())
     names = {s.topic_name.removeprefix('/eol/') for s in everything.subscriptions}
     assert set(NODES['osc'].optional) - {'work_state'} <= names
     assert set(OSC_MESSAGES) == everything.to.keys()
@@ -274,7 +269,7 @@ class Other(EolNode):
 
 
 def test_requests_are_answered(ros, ear, capfd):
-    port = free_port()
+    port = free_udp_port()
     scene = Scene('here', defaults('osc', 'montage', 'grains'))
     one = OscNode(OscSettings(port=port), scene=scene)
     with Nodes(one, Other('montage'), Other('grains')) as nodes:
@@ -325,7 +320,7 @@ def test_requests_are_answered(ros, ear, capfd):
 
 
 def test_replies_go_to_the_port_that_the_scene_names(node, ear):
-    port, mouth = free_port(), Ear()
+    port, mouth = free_udp_port(), Ear()
     one = node(port=port, reply_port=ear.port, send_to=())
     mouth.say(port, ('/else', 1))
     wait_until(lambda: one.look() or one.refused)
@@ -336,7 +331,7 @@ def test_replies_go_to_the_port_that_the_scene_names(node, ear):
 
 def test_no_more_requests_wait_than_can_be_answered(node, ear, monkeypatch):
     monkeypatch.setattr(module, 'MOST_OPEN', 2)
-    one = node(('sound',), port=free_port(), send_to=())
+    one = node(('sound',), port=free_udp_port(), send_to=())
     for _ in range(3):
         ear.say(one.input.port, ('/eol/call/mute',))
     wait_until(lambda: one.look() or one.input.received == 3)
@@ -362,7 +357,7 @@ def test_what_cannot_be(ros, ear):
 
 
 def test_a_peer_that_is_gone_is_no_fault_and_a_name_that_is_not_known_is_told(node):
-    one = node(send_to=(f'127.0.0.1:{free_port()}', 'no-such-host.invalid:9'))
+    one = node(send_to=(f'127.0.0.1:{free_udp_port()}', 'no-such-host.invalid:9'))
     for _ in range(20):
         one.tell('slip', stamped(Slip(), now_ns(), now_ns()))
     wait_until(lambda: one.outs[1].trouble)
@@ -442,7 +437,7 @@ def pour(one, count, seed):
     ],
 )
 def test_a_million_bent_packets_leave_the_node_alive_and_its_counts_true(node, ear, count):
-    one = node(('sound', 'grains'), port=free_port(), peer_rate_hz=1e5, send_to=())
+    one = node(('sound', 'grains'), port=free_udp_port(), peer_rate_hz=1e5, send_to=())
     done = {'asked': 0, 'replies': 0}
 
     def ask(asked, expected, answered):
@@ -475,7 +470,7 @@ def test_the_cost_of_a_thousand_packets_a_second_each_way(node, ear, capsys):
     """Without DDS: what a message costs this process from the graph's message to the wire, and from
     the wire to the request; a look takes what has come in 20 ms."""
     count = 4000
-    one = node(('sound',), port=free_port(), peer_rate_hz=1e5)
+    one = node(('sound',), port=free_udp_port(), peer_rate_hz=1e5)
     one.client.ask = lambda asked, expected, done: module.Answers(asked, {'sound'}, done)
     at = now_ns()
     slip = stamped(Slip(block=3, kind=1, speed=0.5), at, at)

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -28,6 +29,19 @@ WATCHED = (
     'truth', 'blocks', 'slips', 'felt_slips', 'block_taps', 'led_commands', 'grain_triggers',
     'felt_triggers',
 )  # fmt: skip
+
+
+def used_s(pid):
+    """Return the processor time of a process, user and system, in s."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICK_HZ
+
+
+def free_udp_port():
+    """Return a UDP port of this machine that nobody has."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(('127.0.0.1', 0))
+        return one.getsockname()[1]
 
 
 @contextlib.contextmanager
@@ -183,8 +197,7 @@ class Graph:
     def _cpu(self) -> dict[int, float]:
         used = {}
         for pid in self.pids():
-            fields = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
-            used[pid] = (int(fields[11]) + int(fields[12])) / TICK_HZ
+            used[pid] = used_s(pid)
         return used
 
     def figures(self) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import struct
 from collections.abc import Iterator
 
 from eol_ros.core.light.local import OFF
+from eol_ros.settings import LedsSettings
 
 PORT = 5568
 CHANNELS = 512  # of a universe
@@ -34,15 +35,15 @@ def target(text: str) -> str:
 
 
 def mistakes(
-    first_channel: int, flash_limit: str, cells: int, replayed: bool
+    first_channel: int, leds: LedsSettings | None, cells: int, replayed: bool
 ) -> Iterator[tuple[str, str]]:
     """Yield the setting of each mistake, and what is wrong.
 
-    flash_limit: that of `leds`, empty where the scene has none. replayed: whether a bag is played.
+    leds: settings of `leds`, None where the scene has none. replayed: whether a bag is played.
     """
     if replayed:
         yield 'sacn', 'a replay has its own speed, and the flash limit is that of the recorded time'
-    elif flash_limit in (OFF, ''):
+    elif leds is None or leds.flash_limit == OFF:
         yield 'sacn', 'needs leds in this scene with a leds.flash_limit, which bounds what it sends'
     if first_channel + cells - 1 > CHANNELS:
         what = f'{first_channel} leaves {CHANNELS + 1 - first_channel} channels'

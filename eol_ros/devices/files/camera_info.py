@@ -70,8 +70,6 @@ def read(text: str | bytes, path: str | Path) -> dict[str, Any]:
         place = f':{where.line + 1}:{where.column + 1}' if where else ''
         why = (getattr(error, 'problem', None) or str(error)).splitlines()[0]
         raise ConfigError(f'{path}{place}: not a YAML file: {why}') from None
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f'{path}: not a YAML file: {error}') from None
     if not isinstance(content, dict):
         raise ConfigError(f'{path}: holds {type(content).__name__}, not a calibration')
     for ours, names in _NAMES.items():

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eol_ros.core.light.e131 import AGAIN_S, MOST_HZ, Stream, mistakes, target
+from eol_ros.settings import LedsSettings
 
 CID = bytes(range(16))
 
@@ -105,11 +106,12 @@ def test_lights_whose_node_is_gone_go_out():
 
 def test_what_is_refused():
     for channel, limit in ((1, 'field_of_view'), (488, 'field')):
-        assert list(mistakes(channel, limit, 25, False)) == []
-    assert [name for name, _ in mistakes(489, 'false', 25, False)] == ['sacn', 'first_channel']
-    assert [name for name, _ in mistakes(1, '', 25, False)] == ['sacn']
-    assert [name for name, _ in mistakes(1, 'field', 25, True)] == ['sacn']
-    what = dict(mistakes(489, 'field', 25, False))['first_channel']
+        assert list(mistakes(channel, LedsSettings(flash_limit=limit), 25, False)) == []
+    off, field = (LedsSettings(flash_limit=limit) for limit in ('false', 'field'))
+    assert [name for name, _ in mistakes(489, off, 25, False)] == ['sacn', 'first_channel']
+    assert [name for name, _ in mistakes(1, None, 25, False)] == ['sacn']
+    assert [name for name, _ in mistakes(1, field, 25, True)] == ['sacn']
+    what = dict(mistakes(489, field, 25, False))['first_channel']
     assert what == '489 leaves 24 channels for 25 places: at most 488'
 
 
