@@ -87,12 +87,16 @@ class MachineNode(EolNode):
         if self.me == self.main:
             for machine, one_way_s in self.one_way_s.items():
                 values[f'from_{machine}_ms'] = round(one_way_s * 1e3, 4)
-        elif found := self.offset():
+        found = None if machine_node(self.main) in silent else self.offset()
+        if found:
             values.update(
                 offset_ms=round(found.offset_s * 1e3, 3),
                 offset_error_ms=round(found.error_s * 1e3, 3),
             )
-        self.report(troubles)
+        else:
+            for name in ('offset_ms', 'offset_error_ms'):
+                values.pop(name, None)
+        self.report(troubles, found)
         for node in self.rows:
             _, row = self.heard.get(node, (0.0, _status(NodeState(level=STARTING), '')))
             if node in silent:
@@ -118,9 +122,8 @@ class MachineNode(EolNode):
             found.append(said('other_version', machine=machine, **versions))
         return found
 
-    def report(self, troubles: list[str]) -> None:
+    def report(self, troubles: list[str], found: Offset | None) -> None:
         clock: str = ''
-        found = self.offset() if self.me != self.main else None
         if found and found.matters:
             clock = said(
                 'clock_apart',

@@ -7,9 +7,8 @@ import time
 from pathlib import Path
 
 import numpy as np
-from eol_msgs.msg import GrainTrigger, NodeState, Slip
+from eol_msgs.msg import GrainTrigger, Slip
 
-from eol_ros.core.clock_offset import LIMIT_S
 from eol_ros.core.sound.arrivals import Arrivals
 from eol_ros.core.sound.channel_test import ChannelTest
 from eol_ros.core.sound.meter import Meter
@@ -22,15 +21,15 @@ from eol_ros.devices.audio.bank import BankLoader
 from eol_ros.devices.audio.soundcard import Player
 from eol_ros.devices.files.trigger_log import TriggerLog
 from eol_ros.errors import EolError
+from eol_ros.ros.main_clock import MainClock
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
 from eol_ros.ros.run import runner
 from eol_ros.ros.sound import SampleStream, meter_message
 from eol_ros.ros.stamps import NS, now_ns, to_ns
 from eol_ros.said import clauses, said
-from eol_ros.scene import machine_node
 from eol_ros.streams import corpus, slips, triggers
-from eol_ros.streams.requests import Asked, values_of
+from eol_ros.streams.requests import Asked
 
 COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
 FILTER = ('filter', 'filter_hz', 'filter_q', 'filter_by', 'filter_octaves')
@@ -99,11 +98,7 @@ class SoundNode(EolNode):
         )
         self.subscribe('grain_triggers', self.on_trigger)
         self.subscribe('felt_triggers', self.on_felt)
-        self.clock_ahead_ns, self.machine = 0, ''
-        here = self.scene.machine_of(self.NAME)
-        if here != self.scene.main and not self.sim_time:
-            self.machine = machine_node(here)
-            self.subscribe('node_states', self.on_state)
+        self.main_clock = MainClock(self)
         self.sounding: OnsetToSound | None = None
         if 'motion' in self.scene.nodes and not self.sim_time:
             self.sounding = OnsetToSound()
@@ -164,21 +159,6 @@ class SoundNode(EolNode):
         told = corpus.values(message)
         if self.banks.ask(message.digest, from_ns, *grains, places=places, descriptors=told):
             self.trouble = said('loading', name=message.name)
-
-    def on_state(self, state: NodeState) -> None:
-        """Learn from the node `machine` how far this clock is ahead of that of the stamps."""
-        if state.node != self.machine:
-            return
-        values = values_of(state.values)
-        if 'offset_ms' not in values:  # it has just started
-            return
-        ahead_ms, error_ms = values['offset_ms'], values['offset_error_ms']
-        self.clock_ahead_ns = round(1e6 * ahead_ms) if abs(ahead_ms) > error_ms else 0
-        self.health.values['clock_ahead_ms'] = self.clock_ahead_ns * 1e-6
-
-    def wall_ns(self, stamp_ns: int) -> int:
-        """Return when a stamp is by the clock of this machine, in ns."""
-        return super().wall_ns(stamp_ns) + self.clock_ahead_ns
 
     def on_fade(self, asked: Asked) -> None:
         self.asleep = asked.kind == 'sleep' or (self.asleep and asked.kind != 'wake')
@@ -322,10 +302,7 @@ class SoundNode(EolNode):
         silent = said('asleep') if self.asleep else silent
         late = '' if silent else self.late
         trouble = self.trouble or (self.log.trouble if self.log else '') or late
-        ahead_ms = f'{self.clock_ahead_ns * 1e-6:.1f}'
-        subtracted = abs(self.clock_ahead_ns) > LIMIT_S * NS
-        clock = said('clock_subtracted', offset=ahead_ms) if subtracted else ''
-        text = clauses([silent, player.text, trouble, clock])
+        text = clauses([silent, player.text, trouble, self.main_clock.report()])
         level = 'warn' if trouble and player.level == 'ok' else player.level
         getattr(self.health, level)(text)
         if player.stuck:

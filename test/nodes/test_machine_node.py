@@ -110,3 +110,16 @@ def test_the_offset_of_its_clock_from_the_main_one(audio, ahead_ms, level):
     assert node.health.values['offset_error_ms'] == pytest.approx(1.0)
     if level != OK:
         assert f'clock is {ahead_ms:.1f} ms ahead of that of show' in node.health.text
+
+
+def test_no_offset_is_told_while_the_main_machine_is_silent(audio):
+    node, now, _, hear = audio
+    hear('machine_show', 300.0, **about(node, from_audio_ms=-299.0))
+    node.look()
+    assert node.health.values['offset_ms'] == pytest.approx(300.0)
+    now[0] = 3.5
+    node.look()
+    assert 'offset_ms' not in node.health.values
+    hear('machine_show', 2.0, **about(node, from_audio_ms=-1.0))
+    node.look()
+    assert 'offset_ms' in node.health.values
