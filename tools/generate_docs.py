@@ -82,10 +82,9 @@ def service_table() -> str:
 
 def qos(name: str) -> str:
     profile = QOS[name]
-    words = ['reliable' if profile.reliable else 'best effort', f'keep last {profile.depth}']
-    if profile.latched:
-        words.append('latched')
-    return ', '.join(words)
+    words = ['reliable' if profile.reliable else 'best effort']
+    words += ['transient local'] * profile.latched
+    return ', '.join([*words, f'keep last {profile.depth}'])
 
 
 def topics_page() -> str:

@@ -123,6 +123,13 @@ def test_rows_have_what_core_found():
     assert row.values.shape == (4 * len(DESCRIPTORS),)
 
 
+@pytest.mark.parametrize('record', RECORDS, ids=lambda record: record.type)
+def test_a_definition_names_the_frame(record):
+    package, _, name = record.type.split('/')
+    message = parse((MESSAGES / f'{name}.msg').read_text(), record.type)[f'{package}/{name}']
+    assert message.fields[0].comment.endswith(f'; frame_id: {record.frame_id or "empty"}')
+
+
 @pytest.mark.parametrize('name', ROWS)
 def test_a_row_goes_through_rclpys_message_and_back(name):
     messages = pytest.importorskip('eol_msgs.msg')
