@@ -98,7 +98,7 @@ class SoundNode(EolNode):
         )
         self.subscribe('grain_triggers', self.on_trigger)
         self.subscribe('felt_triggers', self.on_felt)
-        self.main_clock = MainClock(self)
+        self.main_clock: MainClock = MainClock(self)
         self.sounding: OnsetToSound | None = None
         if 'motion' in self.scene.nodes and not self.sim_time:
             self.sounding = OnsetToSound()
@@ -119,9 +119,13 @@ class SoundNode(EolNode):
         self.health.values.update(told, presets=list(presets.names(presets.folder())))
 
     def judge_arrivals(self) -> None:
-        """Say which latency would do while over 1 % of the grains are late, or change to it."""
+        """Say which latency would do while over 1 % of the grains are late, or change to it.
+
+        Where the sound goes nowhere, no grain is late for anybody.
+        """
         s, texts = self.settings, []
-        for name, arrivals in self.arrivals.items():
+        heard = self.player.heard or self.samples.heard
+        for name, arrivals in self.arrivals.items() if heard else ():
             enough_s = arrivals.remedy_s(time.monotonic(), getattr(s, name))
             if enough_s is None:
                 continue

@@ -49,15 +49,20 @@ class SampleStream:
         self._node = node
         self._timer = node.create_timer(1 / SAMPLES_HZ, self._send, autostart=False)
 
+    @property
+    def heard(self) -> bool:
+        """Whether somebody listens."""
+        return self._publisher.get_subscription_count() > 0
+
     def look(self) -> None:
         """Begin if somebody listens; to be called now and then."""
-        if self._timer.is_canceled() and self._publisher.get_subscription_count():
+        if self._timer.is_canceled() and self.heard:
             self._sent = int(self._mixer.state['frame'][0])
             self._node.resume(self._timer)
 
     def _send(self) -> None:
         new = int(self._mixer.state['frame'][0]) - self._sent
-        if not self._publisher.get_subscription_count():
+        if not self.heard:
             self._timer.cancel()
         elif new > 0:
             self._sent += new

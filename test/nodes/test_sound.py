@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import dataclasses
 import re
+import time
 import wave
 from array import array
 from dataclasses import replace
@@ -324,6 +325,19 @@ def test_a_file_is_made_only_where_the_scene_asks_for_one(ros, tmp_path, device)
         nodes.until(lambda: node.mixer.state['frame'][0] > 4800)
         assert node.player.level == 'ok'
     assert len(list(tmp_path.glob('sound-*.wav'))) == (device == 'wav')
+
+
+def test_no_grain_is_late_where_the_sound_goes_nowhere(ros):
+    node = SoundNode(replace(SOUND, device='no such card'))
+    with Nodes(node) as nodes:
+        for _ in range(WINDOW):
+            node.arrivals['latency_s'].add(time.monotonic(), 9.0)
+        node.judge_arrivals()
+        assert not node.late
+        node.subscribe('sound_samples', lambda message: None)
+        nodes.until(lambda: node.samples.heard)
+        node.judge_arrivals()
+        assert 'latency_s of 9.002 s' in node.late
 
 
 def test_late_grains_lead_to_a_latency_that_would_do(graph, tmp_path):

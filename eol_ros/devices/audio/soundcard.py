@@ -166,6 +166,12 @@ class Player:
         return isinstance(self.output, Card)
 
     @property
+    def heard(self) -> bool:
+        """Whether the sound goes to a card or into a file."""
+        output = self.output
+        return isinstance(output, Card) or output.writes
+
+    @property
     def card_missing(self) -> bool:
         """Whether the card that the scene asks for is not there."""
         return self.device != 'wav' and not self.on_card
@@ -179,7 +185,7 @@ class Player:
         if isinstance(output, Card):
             return 'ok'
         wanted = self.device == 'wav' and not self._why
-        writes = not self._card_needed and (not self._wav or not output.name.startswith('nothing'))
+        writes = not self._card_needed and (not self._wav or output.writes)
         return 'ok' if (wanted or writes) and not output.full else 'warn'
 
     @property

@@ -56,6 +56,11 @@ class WavSink:
         """Whether it still makes samples."""
         return self._thread.is_alive()
 
+    @property
+    def writes(self) -> bool:
+        """Whether the samples go into a file."""
+        return self._file is not None
+
     def close(self, timeout_s: float = 2.0) -> bool:
         """Stop and close the file; return whether that was done in time."""
         self._stop.set()
