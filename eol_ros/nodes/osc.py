@@ -23,7 +23,7 @@ from eol_ros.ros.stamps import to_ns
 from eol_ros.said import clauses, code_and_args, said
 from eol_ros.streams import osc, triggers
 from eol_ros.streams.graph import NODES, full_name
-from eol_ros.streams.requests import KINDS, SET, Asked
+from eol_ros.streams.requests import SET, Asked
 from eol_ros.streams.work_state import States
 
 LOOK_S = 0.02
@@ -54,7 +54,7 @@ class OscNode(EolNode):
         self.input = OscIn(s.port, s.peers, s.peer_rate_hz) if s.port else None
         if self.input:
             self.set_up_input()
-        self.main_clock = MainClock(self)
+        self.main_clock: MainClock = MainClock(self)
         self.set_up_output()
         self.create_timer(1.0, self.report)
         self.create_timer(osc.AGAIN_S, self.again)
@@ -101,8 +101,6 @@ class OscNode(EolNode):
     def set_up_input(self) -> None:
         self.client = RequestClient(self, self.publisher('requests'))
         self.sets = full_name('set/', self.namespace)
-        # by id: who asked, to which address; until when to wait for which answers
-        self.open: dict[str, tuple[list[tuple[Peer, str]], float, Answers]] = {}
         self.subscribe('request_results', self.client.heard)
         self.create_timer(LOOK_S, self.look)
 
@@ -236,11 +234,7 @@ class OscNode(EolNode):
             self.ask(asked, [(peer, address)])
         for one in together.values():
             self.ask(*one)
-        now_s = time.monotonic()
-        for _, until_s, answers in list(self.open.values()):
-            if now_s > until_s:
-                self.client.give_up(answers)
-                self.answered(answers)
+        self.client.look()
 
     def read(self, peer: Peer, address: str, values: list) -> Asked | None:
         """Return the request of a message; None for a button let go, and for what is refused."""
@@ -258,22 +252,16 @@ class OscNode(EolNode):
 
     def ask(self, asked: Asked, senders: list[tuple[Peer, str]]) -> None:
         try:
-            if len(self.open) >= MOST_OPEN:
+            if self.client.waiting >= MOST_OPEN:
                 raise EolError(f'{MOST_OPEN} requests wait for their answers already')
             expected = expected_of(asked.kind, asked.node, self.there.__contains__)
         except EolError as error:
             for sender in senders:
                 self.refuse(*sender, str(error))
             return
-        answers = self.client.ask(asked, expected, self.answered)
-        self.open[answers.asked.id] = (
-            senders,
-            time.monotonic() + KINDS[asked.kind].within_s,
-            answers,
-        )
+        self.client.ask(asked, expected, functools.partial(self.answered, senders))
 
-    def answered(self, answers: Answers) -> None:
-        senders, *_ = self.open.pop(answers.asked.id)
+    def answered(self, senders: list[tuple[Peer, str]], answers: Answers) -> None:
         for sender in senders:
             if answers.refusal or not answers.whole:
                 self.refuse(*sender, answers.refusal or answers.silent)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sound node's MIDI input: controllers, keys and programs play its live settings."""
 
+import functools
 import time
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ from eol_ros.devices.audio.midi import MidiIn
 from eol_ros.errors import DeviceMissing, EolError
 from eol_ros.nodes.sound_control import Instrument
 from eol_ros.ros import presets
+from eol_ros.ros.requests import Answers, RequestClient, expected_of
 from eol_ros.streams.requests import CUE, Asked
 
 if TYPE_CHECKING:
@@ -28,6 +30,10 @@ class Midi:
         self.input: MidiIn | None = None
         self._tried_s: float | None = None
         self._told: str | None = None
+        scene = node.scene
+        self._there = {*scene.nodes, *scene.elsewhere}
+        self._client = RequestClient(node, node.requests.publisher)
+        node.requests.on_results(self._client.heard)
         node.create_timer(PERIOD_S, self.look)
 
     def look(self) -> None:
@@ -44,6 +50,7 @@ class Midi:
                 events[key] = event
         for event in events.values():
             self._do(event)
+        self._client.look()
 
     def close(self) -> None:
         """Give the input back."""
@@ -85,8 +92,18 @@ class Midi:
                 elif isinstance(action, Recall):
                     self._instrument.recall(action.preset)
                 elif isinstance(action, Cue):
-                    self._node.requests.ask(Asked(CUE, values={'name': action.name}))
+                    asked = Asked(CUE, values={'name': action.name}, source=self._node.NAME)
+                    expected = expected_of(CUE, '', self._there.__contains__)
+                    done = functools.partial(self._answered, event.words)
+                    self._client.ask(asked, expected, done)
                 else:
                     self._instrument.morph(action.start, action.end, action.share)
         except EolError as error:
-            self._node.get_logger().warning(f'MIDI {event.words}: {error}')
+            self._warn(event.words, str(error))
+
+    def _answered(self, words: str, answers: Answers) -> None:
+        if answers.refusal or not answers.whole:
+            self._warn(words, answers.refusal or answers.silent)
+
+    def _warn(self, words: str, why: str) -> None:
+        self._node.get_logger().warning(f'MIDI {words}: {why}')

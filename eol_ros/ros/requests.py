@@ -2,6 +2,7 @@
 """Requests on the graph: how a node takes and answers them, and how one asks and is answered."""
 
 import itertools
+import math
 import os
 import threading
 import time
@@ -224,6 +225,7 @@ class Answers:
     asked: Asked
     expected: set[str]
     done: Callable[['Answers'], None] | None = None
+    until_s: float = math.inf  # of the monotonic clock: how long `RequestClient.look` waits
     found: dict[str, tuple[bool, str]] = field(default_factory=dict)
 
     @property
@@ -262,11 +264,28 @@ class RequestClient:
     ) -> Answers:
         """Publish a request; `done` is called, in the executor's thread, when all have answered."""
         asked = replace(asked, id=asked.id or new_id(asked.source or 'eol'))
-        answers = Answers(asked, expected, done)
+        until_s = time.monotonic() + KINDS[asked.kind].within_s
+        answers = Answers(asked, expected, done, until_s)
         with self._lock:
             self._open[asked.id] = answers
         self._publisher.publish(request_to_msg(asked, self._node.get_clock().now().nanoseconds))
         return answers
+
+    @property
+    def waiting(self) -> int:
+        """How many requests wait for answers."""
+        return len(self._open)
+
+    def look(self) -> None:
+        """Give up what nodes have not answered in time, and call `done` for it."""
+        now_s = time.monotonic()
+        with self._lock:
+            over = [answers for answers in self._open.values() if now_s > answers.until_s]
+            for answers in over:
+                del self._open[answers.asked.id]
+        for answers in over:
+            if answers.done:
+                answers.done(answers)
 
     def give_up(self, answers: Answers) -> None:
         """Wait no longer."""

@@ -316,7 +316,7 @@ def test_requests_are_answered(ros, ear, capfd):
         nodes.end(montage)
         ear.say(port, ('/eol/call/sleep',))
         assert answers(1) == [('/eol/call/sleep', 0, 'montage does not answer')]
-        assert not one.open
+        assert not one.client.waiting
 
 
 def test_replies_go_to_the_port_that_the_scene_names(node, ear):
@@ -335,11 +335,12 @@ def test_no_more_requests_wait_than_can_be_answered(node, ear, monkeypatch):
     for _ in range(3):
         ear.say(one.input.port, ('/eol/call/mute',))
     wait_until(lambda: one.look() or one.input.received == 3)
-    assert [words[1:3] for words in ear.take()] == [('/eol/call/mute', 0)] and len(one.open) == 2
-    for key, (senders, _, answers) in list(one.open.items()):
-        one.open[key] = senders, 0.0, answers  # their time is over
+    assert [words[1:3] for words in ear.take()] == [('/eol/call/mute', 0)]
+    assert one.client.waiting == 2
+    for answers in one.client._open.values():
+        answers.until_s = 0.0  # their time is over
     one.look()
-    assert len(ear.take()) == 2 and not one.open and one.refused == 3
+    assert len(ear.take()) == 2 and not one.client.waiting and one.refused == 3
 
 
 def test_what_cannot_be(ros, ear):
@@ -446,14 +447,14 @@ def test_a_million_bent_packets_leave_the_node_alive_and_its_counts_true(node, e
         answers = module.Answers(asked, expected, answered)
         if done['asked'] % 3:
             answers.found = dict.fromkeys(expected, (True, ''))
-            one.open[asked.id] = [(module.Peer('127.0.0.1', 9), '')], 0.0, answers
             answered(answers)
-        return answers
+        else:
+            one.client._open[asked.id] = answers
 
     one.client.ask = ask
     one.reply = lambda *words: done.update(replies=done['replies'] + 1)
     taken = pour(one, count, 5)
-    silent = len(one.open)
+    silent = one.client.waiting
     assert one.input.received == taken['messages'] and one.input.malformed > count / 10
     assert one.input.strangers == one.input.dropped == 0
     assert one.refused + done['asked'] >= done['replies'] > 0 and done['asked'] > count / 100
@@ -471,7 +472,7 @@ def test_the_cost_of_a_thousand_packets_a_second_each_way(node, ear, capsys):
     the wire to the request; a look takes what has come in 20 ms."""
     count = 4000
     one = node(('sound',), port=free_udp_port(), peer_rate_hz=1e5)
-    one.client.ask = lambda asked, expected, done: module.Answers(asked, {'sound'}, done)
+    one.client.ask = lambda *asked: None
     at = now_ns()
     slip = stamped(Slip(block=3, kind=1, speed=0.5), at, at)
     began_s = time.thread_time()
@@ -485,7 +486,6 @@ def test_the_cost_of_a_thousand_packets_a_second_each_way(node, ear, capsys):
         began_s = time.thread_time()
         one.look()
         in_s += time.thread_time() - began_s
-        one.open.clear()
     assert one.input.received == count // 20 * 20 and one.sent == count
     in_s /= one.input.received
     with capsys.disabled():

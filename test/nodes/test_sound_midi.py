@@ -7,16 +7,20 @@ import threading
 import pytest
 from support import needs
 from support.jack import served
+from support.spinning import Nodes
 from support.waiting import wait_until
 
 from eol_ros.cli import main
+from eol_ros.core.sound.midi import event_of
+from eol_ros.nodes.hours import HoursNode
 from eol_ros.nodes.sound import SoundNode
+from eol_ros.nodes.sound_midi import Midi
 from eol_ros.ros import presets
-from eol_ros.scene import load
-from eol_ros.settings import SoundSettings
+from eol_ros.scene import Scene, load
+from eol_ros.settings import HoursSettings, SoundSettings
 from eol_ros.streams.requests import Asked
 
-pytestmark = needs.marker('jackd2')
+jack = needs.marker('jackd2')
 
 
 @pytest.fixture
@@ -44,10 +48,11 @@ class Hand:
 
 MAP = (
     'cc 74 sound.filter_hz 200 3200', 'note 36 grains.mode chain', 'program 3 recall storm',
-    'cc 1 morph calm storm', 'cc 2:7 sound.filter', 'note 37 cue evening',
+    'cc 1 morph calm storm', 'cc 2:7 sound.filter',
 )  # fmt: skip
 
 
+@jack
 @pytest.mark.slow
 def test_controllers_keys_and_programs_play_settings(ros, server, tmp_path, monkeypatch):
     pytest.importorskip('rtmidi')
@@ -80,8 +85,6 @@ def test_controllers_keys_and_programs_play_settings(ros, server, tmp_path, monk
         hand.send(0x99, 36, 80)
         until(lambda: asked)
         assert asked[-1].values == {'mode': 'chain'}
-        hand.send(0x99, 37, 80)
-        until(lambda: asked[-1] == Asked('cue', values={'name': 'evening'}))
         hand.send(0xC0, 3)
         until(lambda: node.settings.gain_db == -10.0)
         assert asked[-1].values == {'radius': 0.25}
@@ -103,6 +106,40 @@ def test_controllers_keys_and_programs_play_settings(ros, server, tmp_path, monk
         node.destroy_node()
 
 
+def test_a_cue_is_given_and_what_comes_of_it_is_heard(ros, tmp_path, monkeypatch, capfd):
+    settings = SoundSettings(
+        device='wav',
+        wav=str(tmp_path / 'o.wav'),
+        midi_map=('note 37 cue evening', 'note 38 cue dawn'),
+    )
+    hours = HoursSettings('UTC', ('Mon-Sun 00:00-24:00',), cues=('evening mute',))
+    scene = Scene('cued', {'sound': settings, 'hours': hours})
+    sound = SoundNode(settings, scene=scene)
+    midi = Midi(sound, sound.instrument)
+    monkeypatch.setattr(midi, '_messages', lambda: [])
+    press = lambda key: midi._do(event_of([0x90, key, 80]))  # noqa: E731
+    with Nodes(sound) as nodes:
+        hours = nodes.add(HoursNode(hours, scene=scene))
+        nodes.meet()
+        press(37)
+        nodes.until(lambda: sound.muted and not midi._client.waiting)
+        assert 'MIDI' not in capfd.readouterr().err
+        press(38)
+        nodes.until(lambda: not midi._client.waiting)
+        assert 'MIDI note 1:38: hours: dawn: no such cue' in capfd.readouterr().err
+        nodes.end(hours)
+        press(37)
+        for answers in midi._client._open.values():
+            answers.until_s = 0.0
+        nodes.until(lambda: not midi._client.waiting)
+        assert 'MIDI note 1:37: hours does not answer' in capfd.readouterr().err
+    alone = SoundNode(settings, scene=Scene('alone', {'sound': settings}))
+    with Nodes(alone):
+        Midi(alone, alone.instrument)._do(event_of([0x90, 37, 80]))
+        assert 'MIDI note 1:37: hours does not run' in capfd.readouterr().err
+
+
+@jack
 @pytest.mark.slow
 def test_a_controller_is_learnt_into_a_scene(server, tmp_path, capfd):
     pytest.importorskip('rtmidi')
