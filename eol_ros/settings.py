@@ -1005,6 +1005,11 @@ OSC_MESSAGES = (
 @dataclass(frozen=True)
 class OscSettings:
     send_to: tuple[str, ...] = setting((), 'programs to which OSC messages are sent, HOST:PORT')
+    send_from: str = setting(
+        '',
+        "IPv4 address of this machine's network card that sends OSC and TUIO; empty: as the "
+        'routing table says',
+    )
     send: tuple[str, ...] = setting((), 'OSC messages to send; empty: all', choices=OSC_MESSAGES)
     addresses: tuple[str, ...] = setting(
         (), 'lines that give OSC messages another address, such as slip /table/slip'
@@ -1053,6 +1058,11 @@ class MidiSettings:
 class SacnSettings:
     send_to: tuple[str, ...] = setting(
         (), 'receivers of sACN, HOST or HOST:PORT; empty: all, by multicast'
+    )
+    send_from: str = setting(
+        '',
+        "IPv4 address of this machine's network card that sends sACN; empty: as the routing "
+        'table says',
     )
     universe: int = setting(1, 'DMX universe', '', 1, 63999)
     first_channel: int = setting(

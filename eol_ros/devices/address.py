@@ -22,6 +22,15 @@ def target(text: str) -> tuple[str, int]:
     return found
 
 
+def own_address(text: str) -> str:
+    """Return an IPv4 address of this machine, or ''; raise ConfigError where it is neither."""
+    try:
+        return text and str(ipaddress.IPv4Address(text))
+    except ValueError:
+        what = "give the IPv4 address of one of this machine's network cards, such as 10.0.0.1"
+        raise ConfigError(f'{text!r}: {what}') from None
+
+
 def networks(peers: Iterable[str]) -> list[ipaddress.IPv4Network]:
     """Return this machine and `peers` as networks; raise ConfigError that names what is none."""
     found = [ipaddress.IPv4Network('127.0.0.0/8')]

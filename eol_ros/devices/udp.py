@@ -8,17 +8,22 @@ import ipaddress
 import socket
 import threading
 
+from eol_ros.devices.address import own_address
 from eol_ros.devices.address import target as target_of
 
 
 class UdpOut:
     """Sends to `target`, "HOST:PORT"; raises ConfigError where it is not that.
 
+    source: IPv4 address of this machine to send from, also the network card of multicast; empty:
+    as the routing table says. An address that this machine lacks is tried again by `resolve`.
+
     A name that does not resolve is looked up again by `resolve`; what is sent meanwhile is lost.
     """
 
-    def __init__(self, target: str):
+    def __init__(self, target: str, source: str = ''):
         self.target, (self._host, self._port) = target, target_of(target)
+        self._source = own_address(source)
         self._to: tuple[socket.socket, tuple] | None = None
         self._resolving: threading.Thread | None = None
         self.trouble = ''  # why nothing is sent now
@@ -37,17 +42,24 @@ class UdpOut:
             self._resolving.start()
 
     def _resolve(self) -> None:
+        source, family = self._source, socket.AF_INET if self._source else socket.AF_UNSPEC
         try:
             kind, form, *_, address = socket.getaddrinfo(
-                self._host, self._port, type=socket.SOCK_DGRAM
+                self._host, self._port, family, socket.SOCK_DGRAM
             )[0]
             with socket.socket(kind, form) as probe:
+                if source:
+                    probe.bind((source, 0))
                 probe.connect(address)
                 self.own = probe.getsockname()[0]
             out = socket.socket(kind, form)
         except (OSError, UnicodeError) as error:
-            self.trouble = f'{self.target}: {getattr(error, "strerror", None) or error}'
+            by = f' from {source}' if source else ''
+            self.trouble = f'{self.target}{by}: {getattr(error, "strerror", None) or error}'
             return
+        if source:
+            out.bind((source, 0))
+            out.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(source))
         out.setblocking(False)
         out.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         self._to, self.trouble = (out, address), ''

@@ -42,7 +42,8 @@ class OscNode(EolNode):
         s = self.settings
         names = osc.addresses(s.send, s.addresses, self.namespace)
         self.outs, self.tuio, self.tuio2 = (
-            [UdpOut(target) for target in targets] for targets in (s.send_to, s.tuio, s.tuio2)
+            [UdpOut(target, s.send_from) for target in targets]
+            for targets in (s.send_to, s.tuio, s.tuio2)
         )
         self.all = [*self.outs, *self.tuio, *self.tuio2]
         if not self.all and not s.port:

@@ -8,6 +8,7 @@ import uuid
 from eol_msgs.msg import LedCommand
 
 from eol_ros.core.light.e131 import Stream, mistakes, multicast, target
+from eol_ros.devices.files.machine_id import machine_id
 from eol_ros.devices.udp import UdpOut
 from eol_ros.errors import ConfigError
 from eol_ros.ros.node import EolNode
@@ -29,10 +30,9 @@ class SacnNode(EolNode):
         if found := [': '.join(one) for one in wrong]:
             raise ConfigError('\n'.join(found))
         targets = [target(line) for line in s.send_to] or [multicast(s.universe)]
-        self.outs = [UdpOut(one) for one in targets]
+        self.outs = [UdpOut(one, s.send_from) for one in targets]
         # the same after a restart, but different for each machine, graph and universe
-        name = f'{uuid.getnode():x} {self.namespace} {s.universe}'
-        cid = uuid.uuid5(uuid.NAMESPACE_OID, name).bytes
+        cid = uuid.uuid5(machine_id(), f'{self.namespace} {s.universe}').bytes
         self.stream = Stream(cid, s.universe, s.first_channel, s.priority, bytes(cells))
         self.sent = 0
         self.rest = self.create_timer(LOOK_S, self.on_rest, autostart=False)

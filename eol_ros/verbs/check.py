@@ -293,13 +293,14 @@ def _midi_out(settings: Any) -> Iterator[Check]:
 
 
 def _osc(settings: Any) -> Iterator[Check]:
-    from eol_ros.devices.address import networks, target
+    from eol_ros.devices.address import networks, own_address, target
     from eol_ros.streams.osc import IDLE, addresses
 
     if not (settings.send_to or settings.port or settings.tuio or settings.tuio2):
         yield 'osc', functools.partial(_refuse, IDLE)
     yield 'osc.addresses', lambda: addresses(settings.send, settings.addresses, '')
     yield 'osc.peers', lambda: networks(settings.peers)
+    yield 'osc.send_from', lambda: own_address(settings.send_from)
     for name in ('send_to', 'tuio', 'tuio2'):
         for line in getattr(settings, name):
             yield f'osc.{name}', functools.partial(target, line)
@@ -312,6 +313,7 @@ def _sacn(scene: Scene) -> Iterator[Check]:
     settings, cells = scene.nodes['sacn'], scene.table.rows * scene.table.columns
     for line in settings.send_to:
         yield 'sacn.send_to', functools.partial(address.target, target(line))
+    yield 'sacn.send_from', lambda: address.own_address(settings.send_from)
     leds, replayed = scene.nodes.get('leds'), 'replay' in scene.nodes
     for name, what in mistakes(settings.first_channel, leds, cells, replayed):
         where = name if name == 'sacn' else f'sacn.{name}'

@@ -125,6 +125,30 @@ def test_over_the_wire():
     out.close()
 
 
+def test_the_network_card_that_sends_can_be_chosen():
+    group = '239.255.77.1'
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
+        ear.bind(('', 0))
+        ear.settimeout(5)
+        card = socket.inet_aton(group) + socket.inet_aton('127.0.0.1')
+        ear.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, card)
+        port = ear.getsockname()[1]
+        for target in ('127.0.0.1', group):
+            out = UdpOut(f'{target}:{port}', '127.0.0.1')
+            out.send(b'sound')
+            assert ear.recvfrom(100)[0] == b'sound'
+            out.close()
+        out = UdpOut(f'127.0.0.1:{port}', '127.0.0.2')
+        out.send(b'light')
+        packet, (host, _) = ear.recvfrom(100)
+        assert (packet, host, out.own) == (b'light', '127.0.0.2', '127.0.0.2')
+        out.close()
+    away = UdpOut(f'127.0.0.1:{port}', '192.0.2.9')
+    assert away.trouble == f'127.0.0.1:{port} from 192.0.2.9: Cannot assign requested address'
+    with pytest.raises(ConfigError, match="'eth1': give the IPv4 address"):
+        UdpOut(f'127.0.0.1:{port}', 'eth1')
+
+
 def test_peers_and_their_rate():
     source, warned = OscIn(0, ['10.0.0.5', '192.168.1.7/24'], rate_hz=3.0), Warned()
     one = encode('/a', 1)

@@ -26,7 +26,8 @@ class Leds(EolNode):
         self.commands.publish(LedCommand(white=levels))
 
 
-LIT = Scene('lit', {'leds': LedsSettings()})
+FIELD = LedsSettings(flash_limit='field', decay_s=0.2)
+LIT = Scene('lit', {'leds': FIELD})
 
 
 @pytest.fixture
@@ -80,6 +81,18 @@ def test_without_receivers_it_goes_to_all(ros):
     node.destroy_node()
 
 
+def test_its_id_stays_and_is_that_of_the_machine_graph_and_universe(ros, tmp_path, monkeypatch):
+    def cid(state, universe=1):
+        monkeypatch.setenv('EOL_STATE', str(tmp_path / state))
+        node = SacnNode(SacnSettings(('127.0.0.1:9',), universe=universe), scene=LIT)
+        with Nodes(node):
+            return node.stream.end()[0][22:38]
+
+    first = cid('here')
+    assert cid('here') == first
+    assert len({first, cid('here', 2), cid('there')}) == 3
+
+
 @pytest.mark.parametrize(
     ('leds', 'table', 'settings', 'why'),
     [
@@ -87,16 +100,18 @@ def test_without_receivers_it_goes_to_all(ros):
             LedsSettings(flash_limit='false', flash_limit_off_because='a film'),
             TableSettings(),
             SacnSettings(),
-            'needs leds in this scene with a leds.flash_limit',
+            'needs leds in this scene with leds.flash_limit: field',
         ),
         (None, TableSettings(), SacnSettings(), 'needs leds in this scene'),
         (
-            LedsSettings(),
+            FIELD,
             TableSettings(rows=15, columns=15, platform_m=(4.0, 4.0)),
             SacnSettings(first_channel=300),
             'first_channel: 300 leaves 213 channels for 225 places: at most 288',
         ),
-        (LedsSettings(), TableSettings(), SacnSettings(('a:b',)), "'a:b': give HOST:PORT"),
+        (LedsSettings(), TableSettings(), SacnSettings(), 'with leds.flash_limit: field'),
+        (FIELD, TableSettings(), SacnSettings(('a:b',)), "'a:b': give HOST:PORT"),
+        (FIELD, TableSettings(), SacnSettings(send_from='eth1'), "'eth1': give the IPv4 address"),
     ],
 )
 def test_what_cannot_be(ros, leds, table, settings, why):

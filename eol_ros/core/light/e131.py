@@ -8,7 +8,7 @@ A packet is three layers, each with its length: root (octets 0 to 37), framing (
 import struct
 from collections.abc import Iterator
 
-from eol_ros.core.light.local import OFF
+from eol_ros.core.light.local import FIELD
 from eol_ros.settings import LedsSettings
 
 PORT = 5568
@@ -43,8 +43,9 @@ def mistakes(
     """
     if replayed:
         yield 'sacn', 'a replay has its own speed, and the flash limit is that of the recorded time'
-    elif leds is None or leds.flash_limit == OFF:
-        yield 'sacn', 'needs leds in this scene with a leds.flash_limit, which bounds what it sends'
+    elif leds is None or leds.flash_limit != FIELD:
+        what = 'theatre lights are seen together, however far apart their blocks are'
+        yield 'sacn', f'needs leds in this scene with leds.flash_limit: field; {what}'
     if first_channel + cells - 1 > CHANNELS:
         what = f'{first_channel} leaves {CHANNELS + 1 - first_channel} channels'
         yield 'first_channel', f'{what} for {cells} places: at most {CHANNELS + 1 - cells}'

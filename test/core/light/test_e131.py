@@ -105,9 +105,11 @@ def test_lights_whose_node_is_gone_go_out():
 
 
 def test_what_is_refused():
-    for channel, limit in ((1, 'field_of_view'), (488, 'field')):
-        assert list(mistakes(channel, LedsSettings(flash_limit=limit), 25, False)) == []
-    off, field = (LedsSettings(flash_limit=limit) for limit in ('false', 'field'))
+    off, view, field = (
+        LedsSettings(flash_limit=limit) for limit in ('false', 'field_of_view', 'field')
+    )
+    assert list(mistakes(488, field, 25, False)) == []
+    assert [name for name, _ in mistakes(1, view, 25, False)] == ['sacn']
     assert [name for name, _ in mistakes(489, off, 25, False)] == ['sacn', 'first_channel']
     assert [name for name, _ in mistakes(1, None, 25, False)] == ['sacn']
     assert [name for name, _ in mistakes(1, field, 25, True)] == ['sacn']
