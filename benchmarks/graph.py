@@ -56,6 +56,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='rate of the file-fed camera run; 0 leaves it out',
     )
     parser.add_argument(
+        '--rate', type=float, default=1.0, help='speed of the replay in the scene playback'
+    )
+    parser.add_argument(
         '--plot',
         type=Path,
         metavar='FOLDER',
@@ -77,7 +80,8 @@ def run(args: argparse.Namespace) -> int:
         bag = None
         for name in args.scenes.split(','):
             print(f'{name}: {args.seconds:g} s', file=sys.stderr, flush=True)
-            scene = stand_in(name, folder, film, bag, real_time=args.real_time)
+            changed = {'replay': {'rate': args.rate}} if name == 'playback' else None
+            scene = stand_in(name, folder, film, bag, changed, args.real_time)
             results['scenes'][name] = measure(scene, folder / f'bags-{name}', args.seconds)
             late_ms[name] = results['scenes'][name].pop('late_ms')
             if name == 'rehearsal':
@@ -138,6 +142,9 @@ def measure(scene: Path, bags: Path | None, seconds: float) -> dict[str, Any]:
         figures = graph.figures()
         led_bytes = graph.led_latencies()
         from_onset = onset_latencies(graph, loaded) if keep else {}
+        if 'sound' in loaded.nodes:
+            values = graph.node('sound')['values']
+            figures['grains'] = {name: values[name] for name in ('triggers', 'late')}
         lived_s = graph.status()['running_s'] - all_ok_s
     late_ms = from_onset.pop('late_ms', {})
     stages = {topic: graph.latencies(topic) for topic in STAGES}
@@ -257,6 +264,8 @@ def table(results: dict[str, Any]) -> str:
         )
         if 'bag_gb_per_10_h' in row:
             lines.append(f'  bag {row["bag_gb_per_10_h"]:.2f} GB in 10 h')
+        if 'grains' in row:
+            lines.append('  grains {triggers}, late {late}'.format(**row['grains']))
         for stage, ms in row['latency_ms'].items():
             lines.append(
                 f'  stamp -> {stage:15} '
