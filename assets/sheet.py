@@ -8,22 +8,33 @@ import tempfile
 from pathlib import Path
 
 SITE = Path(__file__).parents[1] / 'build' / 'docs'
+CHROMIUM = shutil.which('chromium') or shutil.which('google-chrome')
 
 
 def main(site: Path = SITE) -> int:
     """Print it; without Chromium say so."""
-    chromium = shutil.which('chromium') or shutil.which('google-chrome')
-    if not chromium:
+    if not CHROMIUM:
         print('year.pdf is not printed: there is no Chromium here', file=sys.stderr)
         return 0
-    page, pdf = site / 'guides' / 'year.html', site / 'year.pdf'
-    with tempfile.TemporaryDirectory() as profile:
-        options = ['--headless=new', '--no-sandbox', '--disable-gpu', '--disable-sync']
-        options += ['--disable-background-networking', '--no-pdf-header-footer']
-        command = [chromium, *options, f'--user-data-dir={profile}', f'--print-to-pdf={pdf}']
-        subprocess.run([*command, page.as_uri()], check=True, capture_output=True, timeout=120)
+    pdf = site / 'year.pdf'
+    try:
+        page = (site / 'guides' / 'year.html').as_uri()
+        browse(page, '--no-pdf-header-footer', f'--print-to-pdf={pdf}')
+    except (OSError, subprocess.SubprocessError) as error:
+        print(f'year.pdf is not printed: {error}', file=sys.stderr)
+        return 1
     print(pdf)
     return 0
+
+
+def browse(url: str, *options: str) -> str:
+    """Open `url` in Chromium with a profile of its own; return what Chromium prints."""
+    with tempfile.TemporaryDirectory() as profile:
+        own = ['--headless=new', '--no-sandbox', '--disable-gpu', '--disable-sync']
+        own += ['--disable-background-networking', f'--user-data-dir={profile}', *options]
+        return subprocess.run(
+            [str(CHROMIUM), *own, url], check=True, capture_output=True, text=True, timeout=120
+        ).stdout
 
 
 if __name__ == '__main__':

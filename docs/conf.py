@@ -12,8 +12,9 @@ myst_heading_anchors = 4  # links to headings, as on a forge
 html_theme = 'furo'
 html_title = 'eol_ros'
 html_theme_options = {'source_edit_link': '', 'top_of_page_buttons': []}
-html_static_path = ['css']
+html_static_path = ['static']
 html_css_files = ['print.css']
+html_js_files = ['search.js']
 html_copy_source = False
 html_show_sourcelink = False
 

@@ -6,7 +6,6 @@ import dataclasses
 import difflib
 import importlib
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -68,8 +67,11 @@ def test_the_site_builds_without_a_warning_and_asks_no_other_server(tmp_path):
         )
         assert not [url for url in fetched if '//' in url], page
     assert sheet.main(tmp_path) == 0
-    if shutil.which('chromium'):
+    if sheet.CHROMIUM:
         assert len(re.findall(rb'/Type\s*/Page\b', (tmp_path / 'year.pdf').read_bytes())) == 2
+        search = f'{(tmp_path / "search.html").as_uri()}?q=attendant+morning+xylophone'
+        found = sheet.browse(search, '--virtual-time-budget=5000', '--dump-dom')
+        assert 'href="guides/year.html"' in found.split('id="search-results"')[1]
 
 
 @each_page
