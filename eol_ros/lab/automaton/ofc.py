@@ -15,20 +15,19 @@ each neighbour alpha = K_C / (4 K_C + K_L) of what it had.
 *Size* counts topplings, *area* distinct sites, *duration* layers.
 """
 
-from dataclasses import dataclass
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 
 from eol_ros.errors import ConfigError
-from eol_ros.lab.automaton.ofc_kernel import OK, SHARE_BITS, SINK, topple
+from eol_ros.lab.automaton.ofc_kernel import SHARE_BITS, SINK, topple
 
 ONE = 1 << 50  # the threshold in fixed point: a step is 9e-16
 LARGEST_SIDE = 4096
 
 
-@dataclass(frozen=True)
-class Events:
+class Events(NamedTuple):
     """What a run gives, one entry an event: int64 arrays of equal length, or of length 0.
 
     `first` is row * side + column of the site that starts it, the lowest of several.
@@ -47,8 +46,7 @@ class Events:
     @classmethod
     def joined(cls, parts: list['Events']) -> 'Events':
         """Return the events of `parts` one after another."""
-        names = ('size', 'area', 'duration', 'first')
-        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+        return cls(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def check(side: int, alpha: float | Fraction) -> None:
@@ -106,17 +104,7 @@ class Automaton:
     def run(self, count: int, full: bool = False) -> Events:
         """Return the next `count` events; without `full` their sizes only."""
         events = Events.empty(count, full)
-        topple(
-            self._stress,
-            self.side,
-            ONE,
-            self._share,
-            None,
-            events.size,
-            events.area,
-            events.duration,
-            events.first,
-        )
+        topple(self._stress, self.side, ONE, self._share, events)
         return events
 
 
@@ -124,17 +112,17 @@ class ExactAutomaton:
     """The automaton in exact arithmetic: every stress is a whole number over one denominator.
 
     numerators: (L, L) whole numbers, below `denominator`. Each toppling may need the denominator
-    times that of alpha. While it all fits into 64 bits the inner loop of `Automaton` runs; beyond,
-    Python's own long integers do, a thousand times slower.
+    times that of alpha, so the numbers are Python's own long integers.
     """
 
-    WHOLE = 1 << 48  # the largest denominator in 64 bits: it leaves the sinks their depth
-    CHUNK = 32  # events between copies of the lattice
+    arithmetic = 'exact, long integers'
+    GROW = 16  # powers of alpha's denominator that the common denominator grows by at a time
+    NEAR = 1e-9  # of the threshold: doubles sort the sites, integers decide among those this close
 
     def __init__(self, numerators: np.ndarray, denominator: int, alpha: Fraction):
-        self.side = len(numerators)
-        check(self.side, alpha)
-        if numerators.shape != (self.side, self.side) or numerators.dtype.kind not in 'iu':
+        self.side = side = len(numerators)
+        check(side, alpha)
+        if numerators.shape != (side, side) or numerators.dtype.kind not in 'iu':
             raise ConfigError(
                 f'the start is a square of whole numbers; this one is {numerators.dtype} of '
                 f'shape {numerators.shape}'
@@ -144,71 +132,10 @@ class ExactAutomaton:
                 f'numerators at the start lie in 0..{denominator - 1}, each site below its '
                 f'threshold; these lie in {numerators.min()}..{numerators.max()}'
             )
-        self.alpha = alpha
-        self.one = denominator
-        while self.one * alpha.denominator <= self.WHOLE and alpha.denominator > 1:
-            self.one *= alpha.denominator
-        scale = self.one // denominator
-        self._whole = padded(numerators.astype(np.int64) * scale)
-        self._long: LongLattice | None = None
-
-    @property
-    def arithmetic(self) -> str:
-        """Which numbers it has come to."""
-        return 'exact, 64 bits' if self._long is None else 'exact, long integers'
-
-    @property
-    def stress(self) -> np.ndarray:
-        """The stress of each site between events, (L, L) of Fraction."""
-        if self._long is not None:
-            return self._long.stress()
-        sites = unpadded(self._whole, self.side).ravel()
-        found = np.array([Fraction(int(v), self.one) for v in sites], object)
-        return found.reshape(self.side, self.side)
-
-    def _topple(self, part: Events) -> tuple[int, int]:
-        """Fill `part` with the next events of the lattice in 64 bits; return what `topple` does."""
-        return topple(
-            self._whole, self.side, self.one, self.alpha.numerator, self.alpha.denominator,
-            part.size, part.area, part.duration, part.first,
-        )  # fmt: skip
-
-    def run(self, count: int, full: bool = True) -> Events:
-        """Return the next `count` events."""
-        parts, left = [Events.empty(0)], count
-        while left and self._long is None:
-            part = Events.empty(min(left, self.CHUNK))
-            before = self._whole.copy()
-            status, done = self._topple(part)
-            if status == OK:
-                parts.append(part)
-                left -= len(part.size)
-                continue
-            self._whole = before
-            if done:  # as far as it goes
-                part = Events.empty(done)
-                self._topple(part)
-                parts.append(part)
-                left -= done
-            self._long = LongLattice(
-                self.side, self.alpha, unpadded(self._whole, self.side), self.one
-            )
-        if left and self._long is not None:
-            parts.append(self._long.run(left))
-        return Events.joined(parts)
-
-
-class LongLattice:
-    """The automaton on Python's long integers."""
-
-    GROW = 16  # powers of alpha's denominator that the common denominator grows by at a time
-    NEAR = 1e-9  # of the threshold: doubles sort the sites, integers decide among those this close
-
-    def __init__(self, side: int, alpha: Fraction, sites: np.ndarray, one: int):
-        self.side, self.alpha, self.one = side, alpha, one
-        self._value = [int(v) for v in np.asarray(sites).ravel()]
+        self.alpha, self.one = alpha, denominator
+        self._value: list[int] = numerators.ravel().tolist()
         self._drive = 0
-        self._rough = np.array([v / one for v in self._value])
+        self._rough = np.array([v / denominator for v in self._value])
         self._next_to = [
             [
                 r * side + c
@@ -219,13 +146,14 @@ class LongLattice:
             for j in range(side)
         ]
 
+    @property
     def stress(self) -> np.ndarray:
-        """Return the stress of each site, (L, L) of Fraction."""
+        """The stress of each site between events, (L, L) of Fraction."""
         values = [Fraction(v + self._drive, self.one) for v in self._value]
         return np.array(values, object).reshape(self.side, self.side)
 
-    def run(self, count: int) -> Events:
-        """Return the next `count` events."""
+    def run(self, count: int, full: bool = True) -> Events:
+        """Return the next `count` events; `full` is that of `Automaton.run`, always true here."""
         events = Events.empty(count)
         for k in range(count):
             size, area, duration, first = self._event()

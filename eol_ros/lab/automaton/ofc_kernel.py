@@ -25,7 +25,6 @@ REBASE = 1 << 60  # the drive is folded into the sites before it nears the depth
 SINK_EVERY = 256  # events after which the sinks are emptied
 SHARE_BITS = 32  # of the multiplier of the fixed-point path
 LOW = (1 << SHARE_BITS) - 1
-OK, INEXACT = 0, 1
 
 
 @njit(inline='always')
@@ -89,15 +88,13 @@ def _give(stress, site, gift, floor, near, candidates):
 
 
 @njit(cache=True)
-def topple(stress, side, one, share, divisor, sizes, areas, durations, firsts):
-    """Run `sizes.size` events on `stress` in place; return (status, events done).
+def topple(stress, side, one, share, events):
+    """Run the events of `events` (Events) on `stress` in place.
 
     stress: (n,) int64, padded as the module says, in units in which the threshold is `one`.
-    A toppling site gives each neighbour floor(stress * share / 2^32) if `divisor` is None, else
-    exactly stress / divisor * share; INEXACT is returned before the event in which a remainder
-    would be lost, with `stress` in disorder: the caller has kept a copy. sizes: (events,) int64.
-    areas, durations, firsts: the same, or of length 0 where they are not wanted.
+    A toppling site gives each neighbour floor(stress * share / 2^32).
     """
+    sizes, areas, durations, firsts = events
     n, stride = stress.size, side + 1
     near = np.empty(4 * n + 8, np.int32)  # sites that may topple in the next layer, with repeats
     now = np.empty(n, np.int32)
@@ -171,14 +168,9 @@ def topple(stress, side, one, share, divisor, sizes, areas, durations, firsts):
                 if value >= theta:
                     now[uintp(toppling)] = j
                     full = value + drive
-                    if divisor is not None:
-                        if full % divisor:
-                            return INEXACT, event
-                        gifts[uintp(toppling)] = full // divisor * share
-                    else:
-                        gifts[uintp(toppling)] = (full >> SHARE_BITS) * share + (
-                            ((full & LOW) * share) >> SHARE_BITS
-                        )
+                    gifts[uintp(toppling)] = (full >> SHARE_BITS) * share + (
+                        ((full & LOW) * share) >> SHARE_BITS
+                    )
                     stress[j] = -drive
                     toppling += 1
                 elif value >= floor:
@@ -217,4 +209,3 @@ def topple(stress, side, one, share, divisor, sizes, areas, durations, firsts):
     for k in range(n):
         stress[k] += drive
     _empty_sinks(stress, side)
-    return OK, sizes.size
