@@ -97,26 +97,6 @@ def test_a_lip_fits_into_the_body_and_the_rim_stands_on_it():
     assert terrain.volume_mm3(triangles) > terrain.volume_mm3(lightest)
 
 
-def test_volumes_add_up_to_the_whole_landscape():
-    """Walls and hollows of all covers together fill the whole landscape's prism sum."""
-    land = terrain.landscape(4, cells=CELLS)
-    shape = CoverShape()
-    z = shape.skirt_mm + shape.relief_mm * land
-    step = shape.side_mm / CELLS
-    # Each square is split along its a-c diagonal: corners a and c count twice.
-    a, b, c, d = z[:-1, :-1], z[:-1, 1:], z[1:, 1:], z[1:, :-1]
-    solid = float(np.sum(2 * a + b + 2 * c + d)) * step**2 / 6
-    total = 0.0
-    for row in range(5):
-        for col in range(5):
-            heights = terrain.tile(land, row, col, CELLS)
-            mesh = terrain.cover_mesh(heights, shape)
-            hollow = terrain.volume_mm3(mesh)
-            inner = terrain.volume_mm3(_filled(mesh, CELLS))
-            total += hollow + inner
-    assert total == pytest.approx(solid, rel=1e-9)
-
-
 def test_any_picture_fits_and_bad_ones_are_refused():
     ramp = np.tile(np.arange(50.0), (30, 1))
     fitted = terrain.fit(ramp, 5, 5, 4)
@@ -154,17 +134,3 @@ def test_hillshade_is_a_picture_with_the_far_edge_on_top():
 def _indexed(triangles):
     points, index = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     return points, index.reshape(-1, 3)
-
-
-def _filled(mesh, cells):
-    """Return the closed body of the hollow: the inner surfaces turned outwards, plus its floor."""
-    n = 2 * cells * cells
-    inner = mesh[n : 2 * n][:, ::-1]
-    wall = mesh[2 * n + 8 * cells : 2 * n + 16 * cells][:, ::-1]
-    rim = wall[wall[:, :, 2].max(axis=1) >= 0]
-    low = np.unique(rim.reshape(-1, 3)[rim.reshape(-1, 3)[:, 2] == 0], axis=0)
-    x0, y0 = low[:, :2].min(axis=0)
-    x1, y1 = low[:, :2].max(axis=0)
-    a, b, c, d = [x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]
-    floor = np.array([[a, c, b], [a, d, c]], float)
-    return np.concatenate([inner, wall, floor])

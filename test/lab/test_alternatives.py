@@ -88,20 +88,6 @@ def test_a_power_law_excludes_the_exponential_and_is_not_beaten():
     assert better <= 3  # one in ten is expected
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings('ignore')
-def test_powerlaw_agrees_on_the_exponential():
-    """The package of Alstott, Bullmore and Plenz as oracle, without an upper end."""
-    oracle = pytest.importorskip('powerlaw')
-    numbers = sample(2.5, 1, None, 3000, rng(7))
-    theirs = oracle.Fit(numbers, xmin=1, discrete=True, verbose=False, estimate_discrete=False)
-    ratio, _ = theirs.distribution_compare('power_law', 'exponential')
-    power = fit(histogram(numbers), 1)
-    ours = alternatives.compare(numbers, power)[0]
-
-    assert ours.log_ratio == pytest.approx(ratio, rel=0.01)
-
-
 def test_dependence_makes_a_ratio_less_sure():
     numbers = drawn(-1.2 * np.log(SUPPORT) - 0.02 * SUPPORT, 400)
     runs = np.repeat(numbers, 10)  # ten times the events, and no more to know

@@ -96,37 +96,6 @@ def test_each_shape_is_found_where_it_is(name):
     np.testing.assert_allclose(found[name].curve, 7 * power, rtol=2e-3)
 
 
-# What fooof 1.1.1 finds of the same series by least squares in the logarithm: offset, knee,
-# exponent and error of FOOOF(max_n_peaks=0, aperiodic_mode=...) on 0.02 to 5 Hz of
-# scipy.signal.welch(x, 20, nperseg=4000, detrend='constant'). Recorded: it is no dependency.
-FOOOF = {
-    'f^-0.5': {'fixed': (-5.1354, 0.0, 0.5106, 0.0638), 'knee': (-5.1179, 0.0326, 0.5318, 0.0636)},
-    'f^-1': {'fixed': (-4.4847, 0.0, 1.0109, 0.0638), 'knee': (-4.4807, 0.0035, 1.0193, 0.0636)},
-    'f^-1.5': {'fixed': (-3.8341, 0.0, 1.5113, 0.0637), 'knee': (-3.8327, 0.0003, 1.5147, 0.0637)},
-    'corner': {'fixed': (-0.1264, 0.0, 1.5454, 0.1094), 'knee': (0.0367, 0.0767, 1.9234, 0.0690)},
-}
-
-
-@pytest.mark.parametrize('name', FOOOF)
-def test_slope_and_bend_are_those_that_fooof_finds(name):
-    """Another estimator of another spectrum: it sees a bend where we do, and the same curves."""
-    if name == 'corner':
-        drawn = rng(7).normal(size=60_000)
-        series = lfilter([1], [1, -np.exp(-2 * np.pi * 0.3 / 20)], drawn)  # corner 0.3 Hz
-    else:
-        series = spectra.coloured_noise(float(name[3:]), 60_000, rng(7))
-    found = spectrum(series, 20.0, 0.02, 5.0)
-    ours, theirs = spectra.shapes(found), FOOOF[name]
-    bends = ours['power law'].aic - ours['knee'].aic > 6
-    assert bends == (theirs['knee'][3] < 0.9 * theirs['fixed'][3]) == (name == 'corner')
-    if not bends:
-        assert slope(found).beta == pytest.approx(theirs['fixed'][2], abs=0.04)
-    offset, knee, exponent, _ = theirs['knee' if bends else 'fixed']
-    expected = 10**offset / (knee + found.frequency_hz**exponent)
-    off = np.log(ours['knee' if bends else 'power law'].curve / expected)
-    assert np.abs(off - off.mean()).max() < 0.15
-
-
 @pytest.mark.slow
 def test_a_line_stands_out_and_noise_has_none():
     t = np.arange(12_000) / 20.0

@@ -3,12 +3,10 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from support import physics_oracles, scipy_solver
 
 from eol_ros.core.physics import builders
-from eol_ros.core.physics.event.step import stop_in_closed_form
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import from_mapping
@@ -179,19 +177,6 @@ def test_scipy_event_code_agrees(name, seconds):
     assert [row[1:] for row in events] == list(zip(run.event_block, run.event_start, strict=True))
     assert run.event_t == pytest.approx([row[0] for row in events], abs=1e-7)
     assert np.abs(u - run.u).max() < 1e-9
-
-
-@pytest.mark.slow
-def test_exact_and_event_paths_agree():
-    """In a train that once parted them; `test_witness` has random scenes."""
-    scene = builders.train(
-        {'kind': 'constant_velocity', 'par': [0.05, 0.0]}, 4.0, n=4, k_plate=49.57158843233919,
-        k_between=49.57158843233919, mu_k=1 / 3, u0=builders.offsets(4, 0.01, 59, along_x=True),
-    )  # fmt: skip
-    exact, event = solve(scene, path='exact'), solve(scene, path='event', tolerance=1e-12)
-    assert exact.event_block.tolist() == event.event_block.tolist()
-    assert exact.event_start.tolist() == event.event_start.tolist()
-    assert np.abs(exact.u - event.u).max() < 1e-8
 
 
 def test_weakening_friction_train():
@@ -380,32 +365,6 @@ def test_poses_and_constant_velocity_are_the_same_pull():
     by_rows = solve(scene | {'drive': {'kind': 'poses', 'par': rows}, 'T': 5.0})
     by_speed = solve(scene | {'T': 5.0})
     assert np.abs(by_rows.u - by_speed.u).max() < 1e-10
-
-
-@pytest.mark.parametrize('angle', [0.0, 0.7, 2.0, np.pi])
-@pytest.mark.parametrize('force', [0.0, 1.0, 5.0])
-def test_the_closed_form_of_a_stop(angle, force):
-    """A block under a constant pull f < mu slides to rest: against SciPy."""
-    mu, speed = 6.4, 0.3
-    pull = force * np.array([np.cos(0.4), np.sin(0.4)])
-    v0 = speed * np.array([np.cos(0.4 + angle), np.sin(0.4 + angle)])
-
-    def rhs(_, y):
-        return np.concatenate([y[2:], pull - mu * y[2:] / np.hypot(*y[2:])])
-
-    def slow(_, y):
-        return np.hypot(y[2], y[3]) - 1e-5
-
-    slow.terminal = True
-    found = solve_ivp(rhs, (0, 9), [0, 0, *v0], 'DOP853', rtol=1e-12, atol=1e-14, events=slow)
-    t, x, y, will = stop_in_closed_form.py_func(*v0, *pull, mu)
-    assert will
-    assert t == pytest.approx(found.t[-1], abs=1e-4 / (mu - force))
-    assert (x, y) == pytest.approx(tuple(found.y[:2, -1]), abs=1e-9)
-
-
-def test_a_pull_above_friction_stops_nothing():
-    assert not stop_in_closed_form.py_func(1.0, 0.0, 7.0, 0.0, 6.4)[3]
 
 
 @pytest.mark.slow

@@ -27,33 +27,13 @@ from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
 
 HALF_M, BLUR_PX = BLOCK_SIDE_M / 2, math.hypot(1.2, math.sqrt(1 / 12))
-_shift = njit(lambda *args: pixels.shift(*args))  # inner ones have no entry for Python
-_covariance = njit(lambda *args: fit.covariance(*args))
 REST, TURNED = rest_lattice(), Table().turned_ids
-WIDTH_M = model.Lengths.of(Table()).width
 FLAT = np.zeros(outline.SIZE, np.float32)
-
-
-@njit
-def edges(a, half, w):
-    e, slope = np.empty(len(a)), np.empty(len(a))
-    for i in range(len(a)):
-        e[i], slope[i] = fit.edge(np.float32(a[i]), np.float32(half), np.float32(1 / w))
-    return e, slope
 
 
 @njit
 def gather(*arguments):
     return pixels.gather(*arguments)
-
-
-@njit
-def normal_equations(*arguments):
-    fit.normal_equations(*arguments)
-
-
-def normal(a, half):
-    return np.array([0.5 * math.erfc((abs(x) - half) / BLUR_PX / math.sqrt(2)) for x in a])
 
 
 def read_only(image):
@@ -65,220 +45,6 @@ def read_only(image):
 def turned(angle, shift=(0.0, 0.0)):
     c, s = math.cos(angle), math.sin(angle)
     return REST @ np.array([[c, s], [-s, c]]) + shift
-
-
-def test_the_edge_is_a_normal_distribution_and_its_slope_is_its_derivative():
-    a, half, blur = np.linspace(-40, 40, 4001), 22.9, BLUR_PX
-    e, slope = edges(a, half, blur)
-    assert np.abs(e - normal(a, half)).max() < 2e-4
-    density = np.exp(-(((np.abs(a) - half) / blur) ** 2) / 2) / blur / math.sqrt(2 * math.pi)
-    assert np.abs(slope + np.sign(a) * density).max() < 4e-4
-    d = np.arange(-64, 65) / 16  # no rounding: half is 23
-    inner, outer = edges(23 - d, 23.0, blur)[0], edges(23 + d, 23.0, blur)[0]
-    np.testing.assert_allclose(inner + outer, 1.0, rtol=0, atol=6e-8)  # symmetric
-
-
-@pytest.mark.parametrize('level', ['clean', 'brutal'])  # the second: a real lens, tilted
-def test_pixels_lie_where_the_camera_puts_them(level):
-    camera = clutter_calibration(level)
-    x, y, yaw = 0.31, -0.27, 0.4
-    d, px = np.empty(12), pixels.empty()
-    pixels.taylor(camera.packed(), x, y, yaw, d)
-    rows, cols, starts = camera.image_height, camera.image_width, np.zeros(6, np.int64)
-    at = np.empty(px.size // pixels.ROWS, np.int32)
-    gather(rows, cols, d, HALF_M, 4.0, 8.0, FLAT, 1.0, px, at, starts)
-    n = np.flatnonzero(at[: starts[5] * pixels.LANES] >= 0)
-    assert 1000 < len(n) < 2500
-    scale, half = pixels.scale_of(d), pixels.scale_of(d) * HALF_M
-    a, b, part, area = (
-        px[n // 8, n % 8 + row] for row in (pixels.A, pixels.B, pixels.PART, pixels.AREA)
-    )
-    for side, far in enumerate((a, b, -a, -b)):  # each list is of one side
-        mine = (n >= starts[side] * 8) & (n < starts[side + 1] * 8)
-        assert mine.sum() > 100
-        assert (np.abs(far[mine] - half) < 4.3).all()
-        np.testing.assert_array_equal(part[mine] // model.PARTS, side)
-    rest = n >= starts[4] * 8
-    assert (part[rest] == -1).all() and area[rest].max() == model.EVERY**2
-    assert (px[starts[4] - 1, pixels.AREA : pixels.AREA + 8] >= 0).all()
-    a, b = a / scale, b / scale
-    c, s = math.cos(yaw), math.sin(yaw)
-    there = camera.to_pixels(np.column_stack([x + c * a - s * b, y + s * a + c * b]))
-    assert np.abs(there - np.rint(there)).max() < 0.02  # a pixel's centre, to the Taylor remainder
-    u, v = np.rint(there).astype(int).T
-    np.testing.assert_array_equal(v * cols + u, at[n])
-    assert len(np.unique(at[n])) == len(n)  # each once
-
-
-@pytest.mark.parametrize('shift', [(3, -2), (-4, 4)])
-def test_a_patch_moves_along_where_the_image_is_the_same_map_of_the_table(shift):
-    camera, at = clutter_calibration('brutal'), np.array([0.1, -0.07])
-    patch = np.zeros(1, pixels.PATCH).view(np.recarray)
-    yaw, half = 0.3, 22.0
-    pixels.taylor(camera.packed(), *at, yaw, patch[0].map)
-    patch.scale, patch.near_px = pixels.scale_of(patch[0].map), 4.0
-    middle = patch[0].map[[0, 6]]
-
-    def moved(by, limit_px=half):
-        u, v = middle + by + 0.4
-        return _shift(patch[0], u, v, camera.image_height, camera.image_width, limit_px)
-
-    assert moved(shift, 1e-3)  # so small a block has no border that could be off
-    np.testing.assert_array_equal(patch[0].shift, shift)
-    x, y = (camera.to_table(middle[None] + shift)[0] - at) * patch.scale
-    there = [math.cos(yaw) * x + math.sin(yaw) * y, math.cos(yaw) * y - math.sin(yaw) * x]
-    np.testing.assert_allclose(patch[0].offset, there, atol=1e-3)
-    assert not moved([40 * s for s in shift])  # a lens bends the image
-    assert not moved([camera.image_width - middle[0] - 10, 0], 1e-3)  # out of the image
-
-
-def test_normal_equations_are_those_of_dense_algebra():
-    rng = np.random.default_rng(3)
-    px, count, half = pixels.empty(), 203, 22.9
-    px[:] = 0
-    values = {
-        pixels.A: rng.uniform(-30, 30, count), pixels.B: rng.uniform(-30, 30, count),
-        pixels.LIGHT: rng.uniform(0.5, 1.5, count), pixels.LIGHT_A: rng.normal(0, 0.01, count),
-        pixels.LIGHT_B: rng.normal(0, 0.01, count),
-        pixels.SPREAD: rng.uniform(0, 0.01, count), pixels.GREY: rng.uniform(0, 200, count),
-        pixels.TRUST: rng.uniform(0, 1, count),
-    }  # fmt: skip
-    n = np.arange(count)
-    for at, numbers in values.items():
-        px[n // 8, n % 8 + at] = numbers
-    z, sigma2, widen = np.array([0.3, -0.2, 0.02, 120.0, 20.0, 3.0, -2.0, 8.0]), 0.04, 1.5
-    sums, rows, noise = (
-        np.empty(fit.SUMS + 8),
-        np.empty((11, 208), np.float32),
-        np.array([2.0, 0.03]),
-    )
-    normal_equations(px, 0, 26, 1, half, BLUR_PX, noise, z, sigma2, widen, rows, sums)
-
-    def image_of(p):
-        x, y = values[pixels.A] - p[0], values[pixels.B] - p[1]
-        a = math.cos(p[2]) * x + math.sin(p[2]) * y
-        b = math.cos(p[2]) * y - math.sin(p[2]) * x
-        light = values[pixels.LIGHT] + values[pixels.LIGHT_A] * (a - values[pixels.A])
-        light += values[pixels.LIGHT_B] * (b - values[pixels.B])
-        face = light * normal(a, half) * normal(b, half)
-        out = np.maximum(np.abs(a), np.abs(b)) / half - 1
-        return (p[3] + p[7] * out) * face + p[4] + (p[5] * a + p[6] * b) / half
-
-    # differences: pose steps are in the frame of the turned block, and the ground moves with it
-    step = np.array([1e-3, 1e-3, 1e-5, 1e-2, 1e-2, 1e-2, 1e-2, 1e-2])
-    c, s = math.cos(z[2]), math.sin(z[2])
-    axes = np.eye(8)
-    axes[:2, :2] = [[c, s], [-s, c]]
-    jac = np.array(
-        [
-            (image_of(z + h * e) - image_of(z - h * e)) / (2 * h)
-            for h, e in zip(step, axes, strict=True)
-        ]
-    )
-    plane = np.array([0 * n, 0 * n, 0 * n])
-    x, y = values[pixels.A] - z[0], values[pixels.B] - z[1]
-    a, b = c * x + s * y, c * y - s * x
-    plane[0], plane[1] = -z[5] / half, -z[6] / half
-    plane[2] = (z[5] * b - z[6] * a) / half
-    jac[:3] -= plane  # the ground plane stays where it is
-    residual = values[pixels.GREY] - image_of(z)
-    e = normal(a, half) * normal(b, half)
-    slope2 = (jac[0] ** 2 + jac[1] ** 2) / z[3] ** 2
-    variance = widen * (
-        noise[0]
-        + noise[1] * values[pixels.GREY]
-        + z[3] ** 2 * (values[pixels.SPREAD] * e + sigma2 * slope2)
-    )
-    weight = np.maximum(1 - residual**2 / variance / fit.TUKEY, 0) ** 2 / variance
-    weight *= values[pixels.TRUST]
-    matrix = (jac * weight) @ jac.T
-    scale = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
-    got = np.zeros((8, 8))
-    got[np.triu_indices(8)] = sums[: fit.SUMS]
-    assert np.abs((got - np.triu(matrix)) / scale).max() < 2e-2  # the edge is within 2e-4
-    size = np.sqrt(np.diag(matrix) * (weight * residual**2).sum())
-    assert np.abs((sums[fit.SUMS :] - (jac * weight) @ residual) / size).max() < 2e-2
-
-    m = np.empty((8, 9))
-    fit.symmetric(sums, m)
-    np.testing.assert_array_equal(m, np.column_stack([got + np.triu(got, 1).T, sums[fit.SUMS :]]))
-
-
-def test_numbers_of_sides_are_eliminated_as_dense_algebra_does():
-    rng, prior, own = np.random.default_rng(5), np.array([2.0, 3.0, 0.5]), np.zeros((4, 3))
-    own[:], usual = rng.normal(0, 1, (4, 3)), rng.normal(0, 1, (4, 3))
-    # all numbers at once: 7 of the block, then gain (column 3), ground (4) and slope (7) of sides
-    full, right, sides = np.zeros((19, 19)), np.zeros(19), []
-    for k in range(4):
-        j, r = rng.normal(0, 1, (30, 8)), rng.normal(0, 1, 30)
-        sides.append(np.column_stack([j.T @ j, j.T @ r]))
-        mine = np.arange(7 + 3 * k, 10 + 3 * k)
-        at, of = np.r_[np.arange(7), mine], np.r_[np.arange(7), 3, 4, 7]
-        full[np.ix_(at, at)] += sides[k][np.ix_(of, of)]
-        right[at] += sides[k][of, 8]
-        full[mine, mine] += prior
-        right[mine] -= prior * (own[k] - usual[k])
-    step = np.linalg.solve(full, right)
-    equations, kept, work = np.zeros((5, 7, 8)), np.zeros((4, 3, 11)), np.empty((7, 11))
-    for k, m in enumerate(sides):
-        fit.eliminate(m, own[k], usual[k], prior, kept[k], equations[k])
-    assert fit.solve(equations, -1, np.zeros(7), np.zeros(7), work)
-    np.testing.assert_allclose(work[:, 7], step[:7], rtol=1e-6)
-    np.testing.assert_allclose(work[:3, 8:11], np.linalg.inv(full)[:3, :3], rtol=1e-6)
-    after = own.copy()
-    for k in range(4):
-        fit.restore(kept[k], work[:, 7], 100.0, after[k])
-        alone = full[7 + 3 * k : 10 + 3 * k, 7 + 3 * k : 10 + 3 * k]
-        np.testing.assert_allclose(kept[k, :, 8:], np.linalg.inv(alone), rtol=1e-6)
-    np.testing.assert_allclose((after - own).ravel(), step[7:], rtol=1e-6)
-    left = np.r_[np.arange(7), 10:19]  # side 0 left out, and a prior about a step
-    rest = full - np.pad(sides[0][:7, :7], (0, 12)) + np.diag(np.r_[np.ones(7), np.zeros(12)])
-    towards = rng.normal(0, 1, 7)
-    right[:7] += towards - sides[0][:7, 8]
-    assert fit.solve(equations, 0, np.ones(7), towards, work)
-    step = np.linalg.solve(rest[np.ix_(left, left)], right[left])
-    np.testing.assert_allclose(work[:, 7], step[:7], rtol=1e-6)
-    assert not fit.solve(np.zeros((5, 7, 8)), -1, np.zeros(7), np.zeros(7), work)
-
-
-def test_variances_of_residuals_that_err_together_are_as_dense_algebra_has_them():
-    rng, prior = np.random.default_rng(6), np.array([2.0, 3.0, 0.5])
-    groups = 6  # of each side, and of what lies apart
-    starts = np.arange(6) * groups
-    px = pixels.empty()
-    n = np.arange(5 * groups * 8)
-    at = n // 8, n % 8
-    j, r, w = rng.normal(0, 1, (len(n), 8)), rng.normal(0, 1, len(n)), rng.uniform(1, 2, len(n))
-    side, part = n // (groups * 8), n // 8 % groups * model.PARTS // groups
-    j[side == 4, 7] = 0.0
-    for k in range(8):
-        px[at[0], at[1] + pixels.BY_A + 8 * k] = j[:, k]
-    px[at[0], at[1] + pixels.RESIDUAL], px[at[0], at[1] + pixels.WEIGHT] = r, w
-    px[at[0], at[1] + pixels.AREA] = 1.0
-    px[at[0], at[1] + pixels.PART] = np.where(side < 4, side * model.PARTS + part, -1)
-    equations, kept, work = np.zeros((5, 7, 8)), np.zeros((5, 3, 11)), np.empty((7, 11))
-    wide = np.zeros((len(n), 19))  # of each pixel by all numbers: 7 of the block, 3 of each side
-    wide[:, :7] = j[:, :7]
-    for s in range(4):
-        mine = side == s
-        wide[np.ix_(mine, 7 + 3 * s + np.arange(3))] = j[np.ix_(mine, [3, 4, 7])]
-        rows = j[mine].T * w[mine]
-        both = np.column_stack([rows @ j[mine], rows @ r[mine]])
-        fit.eliminate(both, np.zeros(3), np.zeros(3), prior, kept[s], equations[s])
-    rows = wide[side == 4, :7].T * w[side == 4]
-    equations[4] = np.column_stack([rows @ wide[side == 4, :7], rows @ r[side == 4]])
-    assert fit.solve(equations, -1, np.zeros(7), np.zeros(7), work)
-    usual, found = rng.normal(0, 1e-3, (fit.INFLUENCES, 3)), np.empty((fit.INFLUENCES, 3))
-    place, turn = _covariance(px, starts, -1, kept, work, usual, found)
-
-    full = (wide.T * w) @ wide + np.diag(np.r_[np.zeros(7), np.tile(prior, 4)])
-    moves = np.linalg.inv(full)[:3] @ (wide.T * w * r)
-    together = np.where(side < 4, side * 4 + part // 3, 16 + n // 8 % 8)
-    sums = np.stack([moves[:, together == c].sum(axis=1) for c in range(fit.INFLUENCES)])
-    np.testing.assert_allclose(found, sums, atol=1e-3 * np.abs(sums).max())
-    sums -= usual
-    assert place == pytest.approx((sums[:, :2] ** 2).sum(), rel=1e-3)
-    assert turn == pytest.approx((sums[:, 2] ** 2).sum(), rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -462,20 +228,6 @@ def test_the_lattice_is_found_in_one_image_at_every_angle(level, angle):
     assert abs((lattice.angle - angle + np.pi / 4) % (np.pi / 2) - np.pi / 4) < math.radians(6)
 
 
-def test_neighbours_put_a_block_where_an_affine_map_does():
-    rng = np.random.default_rng(6)
-    linear = np.array([[0.8, -0.5], [0.55, 0.85]])
-    xy, out = REST @ linear.T + [0.02, -0.03], np.zeros((25, 4))
-    seen = rng.random(25) < 0.6
-    neighbours.predict(REST, xy, seen, WIDTH_M, out)
-    assert np.hypot(*(out[:, :2] - xy).T).max() < 0.01  # drawn to a similarity
-    rotation = turned(2.5, (0.1, 0.0))
-    neighbours.predict(REST, rotation, seen, WIDTH_M, out)
-    np.testing.assert_allclose(out[:, :2], rotation, atol=1e-9)
-    np.testing.assert_allclose(out[:, 2], 2.5, atol=1e-9)
-    assert (out[:, 3] == seen.sum() - seen).all()
-
-
 def followed(images, camera, step_s=1 / 60):
     """Return blocks (n, 25) of a video."""
     follower = Follower(camera)
@@ -626,25 +378,6 @@ def test_twice_the_same_bits():
     images = [renderer.render(*REST.T, np.zeros(25), k) for k in range(20)]
     one, other = (followed(images, renderer.calibration) for _ in range(2))
     assert one.tobytes() == other.tobytes()
-
-
-def test_the_outer_half_of_a_hidden_edge_is_not_trusted():
-    d, px, half = np.array([64.0, 1000, 0, 0, 0, 0, 64.0, 0, 1000, 0, 0, 0]), pixels.empty(), 23.0
-    at, starts = np.empty(px.size // pixels.ROWS, np.int32), np.zeros(6, np.int64)
-    gather(128, 128, d, half / 1000, 5.0, 8.0, FLAT, 1.0, px, at, starts)
-    n = np.flatnonzero(at[: starts[4] * 8] >= 0)
-    a, b = (px[n // 8, n % 8 + row] for row in (pixels.A, pixels.B))
-    e = np.maximum(np.abs(a), np.abs(b)) < half
-    hidden = (a > 0) & (np.abs(b) < 18) & e  # the inner half of the right side
-    px[n // 8, n % 8 + pixels.EDGE] = e
-    px[n // 8, n % 8 + pixels.Q] = np.where(hidden, 100.0, 1.0)
-    px[n // 8, n % 8 + pixels.TRUST] = 1.0
-    fit.trust(px, starts[4], np.ones(4), np.empty((4, model.PARTS, 2)))
-    found = px[n // 8, n % 8 + pixels.TRUST]
-    right, left = (a > 23) & (np.abs(b) < 14), (a < -23) & (np.abs(b) < 14)
-    assert right.sum() > 100 and left.sum() > 100
-    assert (found[right] == 0).all()
-    assert (found[left] == 1).all()
 
 
 @pytest.mark.parametrize(('size', 'px_per_m'), [((1920, 1200), 1400.0), ((1280, 800), 180.0)])

@@ -84,29 +84,6 @@ def test_sides_are_read_where_they_are_though_light_falls_towards_them(name, sof
     assert wide[0] - wide[1] == pytest.approx(0.0, abs=2 * most)
 
 
-@pytest.mark.parametrize('fall', [0.0, 6.0])
-@pytest.mark.parametrize('edge', [-0.4, 0.0, 0.7])
-def test_a_blurred_step_is_found_where_it_is(edge, fall):
-    fine = np.arange(-12, 12, 0.005)
-    light = np.where(fine < edge, 60 + fall * (edge - fine), 0.0) + 9
-    bell = np.exp(-0.5 * (np.arange(-6, 6.001, 0.005) / 1.25) ** 2)
-    seen = np.zeros((1, falling_light.BINS, 3))
-    seen[0, :, 0] = 7
-    seen[0, :, 1] = 7 * (0.2 * (np.arange(falling_light.BINS) + 0.5) - falling_light.REACH_PX)
-    blurred = np.convolve(light, bell / bell.sum(), 'same')
-    seen[0, :, 2] = 7 * np.interp(seen[0, :, 1] / 7, fine, blurred)
-    for falls, window in ((True, (-4.0, 3.2)), (False, (-2.4, 2.4))):
-        found = falling_light._fitted(seen, np.zeros(1), 1.25, window, falls)[0][0]
-        if falls or not fall:
-            assert found == pytest.approx(edge, abs=0.005)
-        else:
-            assert edge - 0.4 < found < edge - 0.1
-    soft = falling_light.blurred(np.repeat(seen, 3, axis=0), 1.0, 0.0)
-    assert soft == pytest.approx(1.25, abs=0.02)
-    if not fall:  # as the twin draws covers: nothing stands inside of where it seems
-        assert falling_light.edges(seen, 1.25, 45.5)[0] == pytest.approx(edge, abs=0.01)
-
-
 def test_blocks_alone_give_lens_tilt_and_metres():
     views, truth = [], clutter_calibration('ordinary')
     for seed in range(3):

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from support.paper import BLOCK_SIDE_M, BODY_HEIGHT_M, rest_lattice
-from support.relief.land import land_edges, outlines
+from support.relief.land import outlines
 
 from eol_ros.core.terrain import CoverShape, cover_mesh, landscape, tile
 from eol_ros.core.vision import outline
@@ -173,19 +173,6 @@ def test_corners_stand_where_those_of_the_printed_cover_do(mirror):
             assert shifts[corner] @ normals[side] == pytest.approx(expected + glow, abs=0.03)
 
 
-def test_the_land_along_the_sides_runs_round_the_cover():
-    heights = landscape(2, cells=8)
-    edges = land_edges(heights, CoverShape(), 8)
-
-    assert edges.shape == (25, 4, 9)
-    for block in range(25):
-        east, north, west, south = edges[block]
-        assert east[-1] == north[0] and north[-1] == west[0]
-        assert west[-1] == south[0] and south[-1] == east[0]
-    assert (edges[0, 0] == edges[1, 2][::-1]).all()  # neighbours share their edge
-    assert (edges[0, 1] == edges[5, 3][::-1]).all()
-
-
 @pytest.mark.parametrize(
     ('lower', 'land', 'words'),
     [
@@ -203,33 +190,6 @@ def test_a_mesh_in_metres_is_named():
     mesh = cover_mesh(np.zeros((9, 9)), CoverShape()) * 1e-3
     with pytest.raises(ConfigError, match='84 mm'):
         CoverOutlines.of_meshes([mesh], 1.0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('mirror', [False, True])
-def test_the_twin_draws_covers_with_their_parallax(mirror):
-    heights, shape = landscape(3, cells=CELLS), CoverShape()
-    on_platform, turn, shift = tilted(-0.1, mirror)
-    covers = outlines(heights, shape, 1e3 * GAP_M, CELLS)
-    camera = replace(raise_plane(on_platform, PLANE_M), cover_height_m=PLANE_M)
-    poses = np.column_stack([rest_lattice(), np.linspace(-3, 3, 25)])
-    drawn = Renderer(calibration=replace(camera, covers=covers)).corners_px(poses)
-    flat = Renderer(calibration=camera).corners_px(poses)
-
-    def shared(corners, hull):
-        both, _ = cv2.intersectConvexConvex(corners.astype(np.float32), hull)
-        sizes = cv2.contourArea(corners.astype(np.float32)) + cv2.contourArea(hull)
-        return both / (sizes - both)
-
-    for block in (0, 4, 12, 20, 24):
-        mesh = cover_mesh(tile(heights, *divmod(block, 5), CELLS), shape)
-        seen = points_px(mesh, poses[block], camera, turn, shift, mirror)
-        hull = cv2.convexHull(seen.astype(np.float32))
-        # land is no straight line, so the hull is a little larger than what is drawn
-        assert shared(drawn[block], hull) > 0.96
-        assert shared(drawn[block], hull) > shared(flat[block], hull) + (
-            0.0 if block == 12 else 0.02
-        )
 
 
 @pytest.mark.slow
