@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`eol lattice`: run the earthquake automaton, or the rice pile; which law do its sizes follow?"""
+"""`eol lattice`: run the earthquake automaton; which law do the sizes of its events follow?"""
 
 import argparse
 import json
@@ -12,11 +12,10 @@ from eol_ros.cli import within
 from eol_ros.disk import regular
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
 
-HELP = 'run the earthquake automaton (or a rice pile) and fit the law of its sizes'
+HELP = 'run the earthquake automaton and fit the law of its sizes'
 EXAMPLES = [
     'eol lattice --size 64 --alpha 0.2 --events 200000 --warmup 1000000 --json',
     'eol lattice --size 12 --alpha 1/5 --events 500 --output events.npz',
-    'eol lattice --model oslo --size 64 --events 100000 --warmup 20000',
 ]
 DENOMINATOR = 100_000  # of the numerators in a --start file
 CHUNK = 1 << 15
@@ -26,9 +25,6 @@ EXACT_CHUNK = 100
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument(
-        '--model', default='ofc', choices=('ofc', 'oslo'), help='ofc: the automaton'
-    )
     parser.add_argument(
         '--size', type=within(1, 4096, int), metavar='L', help='sites along a side (64)'
     )
@@ -62,7 +58,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Warm up, run, fit, print."""
-    from eol_ros.lab.automaton.ofc import Events
+    import numpy as np
+
+    from eol_ros.lab.automaton.ofc import Automaton, Events
 
     lattice, exact = _lattice(args)
     count = args.events if args.events is not None else (EXACT_EVENTS if exact else FIXED_EVENTS)
@@ -70,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     if full:
         folders.check_writable(args.output, '--output')
     fit_range = _fit_range(args.fit, lattice.side)
-    _smallest(args).run(1, full)  # compiles now, not in the time that is told
+    Automaton(np.zeros((1, 1)), 0.2).run(1, full)  # compiles now, not in the time that is told
     chunk = EXACT_CHUNK if exact else CHUNK
     _advance(lattice, args.warmup, chunk, 'warming up', False)
     parts, seconds = _advance(lattice, count, chunk, 'running', full)
@@ -78,9 +76,9 @@ def run(args: argparse.Namespace) -> int:
     if full:
         _save(args.output, events)
     report = {
-        'model': args.model,
+        'model': 'ofc',
         'size': lattice.side,
-        **({'alpha': args.alpha} if args.model == 'ofc' else {}),
+        'alpha': args.alpha,
         'seed': args.seed,
         'warmup': args.warmup,
         'events': count,
@@ -100,13 +98,8 @@ def _lattice(args):
     import numpy as np
 
     from eol_ros.lab.automaton.ofc import Automaton, ExactAutomaton, check
-    from eol_ros.lab.automaton.oslo import OsloPile
 
     size = 64 if args.size is None else args.size
-    if args.model == 'oslo':
-        if args.start:
-            raise UsageError('--model oslo begins with an empty pile: leave out --start')
-        return OsloPile(size, args.seed), False
     try:
         if len(args.alpha) > 40 or 'e' in args.alpha.lower():  # 1e-999999999 has no end
             raise ValueError
@@ -126,15 +119,6 @@ def _lattice(args):
     if numerators is not None:
         return ExactAutomaton(numerators, DENOMINATOR, alpha), True
     return Automaton.random(side, float(alpha), args.seed), False
-
-
-def _smallest(args):
-    import numpy as np
-
-    from eol_ros.lab.automaton.ofc import Automaton
-    from eol_ros.lab.automaton.oslo import OsloPile
-
-    return OsloPile(1, 1) if args.model == 'oslo' else Automaton(np.zeros((1, 1)), 0.2)
 
 
 def _start(path: str):

@@ -110,7 +110,7 @@ def _compute(args, spec, table, counts, lacks: int) -> None:
                 file=sys.stderr,
             )
     else:
-        if spec.model not in ('ofc', 'oslo'):
+        if spec.model != 'ofc':
             compile.ensure(['simulate'])
         cores = len(os.sched_getaffinity(0))
         crew = crews.Local(args.workers if args.workers is not None else min(cores, lacks))

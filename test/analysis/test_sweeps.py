@@ -203,7 +203,7 @@ def test_rows_of_another_version_or_model_are_refused_with_both(write, tmp_path)
     with pytest.raises(ConfigError, match=f'numpy {work.version()["numpy"]}, here is numpy 1.0.0'):
         table.Table(path, 'ofc', other)
     with pytest.raises(ConfigError, match='the table of a sweep over ofc; give another file'):
-        table.Table(path, 'oslo', work.version())
+        table.Table(path, 'plate', work.version())
     with pytest.raises(UsageError, match=r'ends in \.parquet or \.csv'):
         table.Table(tmp_path / 'a.xls', 'ofc', work.version())
     (tmp_path / 'b.parquet').write_text('nonsense')

@@ -9,7 +9,6 @@ import pytest
 from eol_ros.core.science import powerlaw
 from eol_ros.errors import ConfigError
 from eol_ros.lab.automaton.ofc import Automaton, ExactAutomaton
-from eol_ros.lab.automaton.oslo import OsloPile
 
 pytestmark = pytest.mark.slow  # numba compiles, unless it has before
 
@@ -65,19 +64,6 @@ def test_exact_arithmetic_is_the_rule_event_for_event(side, alpha, count, seed):
 
     np.testing.assert_array_equal(found, expected)
     assert (automaton.stress == rest).all()
-
-
-def test_exact_ties_topple_together():
-    """A symmetric start stays symmetric: four sites start as one."""
-    quarter = np.array([[10, 700], [700, 20]])
-    start = np.block([[quarter, quarter[:, ::-1]], [quarter[::-1], quarter[::-1, ::-1]]])
-    expected, _ = by_the_rule(start * Fraction(1, 1000), Fraction(1, 5), 60)
-    automaton = ExactAutomaton(start, 1000, Fraction(1, 5))
-    found = table(automaton.run(60))
-
-    np.testing.assert_array_equal(found, expected)
-    assert (found[:, 0] % 4 == 0).all()
-    assert (automaton.stress == automaton.stress[::-1]).all()
 
 
 def test_a_lattice_of_equals_is_one_event():
@@ -153,65 +139,11 @@ def test_the_bucket_finds_what_a_full_scan_finds(side, alpha, count):
         (lambda: Automaton(np.zeros((3, 4)), 0.2), 'square'),
         (lambda: ExactAutomaton(np.zeros((3, 3)), 10, Fraction(1, 5)), 'whole numbers'),
         (lambda: ExactAutomaton(np.full((3, 3), 10), 10, Fraction(1, 5)), 'lie in 0..9'),
-        (lambda: OsloPile(0, 1), 'size 0'),
     ],
 )
 def test_impossible_lattices_are_refused(make, words):
     with pytest.raises(ConfigError, match=words):
         make()
-
-
-# The rice pile
-
-
-def pile_by_the_rule(pile, count):
-    """Oslo's rule on plain lists, one site at a time in any order (the pile is abelian)."""
-    side, seed = pile.side, pile.seed
-    slope, uses = [0] * side, [0] * side
-    limit = [pile.limit_of(seed, i, 0) for i in range(side)]
-    sizes = []
-    for _ in range(count):
-        slope[0] += 1
-        size = 0
-        while high := [i for i in range(side) if slope[i] > limit[i]]:
-            i = high[-1]
-            size += 1
-            slope[i] -= 1 if i == side - 1 else 2
-            if i > 0:
-                slope[i - 1] += 1
-            if i < side - 1:
-                slope[i + 1] += 1
-            uses[i] += 1
-            limit[i] = pile.limit_of(seed, i, uses[i])
-        sizes.append(size)
-    return sizes, slope
-
-
-def test_the_pile_is_its_rule():
-    pile = OsloPile(12, seed=3)
-    sizes, slope = pile_by_the_rule(pile, 800)
-
-    assert pile.run(800).size.tolist() == sizes
-    assert pile.slope.tolist() == slope
-
-
-def test_every_grain_walks_off_the_pile():
-    """In the steady state a grain in means L topplings: the mean size is L."""
-    for side in (8, 64):
-        pile = OsloPile(side, seed=1)
-        pile.run(20 * side * side)
-        sizes = pile.run(200_000).size
-        blocks = sizes.reshape(50, -1).mean(axis=1)
-        assert abs(sizes.mean() - side) < 5 * blocks.std(ddof=1) / 50**0.5 + 0.01 * side
-
-
-def test_the_pile_stands_between_its_slopes():
-    """Mean height over L is 1.7 or so (Frette et al. 1996; Christensen et al. 1996)."""
-    pile = OsloPile(64, seed=2)
-    pile.run(200_000)
-
-    assert set(pile.slope.tolist()) <= {0, 1, 2}
-    assert 1.55 < pile.slope.sum() / 64 < 1.8
 
 
 @pytest.mark.parametrize(

@@ -84,16 +84,6 @@ def test_warm_up_is_part_of_the_same_run(capsys, tmp_path):
     np.testing.assert_array_equal(sizes[0][2000:], sizes[1])
 
 
-def test_the_rice_pile(capsys):
-    words = ('--model', 'oslo', '--size', 16, '--events', 40_000, '--warmup', 5000, '--json')
-    code, out, _ = lattice(capsys, *words)
-    report = json.loads(out)
-
-    assert code == 0
-    assert report['mean_size'] == pytest.approx(16, rel=0.05)
-    assert 'alpha' not in report
-
-
 def test_too_few_events_are_told_instead_of_fitted(capsys):
     words = ('--size', 6, '--alpha', '1/5', '--events', 20)
     code, out, _ = lattice(capsys, *words)
@@ -111,7 +101,6 @@ def test_too_few_events_are_told_instead_of_fitted(capsys):
         (('--size', 0), 2, '--size: 0 is outside 1 to 4096'),
         (('--fit', '2-9'), 2, 'like 2:200'),
         (('--start', 'none.npy'), 69, 'there is no file none.npy'),
-        (('--model', 'oslo', '--start', 's.npy'), 2, 'leave out'),
         # told before the run, which would not end
         (('--output', '/nowhere/x.npz', '--size', 64, '--events', 10**9), 78, 'No such file'),
     ],

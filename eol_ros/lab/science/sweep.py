@@ -25,7 +25,6 @@ from eol_ros.core.table import Table as Shape
 from eol_ros.errors import EolError
 from eol_ros.lab import choose, presets
 from eol_ros.lab.automaton.ofc import Automaton
-from eol_ros.lab.automaton.oslo import OsloPile
 from eol_ros.lab.science import one_over_f, sounding, surrogates
 from eol_ros.lab.science.quiescent import cascades
 from eol_ros.settings import GrainsSettings, setting
@@ -148,17 +147,8 @@ class Ofc(_Law):
     warmup: int = setting(10_000, 'events before that', '', 0, 10_000_000_000)
 
 
-@dataclass(frozen=True)
-class Oslo(_Law):
-    """The rice pile of Christensen and others."""
-
-    size: int = setting(32, 'heaps in the row', '', 1, 4096)
-    events: int = setting(10_000, 'grains, recorded', '', 1, 1_000_000_000)
-    warmup: int = setting(10_000, 'grains before that', '', 0, 10_000_000_000)
-
-
 MODELS: dict[str, type[_Law]] = {
-    'table': Table, 'plate': Plate, 'train': Train, 'scene': AnyScene, 'ofc': Ofc, 'oslo': Oslo,
+    'table': Table, 'plate': Plate, 'train': Train, 'scene': AnyScene, 'ofc': Ofc,
 }  # fmt: skip
 
 
@@ -343,22 +333,15 @@ def _sliding(run: Run) -> float:
 
 
 def _ofc(task: Ofc, scenes: Mapping[str, Plain]) -> Result:
-    return _counted(task, Automaton.random(task.size, task.alpha, task.seed), task.size**2)
-
-
-def _oslo(task: Oslo, scenes: Mapping[str, Plain]) -> Result:
-    return _counted(task, OsloPile(task.size, task.seed), task.size)
-
-
-def _counted(task: Ofc | Oslo, model: Automaton | OsloPile, sites: int) -> Result:
+    model = Automaton.random(task.size, task.alpha, task.seed)
     for begun in range(0, task.warmup, EVENTS_AT_ONCE):
         model.run(min(EVENTS_AT_ONCE, task.warmup - begun))
     areas, slips = [], 0
     for begun in range(0, task.events, EVENTS_AT_ONCE):
         events = model.run(min(EVENTS_AT_ONCE, task.events - begun), full=True)
-        areas.append(events.area[events.area > 0].astype(np.int32))  # most grains move nothing
+        areas.append(events.area.astype(np.int32))
         slips += int(events.size.sum())
-    return _law(task, np.concatenate(areas), slips, sites)
+    return _law(task, np.concatenate(areas), slips, task.size**2)
 
 
 def _law(task: _Law, areas: np.ndarray, slips: int, blocks: int) -> Result:
@@ -437,5 +420,4 @@ def _faster(drive: Plain, factor: float) -> Plain:
 
 _RUN: dict[str, Callable[[Any, Mapping[str, Plain]], Result]] = {
     'table': _blocks, 'plate': _blocks, 'train': _blocks, 'scene': _any_scene, 'ofc': _ofc,
-    'oslo': _oslo,
 }  # fmt: skip

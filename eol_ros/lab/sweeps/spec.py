@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sweep file to tasks: every mistake at once, with file, line and column.
 
-    model: plate                # table, plate, train, scene, ofc or oslo
+    model: plate                # table, plate, train, scene or ofc
     fixed:                      # parameters that are the same in all tasks
       speed_mps: 5.0e-4
     vary:                       # every combination of these is one task
