@@ -60,21 +60,10 @@ def _minutes(text: str) -> int:
 
 
 class CueTimes:
-    """Says which cues are due.
+    """Says which cues are due, by lines `texts` with times of `time_zone`.
 
-    Parameters
-    ----------
-    texts : sequence of str
-        Lines.
-    time_zone : datetime.tzinfo
-        Time zone of the times in these lines.
-    done_s : float, optional
-        Time until which cues have been given, s since the epoch: `done_s` before a restart.
-
-    Raises
-    ------
-    ConfigError
-        A line cannot be read.
+    done_s: time until which cues have been given, s since the epoch, as before a restart. Raises
+    ConfigError for a line that cannot be read.
     """
 
     def __init__(

@@ -145,19 +145,9 @@ class State(NamedTuple):
 
 
 class OpeningHours:
-    """A calendar of opening hours in a time zone.
+    """A calendar of opening hours: lines, later ones before earlier ones, of a time zone.
 
-    Parameters
-    ----------
-    texts : sequence of str
-        Lines, later ones before earlier ones.
-    time_zone : datetime.tzinfo
-        Of the clock that they mean.
-
-    Raises
-    ------
-    ConfigError
-        With a line for each mistake.
+    Raises ConfigError with a line for each mistake.
     """
 
     def __init__(self, texts: Sequence[str], time_zone: datetime.tzinfo):
@@ -276,14 +266,8 @@ class Door:
     """Says what to ask of the work so that it sleeps while it is closed.
 
     It asks once for each time of opening or closing: what people ask in between holds until the
-    next. A clock that was never set is not trusted, and the work stays open.
-
-    Parameters
-    ----------
-    hours : OpeningHours
-        The calendar.
-    heeded_s : float, optional
-        Which time the work has been asked for, as `heeded_s` had it before a restart.
+    next. A clock that was never set is not trusted, and the work stays open. heeded_s: which time
+    the work has been asked for, as before a restart.
     """
 
     def __init__(self, hours: OpeningHours, heeded_s: float | None = None):

@@ -54,16 +54,8 @@ def mistakes(
 class Stream:
     """The packets of a universe: each change when MOST_HZ allows it, repeated, and kept alive.
 
-    Times are s of a steady clock.
-
-    Parameters
-    ----------
-    cid : bytes
-        Identity of the source, 16 octets.
-    universe, first_channel, priority : int
-        1 to 63999, 1 to 512, 0 to 200.
-    levels : bytes
-        First levels, one byte 0 to 255 for each channel from `first_channel` on.
+    Times are s of a steady clock. cid: identity of the source, 16 octets. levels: the first ones,
+    one byte for each channel from `first_channel` on.
     """
 
     def __init__(self, cid: bytes, universe: int, first_channel: int, priority: int, levels: bytes):

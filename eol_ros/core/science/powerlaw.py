@@ -386,33 +386,9 @@ def _drift(numbers: np.ndarray, law: '_Law') -> tuple[float, tuple[float, float]
 def band(areas: np.ndarray, rng: np.random.Generator, blocks: int = Table().count) -> np.ndarray:
     """Return where N(>= A) of as long a catalogue would lie in 95 of 100 cases, for each A.
 
-    Areas are drawn again, as many as there are independent ones.
-
-    Parameters
-    ----------
-    areas : ndarray
-        (n,) int, distinct blocks of each cascade, in order of time.
-    rng : Generator
-        Draws them.
-    blocks : int
-        How many the table has.
-
-    Returns
-    -------
-    ndarray
-        (2, blocks) float, lower and upper end for A = 1 to all blocks.
-
-    Raises
-    ------
-    FitError
-        Fewer than 30 independent cascades.
-
-    Examples
-    --------
-    >>> areas = sample(1.8, 1, 25, 2000, np.random.default_rng(1))
-    >>> low, high = band(areas, np.random.default_rng(2))
-    >>> low[0] == high[0] == 2000.0, bool(low[4] < high[4])
-    (True, True)
+    areas: (n,) int, distinct blocks of each cascade, in order of time; they are drawn again, as
+    many as there are independent ones. Returns (2, blocks), lower and upper end for A = 1 to
+    `blocks`. Raises FitError with fewer than 30 independent cascades.
     """
     share = np.bincount(np.asarray(areas) - 1, minlength=blocks) / max(len(areas), 1)
     drawn = rng.multinomial(round(_independent(areas)), share, REPEATS)

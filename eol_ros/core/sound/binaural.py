@@ -47,20 +47,8 @@ def shadow(theta: float, sample_rate: float) -> tuple[np.ndarray, np.ndarray]:
 class Binaural:
     """Turns what the loudspeakers play into two ears, block by block.
 
-    Parameters
-    ----------
-    speakers : sequence of Speaker
-        In order of the channels; of a channel behind them, the sub voice, both ears hear the same.
-    sample_rate : float
-        Hz.
-
-    Examples
-    --------
-    >>> ears = Binaural([Speaker('left', 90.0)], 48000)
-    >>> click = np.zeros((100, 1), np.float32)
-    >>> click[0] = 1.0
-    >>> [int(np.argmax(np.abs(ear))) for ear in ears(click).T]
-    [0, 31]
+    `speakers` are in order of the channels; of a channel behind them, the sub voice, both ears hear
+    the same.
     """
 
     def __init__(self, speakers: Sequence[Speaker], sample_rate: float):

@@ -25,20 +25,7 @@ class _Cascade:
 class CascadeAreas:
     """Tracks cascades; a sounding block joins the cascade of its neighbours, corners included.
 
-    Parameters
-    ----------
-    gap_s : float
-        A block joins when one that it touches, or it itself, has sounded this short ago.
-    table : Table
-        The table of the blocks.
-
-    Examples
-    --------
-    Blocks 0, 1 and 6 touch, block 24 is far away.
-
-    >>> cascades = CascadeAreas(0.15)
-    >>> [cascades.add(t, block) for t, block in ((0.0, 0), (0.1, 1), (0.1, 24), (0.2, 6), (2, 6))]
-    [(1, 0, True), (2, 100, True), (1, 0, True), (3, 200, True), (1, 0, True)]
+    It joins when one that it touches, or it itself, has sounded at most `gap_s` ago.
     """
 
     def __init__(self, gap_s: float, table: Table = Table()):

@@ -98,26 +98,9 @@ def event_of(message: Sequence[int]) -> Event | None:
 
 
 class Mapping:
-    """The lines of a mapping.
+    """The lines of a mapping, as above; `kinds`: the settings of each node that may be named.
 
-    Parameters
-    ----------
-    lines : iterable of str
-        As above.
-    kinds : mapping of str to type
-        The settings of each node that may be named, and which of them are `live`.
-
-    Raises
-    ------
-    ConfigError
-        A line cannot be understood, or names no live setting.
-
-    Examples
-    --------
-    >>> from eol_ros.settings import SoundSettings
-    >>> mapping = Mapping(['cc 74 sound.filter_hz 200 3200'], {'sound': SoundSettings})
-    >>> mapping.actions(Event('cc', 1, 74, 127))
-    [Change(node='sound', name='filter_hz', value=3200.0)]
+    Raises ConfigError for a line that cannot be understood, or that names no live setting.
     """
 
     def __init__(self, lines: Iterable[str], kinds: dict[str, type]):

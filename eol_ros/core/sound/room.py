@@ -54,16 +54,8 @@ def coefficients(sample_rate: float, decay_s: float, high_s: float) -> np.ndarra
 
     Rows 0 and 1: z = row 0 * x + row 1 * z is gain and low-pass of each line. Rows 2 and 3: how
     much each line takes of the two inputs; scaled such that what comes out is as loud as what goes
-    in, whatever the decay.
-
-    Parameters
-    ----------
-    sample_rate : float
-        Hz.
-    decay_s : float
-        Time in which low frequencies decay by 60 dB.
-    high_s : float
-        The same at HIGH_HZ; not above `decay_s`.
+    in, whatever the decay. decay_s, high_s: time in which low frequencies, and HIGH_HZ, decay by
+    60 dB.
     """
     d = delays(sample_rate)
     gain = elementary.exp10(-3 * d / (sample_rate * decay_s))

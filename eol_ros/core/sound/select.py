@@ -238,32 +238,12 @@ class Selector:
     ) -> np.ndarray:
         """Take a slip that its block felt, before an image shows it.
 
-        Where the rule is that each slip sounds at its start (`fence`, `rearm_at_rest`) the block
-        sounds the grains that it reaches from where it rested; `refractory_s` and `block_cap` hold
-        for the knocks of one block. A grain that may sound again within SLIP_S sounds then, as it
-        would by the images of a block that goes on moving. Nothing of `update` changes, and nothing
-        of it counts here: images and knocks may come in any order.
-
-        Parameters
-        ----------
-        time_s : float
-            The stamp of the knock.
-        block : int
-            Its id.
-        x, y : float
-            Where it rested, in m.
-        strength_mps2 : float
-            Of the knock, in m/s^2.
-
-        Returns
-        -------
-        ndarray
-            (n,) TRIGGER.
-
-        Examples
-        --------
-        >>> Selector(GrainsSettings()).felt(1.0, 12, 0.0, 0.0, 2.9).shape
-        (0,)
+        Return its triggers (n,) TRIGGER. time_s: the stamp of the knock; x, y: where the block
+        rested, in m. Where the rule is that each slip sounds at its start (`fence`,
+        `rearm_at_rest`) the block sounds the grains that it reaches from there; `refractory_s` and
+        `block_cap` hold for the knocks of one block. A grain that may sound again within SLIP_S
+        sounds then, as it would by the images of a block that goes on moving. Nothing of `update`
+        changes, and nothing of it counts here: images and knocks may come in any order.
         """
         s = self.settings
         if s.mode != 'fence' or not s.rearm_at_rest or not len(self._grains):

@@ -16,23 +16,7 @@ from eol_ros.core.table import Table
 def stress(at: np.ndarray, break_m: float, table: Table = Table()) -> np.ndarray:
     """Return the stress of each block, (cells,); NaN where a neighbour's place is not known.
 
-    Parameters
-    ----------
-    at : ndarray
-        (cells, 2) places, m.
-    break_m : float
-        Stretch of one spring that breaks a block loose, m.
-    table : Table
-        The table of the blocks.
-
-    Examples
-    --------
-    Block 12 stands 1 cm nearer to 13: two springs pull it back, and the sideways two hardly.
-
-    >>> at = Table().rest.copy()
-    >>> at[12, 0] += 0.01
-    >>> stress(at, 0.04)[[0, 12, 13]].round(2).tolist()
-    [0.0, 0.5, 0.25]
+    at: (cells, 2) places, m; break_m: stretch of one spring that breaks a block loose, m.
     """
     first, second = table.springs[table.springs[:, 1] >= 0].T
     pitch_m = np.where(second - first == 1, *table.pitch_m)  # along a row, or from row to row

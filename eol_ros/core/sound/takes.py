@@ -13,14 +13,6 @@ class Takes:
     A take begins `before_s` before the level (RMS of 10 ms, dBFS) reaches `on_db`, and ends when it
     has been below `off_db` for `hold_s`, or after `most_s`. Takes shorter than LEAST_S are left
     out: knocks on the stand.
-
-    Examples
-    --------
-    >>> takes = Takes(1000, before_s=0.05, hold_s=0.1)
-    >>> sound = np.zeros(2000, np.float32)
-    >>> sound[500:800] = 0.5
-    >>> [len(take) for take in takes.feed(sound)]
-    [450]
     """
 
     def __init__(

@@ -41,32 +41,10 @@ def describe(
     cuts: np.ndarray,
     progress: Callable[[float], None] = lambda share: None,
 ) -> dict[str, np.ndarray]:
-    """Describe each grain of a recording further.
+    """Return further descriptors of each grain, (n,) by name of MORE_DESCRIPTORS.
 
-    Parameters
-    ----------
-    samples : ndarray
-        (m,) full scale 1.
-    rate : int
-        Samples a second.
-    cuts : ndarray
-        (n, 2) first sample of each grain and the one after its last.
-    progress : callable
-        Is told the share done, 0..1.
-
-    Returns
-    -------
-    dict of ndarray
-        (n,) per name of MORE_DESCRIPTORS; NaN where a grain has no spectrum.
-
-    Examples
-    --------
-    A tone does not change, and is harmonic.
-
-    >>> tone = np.sin(2 * np.pi * 440 * np.arange(24000) / 48000)
-    >>> found = describe(tone, 48000, np.array([[0, 24000]]))
-    >>> bool(found['spectral_flux'][0] < 0.01), bool(found['harmonic_ratio'][0] > 0.99)
-    (True, True)
+    samples: (m,) full scale 1; cuts: (n, 2) first sample of each grain and the one after its last;
+    progress: called with the share done. NaN where a grain has no spectrum.
     """
     found = {name: np.full(len(cuts), np.nan) for name in MORE_DESCRIPTORS}
     window = 0.5 - 0.5 * elementary.cos(2 * np.pi * np.arange(FRAME) / FRAME)

@@ -113,22 +113,7 @@ def new_mixer(settings: SoundSettings, epoch_s: float = 0.0, table: Table = Tabl
 class Voicing:
     """Converts triggers to voices. It tracks cascades, so triggers must come in order.
 
-    Parameters
-    ----------
-    settings : SoundSettings
-        May be replaced between two triggers.
-    table : Table
-        Whose blocks sound.
-
-    Examples
-    --------
-    >>> from eol_ros.core.sound.triggers import TRIGGER
-    >>> bank = Bank([np.zeros(48000, np.float32)], [0], [0.0], [0.5], 48000)
-    >>> triggers = np.zeros(2, TRIGGER)
-    >>> triggers['gain'], triggers['rate'], triggers['block'] = 1.0, 1.0, (0, 1)
-    >>> rows, refused = Voicing(SoundSettings(rate_scaling=1.0)).rows(triggers, bank)
-    >>> rows['rate'].round(4).tolist(), refused.tolist()
-    ([1.0, 0.7071], [False, False])
+    `settings` may be replaced between two triggers.
     """
 
     def __init__(self, settings: SoundSettings, table: Table = Table()):

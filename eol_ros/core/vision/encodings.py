@@ -32,21 +32,9 @@ KNOWN = (*GREY, *_COLOURS, *_WIDE, *_YUV, *_BAYER)
 def grey(encoding: str, rows: np.ndarray, width: int, big_endian: bool = False) -> np.ndarray:
     """Return an image as (height, width) uint8.
 
-    Parameters
-    ----------
-    encoding : str
-        One of KNOWN.
-    rows : ndarray
-        (height, step) uint8; what a row has behind its pixels is left out.
-    width : int
-        Pixels of a row.
-    big_endian : bool
-        Order of the two bytes of `mono16`, of which the higher one is taken.
-
-    Raises
-    ------
-    ValueError
-        Another encoding, or rows that are shorter than their pixels.
+    encoding: one of KNOWN. rows: (height, step) uint8; what a row has behind its pixels is left
+    out. big_endian: order of the two bytes of `mono16`, of which the higher one is taken. Raises
+    ValueError for another encoding, or rows that are shorter than their pixels.
     """
     channels, code = _COLOURS.get(encoding, (2 if encoding in _YUV or encoding in _WIDE else 1, 0))
     if encoding not in KNOWN:

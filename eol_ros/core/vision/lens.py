@@ -64,17 +64,12 @@ def _energies(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def edge_blur(first: np.ndarray, second: np.ndarray) -> Blur:
-    """Return how blurred edges are in two images of the same, taken one after the other.
+    """Return how blurred edges are in two images (h, w) uint8 of the same, one after the other.
 
     The profile across a step that a Gaussian of standard deviation s has blurred is a Gaussian, and
     the energy of its slope is 2 s^2 that of its curvature, whatever its contrast. Both are summed
     over the surroundings of strong edges; what noise adds is told by the images' difference. The
     parts are those of the field in which edges are; a block counts where its middle is.
-
-    Parameters
-    ----------
-    first, second : ndarray
-        (h, w) uint8.
     """
     a, b = first.astype(np.float32), second.astype(np.float32)
     slope, curve = _energies((a + b) / 2)

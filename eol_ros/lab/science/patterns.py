@@ -266,32 +266,14 @@ def ask(
 ) -> Patterns:
     """Ask whether the patterns of flashes are due to chance, and how they differ from it.
 
-    Parameters
-    ----------
-    flashes : ndarray
-        (t, n, n) of bool, which blocks flashed in each moment; dark moments included.
-    rate_hz : float
-        Moments in a second.
-    rng : Generator
-        Draws the surrogates.
-    surrogates : int
-        How many of either kind.
+    flashes: (t, n, n) of bool, which blocks flashed in each moment, `rate_hz` a second, dark
+    moments included. surrogates: how many of either kind. Raises TooFew with fewer than 30 moments
+    with some blocks lit and some dark.
 
-    Returns
-    -------
-    Patterns
-        Each measure beside its surrogates. The test of the static measures is exact whatever the
-        mixing of the chain (serial method of Besag and Clifford), as long as moments do not depend
-        on each other; where they do, chance is rejected too often (docs/explanation/science.md).
-
-    Raises
-    ------
-    TooFew
-        Fewer than 30 moments with some blocks lit and some dark.
-
-    References
-    ----------
-    J. Besag, P. Clifford, Biometrika 76 (1989) 633. S. Holm, Scand. J. Stat. 6 (1979) 65.
+    The test of the static measures is exact whatever the mixing of the chain (serial method: J.
+    Besag, P. Clifford, Biometrika 76 (1989) 633), as long as moments do not depend on each other;
+    where they do, chance is rejected too often (docs/explanation/science.md). All p-values are
+    corrected together (S. Holm, Scand. J. Stat. 6 (1979) 65).
     """
     flashes = _square(flashes)
     count = flashes.sum(axis=(1, 2))

@@ -17,27 +17,9 @@ STEP_S = 0.0025  # of the envelope, finer than its rise
 
 
 def heard(times_s: np.ndarray, block: np.ndarray, rule: GrainsSettings) -> np.ndarray:
-    """Return which slips sound, (n,) bool, of slips in order of time.
+    """Return which slips sound, (n,) bool, of slips at `times_s` (n,), rising, of `block` (n,).
 
-    Parameters
-    ----------
-    times_s : ndarray
-        (n,) s, rising.
-    block : ndarray
-        (n,) which block.
-    rule : GrainsSettings
-        Of it refractory_s, block_cap and total_cap.
-
-    Returns
-    -------
-    ndarray
-        (n,) bool.
-
-    Examples
-    --------
-    >>> rule = GrainsSettings(refractory_s=0.2)
-    >>> heard(np.array([0.0, 0.1, 0.1, 0.3]), np.array([1, 1, 2, 1]), rule).tolist()
-    [True, False, True, True]
+    Of `rule` refractory_s, block_cap and total_cap count.
     """
     last: dict[int, float] = {}
     second: deque[tuple[float, int]] = deque()

@@ -40,23 +40,10 @@ BLOCK = np.dtype(
 class Follower:
     """All blocks of one table.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        Of this camera and its covers.
-
-    Attributes
-    ----------
-    blocks : ndarray
-        (cells,) BLOCK; a block out of sight is where its neighbours put it.
-    found : ndarray
-        (cells,) FOUND, of the last image.
-    ambiguous : bool
-        Whether the lattice may lie a quarter turn, or two or three, further round.
-    least : int
-        Fewer blocks in sight than this count as none.
-    changed_s : ndarray
-        (cells,) when a block was last found to have another cover, -inf for never.
+    blocks: (cells,) BLOCK; a block out of sight is where its neighbours put it. found: (cells,)
+    FOUND, of the last image. ambiguous: whether the lattice may lie a quarter turn, or two or
+    three, further round. least: fewer blocks in sight than this count as none. changed_s: (cells,)
+    when a block was last found to have another cover, -inf for never.
     """
 
     def __init__(self, calibration: Calibration, trust_start: bool = True):
