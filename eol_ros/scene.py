@@ -15,6 +15,7 @@ A scene names the nodes that run and what differs from their defaults:
     elsewhere: [motion]        # somebody else starts it, on any machine of the network
     machines:                  # what each machine runs, by name; the same file on all of them
       show: {address: 10.0.0.1, nodes: [camera, tracker, recorder]}
+    programs: {counter: [python, counter.py]}   # own programs, in the folder of this file
     notify: {webhook: URL}     # who is told what lasts
 
 Every scene has a recorder, named or not. `off` leaves out a node: recorder, or one of `include`.
@@ -79,6 +80,11 @@ KEYS = {  # key: example, meaning (docs/reference/scene.md)
         'machines: {show: {address: 10.0.0.1, nodes: [camera]}}',
         'nodes of each machine, for one scene on several machines; needs `network: lan`',
     ),
+    'programs': (
+        'programs: {count_slips: [python, count_slips.py]}',
+        'own programs that start, restart and stop with the nodes: name and command, run in the '
+        'folder of the scene file',
+    ),
     'real_time': ('real_time: true', 'real-time priority for the nodes from camera to sound'),
     'notify': ('notify: {webhook: URL}', 'receivers of notifications of faults'),
 }
@@ -122,6 +128,7 @@ class Scene:
     namespace: str = NAMESPACE  # without the slash at its beginning
     notify: NotifySettings | None = None
     table: TableSettings = field(default_factory=TableSettings)
+    programs: dict[str, tuple[str, ...]] = field(default_factory=dict)  # own ones, by command
     # Where nodes and their settings stand (`leds`, `leds.port`): file, line, column.
     places: dict[str, tuple[str, int, int]] = field(default_factory=dict, repr=False, compare=False)
     # Secret values, parsed and as spelt in the files.
@@ -442,6 +449,8 @@ def plain(scene: Scene) -> dict[str, Any]:
             name: {'address': one.address, 'nodes': list(one.nodes)}
             for name, one in scene.machines.items()
         }
+    if scene.programs:
+        data['programs'] = {name: list(words) for name, words in scene.programs.items()}
     if scene.notify:
         data['notify'] = _plain(scene.notify)
     return data
@@ -546,6 +555,7 @@ def load(name: str | Path) -> Scene:
         namespace,
         notify,
         table,
+        _programs(reader, values.get('programs')),
         reader.places,
         hidden,
         reader.texts,
@@ -759,6 +769,27 @@ def _check_images(reader: Reader, place: Place, nodes: dict[str, Any], on: dict[
 def _off(place: Place) -> bool:
     """Whether the value is `off`, which YAML 1.1 reads as false."""
     return place.value is False or place.value == 'off'
+
+
+def _programs(reader: Reader, place: Place | None) -> dict[str, tuple[str, ...]]:
+    if place is None:
+        return {}
+    if not isinstance(place.value, dict):
+        what = 'not a mapping of programs, such as count_slips: [python, count_slips.py]'
+        reader.wrong(place, 'programs', what)
+        return {}
+    found: dict[str, tuple[str, ...]] = {}
+    for name, item in place.value.items():
+        where, words = f'programs.{name}', item.bare
+        if not re.fullmatch('[a-z][a-z0-9_]*', name) or name in NODES:
+            what = 'is not a name of small letters, digits and _ that no node has'
+            reader.wrong(item, where, what)
+        if not isinstance(words, list) or not words or not all(isinstance(w, str) for w in words):
+            reader.wrong(item, where, 'not a command as a list of texts, such as [python, my.py]')
+            continue
+        reader.places[where] = item.file, item.line, item.column
+        found[name] = tuple(words)
+    return found
 
 
 def _together(

@@ -183,6 +183,26 @@ def test_machines_say_what_runs_where(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ('programs', 'what'),
+    [
+        ('[python, my.py]', 'not a mapping of programs, such as'),
+        ('{tracker: [python, my.py]}', 'is not a name of small letters, digits and _ that no node'),
+        ('{My: [python, my.py]}', 'is not a name of small letters, digits and _ that no node'),
+        ('{my: python my.py}', 'not a command as a list of texts'),
+        ('{my: [python, 3]}', 'not a command as a list of texts'),
+        ('{my: []}', 'not a command as a list of texts'),
+    ],
+)
+def test_programs_are_commands_by_name(tmp_path, programs, what):
+    text = 'nodes: {montage: {}}\nelsewhere: [motion]\nprograms: '
+    found = mistakes(write(tmp_path, text + programs))
+    assert [said.startswith(what) for *_, said in found] == [True]
+    right = scenes.load(write(tmp_path, text + '{my: [python, my.py]}'))
+    assert right.programs == {'my': ('python', 'my.py')}
+    assert scenes.plain(right)['programs'] == {'my': ['python', 'my.py']}
+
+
+@pytest.mark.parametrize(
     ('right', 'wrong', 'what'),
     [
         ('network: lan', 'network: local', 'several machines need `network: lan`; it is local'),

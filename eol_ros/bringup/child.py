@@ -72,6 +72,7 @@ class Child:
             stdout=output_in,
             stderr=output_in,
             pass_fds=(health_in, *self.process.files),
+            cwd=self.process.folder,
             start_new_session=True,  # Ctrl-C reaches us alone; we stop the children in order
             preexec_fn=lambda: _prepare(parent),
         )
@@ -87,6 +88,9 @@ class Child:
         self.settled = self.starved = False
         pid = self.popen.pid
         self.status = {n: starting(n, said('starting'), pid) for n in self.process.nodes}
+        if self.process.own:
+            for row in self.status.values():
+                row.update(state(0, said('program_runs')))
 
     def comes_back(self, now_s: float) -> bool:
         """Tell whether it is about to be started again."""
@@ -122,6 +126,10 @@ class Child:
     def alive(self) -> bool:
         """Tell whether it runs."""
         return self.popen is not None and self.popen.poll() is None
+
+    def watched(self) -> bool:
+        """Tell whether it runs and should send heartbeats."""
+        return self.alive() and not self.process.own
 
     def gives(self) -> bool:
         """Tell whether what its nodes said of themselves last still holds."""

@@ -2,6 +2,7 @@
 """Scene to processes: which run, in which order, with which environment. Pure."""
 
 import hashlib
+import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,7 +10,7 @@ from pathlib import Path
 
 from eol_ros import compiled
 from eol_ros.bringup.ros_args import RosArgs
-from eol_ros.errors import UsageError, nearest
+from eol_ros.errors import ConfigError, UsageError, nearest
 from eol_ros.ros import network
 from eol_ros.scene import Scene, machine_node
 from eol_ros.streams.graph import NAMESPACE, NODES
@@ -39,6 +40,8 @@ class Process:
     nice: int = 0
     real_time: int = 0  # priority; 0: none
     files: tuple[int, ...] = ()  # descriptors that it inherits
+    own: bool = False  # a program of `programs`, which tells nothing of itself
+    folder: Path | None = None  # in which it runs
 
     @property
     def name(self) -> str:
@@ -59,6 +62,7 @@ def only(scene: Scene, names: Sequence[str]) -> Scene:
         scene,
         nodes={name: scene.nodes[name] for name in scene.nodes if name in names},
         together=tuple(group for group in groups if len(group) > 1),
+        programs={},
         elsewhere=(*scene.elsewhere, *(name for name in scene.nodes if name not in names)),
     )
 
@@ -84,9 +88,13 @@ def on_machine(scene: Scene, name: str | None) -> Scene:
 
 
 def own_part(told: Scene) -> Scene:
-    """Return the part of a scene of `on_machine` that this machine runs."""
-    machine = told.machines[told.nodes['machine'].name]
-    return only(told, (*machine.nodes, 'machine'))
+    """Return the part of a scene of `on_machine` that this machine runs.
+
+    Own programs run on the main one.
+    """
+    name = told.nodes['machine'].name
+    part = only(told, (*told.machines[name].nodes, 'machine'))
+    return replace(part, programs=told.programs if name == told.main else {})
 
 
 def processes(
@@ -126,7 +134,27 @@ def processes(
         nice = min(NODES[node].nice for node in nodes)
         real_time = max(NODES[node].real_time for node in nodes) if scene.real_time else 0
         found.append(Process(tuple(nodes), command, environment, nice, real_time, tuple(inherit)))
+    folder = scene.path.parent if scene.path else None
+    environment = network.environment(scene.network, False)
+    if scene.domain is not None:
+        environment['ROS_DOMAIN_ID'] = str(scene.domain)
+    for name, words in scene.programs.items():
+        command = (found_program(words[0], folder), *words[1:])
+        found.append(Process((name,), command, environment, own=True, folder=folder))
     return found
+
+
+def found_program(word: str, folder: Path | None) -> str:
+    """Return where the program `word` is: `python` is that of eol_ros; raise ConfigError.
+
+    folder: that of the scene file, where one named with a slash lies.
+    """
+    if word in ('python', 'python3'):
+        return sys.executable
+    place = str((folder or Path()) / word) if '/' in word else word
+    if found := shutil.which(place):
+        return found
+    raise ConfigError(f'{word}: no such program; name it by its path, as seen from the scene file')
 
 
 def _ros_args(

@@ -295,7 +295,7 @@ class Supervisor:
                 ended = self._ended(child, now)
                 if ended is not None:
                     return ended
-            elif child.alive() and (verdict := child.look(now)) != FINE:
+            elif child.watched() and (verdict := child.look(now)) != FINE:
                 self._end_hung(child, now) if verdict == HUNG else self._leave(child)
             elif child.popen is None and child.start_at_s is not None and now >= child.start_at_s:
                 child.start(now, any(one.settled and one.alive() for one in self.children))
@@ -420,7 +420,8 @@ class Supervisor:
             for row in child.status.values():
                 row.update(status.state(0, said('finished')), rate=0.0)
             return None
-        if code in FINAL and never_ran and (child.left_out or child.policy.restarts == 0):
+        fails = code in FINAL and never_ran and not child.process.own
+        if fails and (child.left_out or child.policy.restarts == 0):
             if not child.left_out:
                 self._note(f'{name} cannot start (exit code {code})' + self._without(child))
                 child.left_out = code

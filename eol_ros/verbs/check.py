@@ -175,6 +175,12 @@ def _settings(scene: Scene) -> Iterator[Check]:
         yield 'sound.midi_map', lambda: _midi_map(sound.midi_map, hours.cues)
     if 'sacn' in scene.nodes:
         yield from _sacn(scene)
+    if scene.programs:
+        from eol_ros.bringup.plan import found_program
+
+        folder = scene.path.parent if scene.path else None
+        for name, words in scene.programs.items():
+            yield f'programs.{name}', functools.partial(found_program, words[0], folder)
     if tracker and leds:
         yield 'leds.blink_block', lambda: _same_blink(tracker, leds)
 

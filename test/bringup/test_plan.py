@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -77,6 +78,31 @@ def test_a_machine_runs_its_nodes_and_tells_them_of_all(tmp_path, monkeypatch):
         plan.on_machine(scene, None)
     with pytest.raises(UsageError, match='scene museum names no machines'):
         plan.on_machine(scenes.load('museum'), 'audio')
+
+
+def test_own_programs_run_on_the_main_machine_in_the_folder_of_the_scene(tmp_path):
+    path, mine = tmp_path / 's.yaml', tmp_path / 'mine'
+    path.write_text(
+        'network: lan\ndomain: 7\n'
+        'nodes: {twin: {}, tracker: {}, grains: {}, sound: {}, recorder: off}\n'
+        'machines:\n  audio: {address: 10.0.0.2, nodes: [sound]}\n'
+        '  show: {address: 10.0.0.1, nodes: [twin, tracker, grains]}\n'
+        'programs: {counter: [python, count.py, --fast], mine: [./mine]}\n'
+    )
+    mine.write_text('#!/bin/sh\n')
+    mine.chmod(0o755)
+    scene = scenes.load(path)
+    parts = [plan.own_part(plan.on_machine(scene, name)) for name in ('show', 'audio')]
+    counter, own = plan.processes(parts[0], path)[-2:]
+    assert counter.command == (sys.executable, 'count.py', '--fast')
+    assert own.command == (str(mine),)
+    assert counter.own and counter.folder == tmp_path
+    assert counter.environment['ROS_DOMAIN_ID'] == '7'
+    assert not any(p.own for p in plan.processes(parts[1], path))
+    assert not plan.only(scene, ['twin']).programs
+    mine.unlink()
+    with pytest.raises(ConfigError, match='./mine: no such program'):
+        plan.processes(parts[0], path)
 
 
 def test_big_shared_memory_only_where_images_are_given():

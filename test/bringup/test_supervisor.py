@@ -673,6 +673,36 @@ def test_the_others_go_on_without_what_cannot_start(start, tmp_path):
     ]
 
 
+def test_own_programs_are_restarted_and_never_end_the_run(start, tmp_path):
+    marks = tmp_path / 'marks'
+    failing = f"open({str(marks)!r}, 'a').write('x'); print('no table'); raise SystemExit(2)"
+    programs = [
+        Process((name,), (sys.executable, '-c', script), {}, own=True, folder=tmp_path)
+        for name, script in (
+            ('quiet', "import os, time; open('here', 'w'); time.sleep(600)"),
+            ('once', "print('counted')"),
+            ('failing', failing),
+        )
+    ]
+    # so fast that a node would have been silent for too long
+    supervisor, lines = start(process('twin', STEADY), *programs, clock=Clock(rate=20.0))
+
+    def work():
+        all_ok(supervisor)
+        wait_until(lambda: marks.exists() and len(marks.read_text()) > 2)
+        began_s = supervisor._clock()
+        wait_until(lambda: supervisor._clock() > began_s + 2 * policy.START_S)
+        rows = {row['node']: row for row in supervisor.describe()['nodes']}
+        assert (rows['quiet']['level'], rows['quiet']['text']) == (0, 'runs')
+        assert rows['once']['text'] == 'finished'
+        assert supervisor.children[1].policy.restarts == 0
+
+    attended(supervisor, work)
+    assert (tmp_path / 'here').exists()
+    assert {'once | counted', 'failing | no table', 'once has finished'} <= set(lines)
+    assert any(line.startswith('failing has died (exit code 2)') for line in lines)
+
+
 def test_a_run_without_a_node_ends_with_the_code_of_that_node(start):
     others = process('tracker', STEADY), process('montage', STEADY)
     supervisor, _ = start(*others, process('sound', FINAL))
