@@ -6,11 +6,14 @@ import json
 import signal
 import sys
 
+import numpy as np
 import pytest
 from support import needs
 from support.fake_clock import FakeClock
 from support.machines import Machines, ip
 from support.waiting import wait_until
+
+from eol_ros.analysis.bag import open_bag
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 SCENE = """
@@ -109,6 +112,23 @@ def test_sound_subtracts_how_far_its_clock_is_ahead(machines, tmp_path, monkeypa
         assert ' ms of clock offset subtracted' in found['sound']['text']
         assert found['machine']['level'] == 2
         assert "this machine's clock is " in found['machine']['text']
+
+
+def test_a_cable_that_loses_packets_loses_no_message(machines, tmp_path):
+    scene = tmp_path / 'scene.yaml'
+    text = SCENE.format(folder=tmp_path, net=machines.net)
+    text = text.replace(', recorder]', ']').replace('[sound]', '[sound, recorder]')
+    scene.write_text(text)
+    with machines.losing(1) as lost:
+        with running(machines, scene, *machines.names) as rows:
+            wait_until(lambda: _well(rows('audio'), 11), 120)
+            wait_until(lambda: rows('audio')['sound']['values'].get('triggers', 0) > 300, 120)
+            assert lost() > 20
+        bag = open_bag(tmp_path / 'bags')
+    assert bag.count('grain_triggers') > 300
+    for topic, number in (('blocks', 'image'), ('grain_triggers', 'sequence')):
+        assert set(np.diff(bag.table(topic)[number].astype(int))) == {1}
+    assert bag.gaps['lost_before_recorder'] == bag.gaps['dropped_in_recorder'] == '{}'
 
 
 def _well(rows, count):

@@ -5,11 +5,13 @@ The first one is the machine of the work, with this machine's own shared memory;
 own.
 """
 
+import contextlib
 import os
+import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -96,6 +98,38 @@ class Machines:
     def eol(self, machine: str, *words: str) -> str:
         """Return what `eol` says there."""
         return answer(self.run(machine, sys.executable, '-m', 'eol_ros', *words))
+
+    @contextlib.contextmanager
+    def losing(self, percent: int) -> Iterator[Callable[[], int]]:
+        """Lose packets that come over the cable, at random; yield what returns their count."""
+        require(['nft'])
+        rules = (
+            'table ip loss { chain lose { type filter hook input priority 0; '
+            f'iifname "cable" numgen random mod 100 < {percent} counter drop; }}; }}'
+        )
+
+        def nft(name: str, *words: str) -> str:
+            command = ['ip', 'netns', 'exec', name, 'nft', *words]
+            return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+        def lost() -> int:
+            tables = [nft(name, 'list', 'table', 'ip', 'loss') for name in self.names.values()]
+            return sum(
+                int(count) for text in tables for count in re.findall(r'packets (\d+)', text)
+            )
+
+        try:
+            for name in self.names.values():
+                nft(name, rules)
+        except subprocess.CalledProcessError as error:
+            if 'Could not process rule' not in error.stderr:  # by a kernel without it
+                raise AssertionError(error.stderr) from None
+            pytest.skip(f'no packets can be lost here: {error.stderr.strip()}')
+        try:
+            yield lost
+        finally:
+            for name in self.names.values():
+                nft(name, 'delete', 'table', 'ip', 'loss')
 
     def let_in(self, guest: str, folder: Path, *how: str) -> None:
         """Give the work keys, let `guest` in, and bring both ends of the tunnel up."""
