@@ -13,6 +13,7 @@ from eol_ros.core.sound.sources import absent
 from eol_ros.devices.corpus.corpus_file import LEFT_OUT, move, moved, restore
 from eol_ros.devices.corpus.loader import CorpusLoader, corpus_spec
 from eol_ros.errors import EolError
+from eol_ros.nodes.sound_files import SoundFiles
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
 from eol_ros.ros.run import runner
@@ -34,7 +35,7 @@ class GrainsNode(EolNode):
         self.triggers = self.publisher('grain_triggers')
         self.felt_triggers, self.felt = self.publisher('felt_triggers'), 0
         self.corpora = self.publisher('corpus')
-        self.loader = CorpusLoader()
+        self.loader, self.files = CorpusLoader(), SoundFiles(self)
         self.awaited: list[Asked] = []
         self.notes: tuple[str, ...] = ()  # on weights
         self.spec = corpus_spec(self.settings)
@@ -138,7 +139,9 @@ class GrainsNode(EolNode):
         self.corpus = corpus
         since_s = self.selector.load(corpus, corpus.reading_s)
         self.since_ns = self.now_ns() if since_s < 0 else round(since_s * 1e9)
-        self.corpora.publish(self.message(corpus))
+        message = self.message(corpus)
+        self.corpora.publish(message)
+        self.files.look(message.files)
         for note in corpus.notes:
             self.get_logger().warning(note)
         self.health.values['grains'] = len(corpus)

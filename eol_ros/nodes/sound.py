@@ -21,6 +21,7 @@ from eol_ros.devices.audio.bank import BankLoader
 from eol_ros.devices.audio.soundcard import Player
 from eol_ros.devices.files.trigger_log import TriggerLog
 from eol_ros.errors import EolError
+from eol_ros.nodes.sound_files import SoundFiles
 from eol_ros.ros.main_clock import MainClock
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
@@ -99,6 +100,7 @@ class SoundNode(EolNode):
         self.subscribe('grain_triggers', self.on_trigger)
         self.subscribe('felt_triggers', self.on_felt)
         self.main_clock: MainClock = MainClock(self)
+        self.files = SoundFiles(self)
         self.sounding: OnsetToSound | None = None
         if 'motion' in self.scene.nodes and not self.sim_time:
             self.sounding = OnsetToSound()
@@ -158,6 +160,7 @@ class SoundNode(EolNode):
         self.tap_latency_s = round(new.tap_latency_s * new.sample_rate) / new.sample_rate
 
     def on_corpus(self, message) -> None:
+        self.files.look(message.files)
         from_ns = to_ns(message.header.stamp)
         grains, places = corpus.to_core(message), corpus.places(message)
         told = corpus.values(message)
@@ -305,7 +308,8 @@ class SoundNode(EolNode):
         silent = said('muted') if self.muted else ''
         silent = said('asleep') if self.asleep else silent
         late = '' if silent else self.late
-        trouble = self.trouble or (self.log.trouble if self.log else '') or late
+        trouble = self.trouble or (self.log.trouble if self.log else '')
+        trouble = trouble or self.files.trouble or late
         text = clauses([silent, player.text, trouble, self.main_clock.report()])
         level = 'warn' if trouble and player.level == 'ok' else player.level
         getattr(self.health, level)(text)
