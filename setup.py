@@ -89,8 +89,8 @@ MESSAGES = 'msg_defs/eol_msgs'
 # that it needs no headers of Python. Without a C compiler all but that is installed.
 BLOCK = Extension(
     'eol_ros.devices.board._block',
-    [f'firmware/block/{name}.c' for name in ('knock', 'light', 'block', 'batch')],
-    depends=['firmware/link.h', *(f'firmware/block/{n}.h' for n in ('knock', 'light', 'block'))],
+    ['firmware/block/knock.c', 'firmware/block/batch.c'],
+    depends=['firmware/block/knock.h'],
     extra_compile_args=['-std=c99', '-O2', '-g0'],
     optional=True,
 )

@@ -424,16 +424,7 @@ class MotionSettings:
 class LedsSettings:
     port: str = setting(
         'auto',
-        "serial port by stable name; auto; twin: the simulated board; firmware: the twin's "
-        'blocks and their bridge running their own firmware (in a checkout, after `make '
-        'firmware`)',
-    )
-    radio_loss: float = setting(
-        0.0,
-        'share of radio frames lost between blocks and bridge, with port: firmware',
-        '',
-        0,
-        1,
+        'serial port by stable name; auto; twin: the simulated board',
     )
     trigger: str = live(
         'both',

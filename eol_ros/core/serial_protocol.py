@@ -73,17 +73,6 @@ class Hello(Message, kind=0x01, form='<B'):
 
 
 @dataclass(frozen=True)
-class Levels(Message, kind=0x02, form=f'<B{GROUP}s'):
-    """Levels of the white LEDs of a group, from emulated blocks to the twin. No board receives it.
-
-    `first`: number of the first of them.
-    """
-
-    first: int
-    white: bytes
-
-
-@dataclass(frozen=True)
 class Infrared(Message, kind=0x04, form='<I', mask=True):
     """Host to board: bit b of `mask` is the infrared LED of block b."""
 

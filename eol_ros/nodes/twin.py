@@ -14,7 +14,7 @@ from eol_ros.core.physics.twin.play import Play
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.devices.board import block
 from eol_ros.devices.board.felt import TRACE, FeltBlocks
-from eol_ros.devices.board.twin import LIVE, REST, WOKEN, Chunk, Lamps, Radio
+from eol_ros.devices.board.twin import Lamps, Radio
 from eol_ros.devices.camera.exposure_clock import VirtualCamera
 from eol_ros.devices.files.twin_camera import twin_camera
 from eol_ros.ros.images import ImagePublisher
@@ -25,7 +25,6 @@ from eol_ros.ros.startup_barrier import StartupBarrier
 from eol_ros.said import said
 from eol_ros.streams.requests import Asked
 
-REST_SAMPLES = 288  # after those that a block's detector learns from
 LONGEST_STEP_S = 0.1  # a machine that slept does not make up for it
 HANDS = {
     'visitors': said('hands_visitors'),
@@ -60,8 +59,6 @@ class TwinNode(EolNode):
         if s.accelerometer and self.blocks is None:
             self.get_logger().warning(block.MISSING)
         self.radio, self.knocks = Radio(self.namespace), 0
-        self.firmware = False  # runs elsewhere, and has learnt what rest is
-        self.rest_noise = np.random.default_rng(s.seed)
         self.lamps = Lamps(self.radio, self.table)
         self.play = Play(s.seed, TRACE if self.blocks else 0, Coupling.of(s), self.table)
         self.image = np.empty((s.height, s.width), np.uint8)
@@ -128,22 +125,6 @@ class TwinNode(EolNode):
         origin_ns = self.stamp_ns - round(end_s * NS)
         self.radio.send(k._replace(time_ns=origin_ns + k.time_ns) for k in knocks)
         self.knocks += len(knocks)
-        self.give_samples(end_s)
-
-    def give_samples(self, end_s: float) -> None:
-        """Where blocks run their firmware elsewhere, they feel by themselves."""
-        assert self.blocks is not None
-        sensors, chunks, begun = self.blocks.sensors, [], self.firmware
-        self.firmware = self.radio.firmware
-        if self.firmware and not begun:
-            rest = sensors.at_rest(block.LEARN + REST_SAMPLES, self.rest_noise)
-            ids = self.table.ids.tolist()
-            chunks += [Chunk(b, REST, 0, sensors.period_s[b], rest[b]) for b in ids]
-        for s in self.blocks.samples if self.firmware else ():
-            first_ns = self.stamp_ns - round((end_s - s.first_s) * NS)
-            chunks.append(Chunk(s.block, WOKEN if s.woken else LIVE, first_ns, s.period_s, s.xy))
-        if chunks:
-            self.radio.feel(chunks)
 
     def render(self, index: int, moments: list[Moment]) -> None:
         """Make the image of the last of `moments`; before it are those that no image has shown."""

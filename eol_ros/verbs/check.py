@@ -453,11 +453,7 @@ def _devices(scene: Scene) -> Iterator[Check]:
         if not is_file(camera.device):
             yield 'camera.device', lambda: check_present(camera.device)
     leds = scene.nodes.get('leds')
-    if leds and leds.port == 'firmware':
-        from eol_ros.devices.board.firmware import needed
-
-        yield 'leds.port', needed
-    elif leds and leds.port != 'twin':
+    if leds and leds.port != 'twin':
         from eol_ros.devices.board.ports import find_port
 
         yield 'leds.port', lambda: find_port(leds.port)

@@ -138,10 +138,9 @@ def test_a_body_of_another_length_is_damage():
     assert (found, decoder.bad) == ([], 1)
 
 
-@pytest.mark.parametrize('message', [p.Levels(-1, bytes(25)), p.SelfTest(256)])
-def test_values_that_do_not_fit_are_named(message):
-    with pytest.raises(p.ProtocolError, match=type(message).__name__):
-        p.encode(message, 0)
+def test_values_that_do_not_fit_are_named():
+    with pytest.raises(p.ProtocolError, match='SelfTest'):
+        p.encode(p.SelfTest(256), 0)
 
 
 @pytest.mark.parametrize('mask', [0, 2**25 - 1, 2**32 - 1, 2**32, p.ALL_BLOCKS])

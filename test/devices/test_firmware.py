@@ -35,8 +35,6 @@ uint32_t round_trip(uint32_t v) { uint8_t b[4]; eol_put32(b, v); return eol_get3
 """
 MESSAGES = [
     p.Hello(),
-    p.Levels(0, bytes(25)),
-    p.Levels(200, bytes(range(25))),
     p.Infrared(2**25 - 1),
     p.Ping(1),
     p.Welcome(1, 25, b'c board'.ljust(16, b'\0')),

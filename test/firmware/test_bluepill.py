@@ -13,14 +13,36 @@ import subprocess
 import numpy as np
 import pytest
 from support import needs
-from support.emulated import HZ, MS, RATE_HZ, SENT, STATUS, TESTED, WORD, Block, built
-from support.emulated_bluepill import HIGH, LOW, NO_CE, NO_IRQ, POWER, TO_BLOCKS, BluePill
+from support.emulated import (
+    FRAME,
+    HZ,
+    KNOCK,
+    MS,
+    RATE_HZ,
+    SENT,
+    STATUS,
+    TESTED,
+    WORD,
+    Block,
+    built,
+)  # fmt: skip
+from support.emulated_bluepill import (
+    AIR_US,
+    ANSWER_US,
+    HIGH,
+    LOW,
+    NO_CE,
+    NO_IRQ,
+    POWER,
+    TO_BLOCKS,
+    BluePill,
+    Bridge,
+    packet,
+)  # fmt: skip
 from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.serial_protocol import BRIDGE, FIRMWARE, LINKED, RADIO_DEAD
-from eol_ros.devices.board import bluepill
-from eol_ros.devices.board.bluepill import AIR_US, ANSWER_US, FRAME, KNOCK, packet
 from eol_ros.devices.board.board import Board
 from eol_ros.devices.board.lights import faults
 from eol_ros.settings import LedsSettings, MotionSettings
@@ -409,8 +431,7 @@ def test_whatever_the_lines_bring_it_goes_on(pill, host, count):
 
 @pytest.fixture
 def live():
-    built()
-    one = bluepill.Bridge()
+    one = Bridge()
     yield one
     one.close()
 

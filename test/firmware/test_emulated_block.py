@@ -13,8 +13,10 @@ import pytest
 from support import needs
 from support.emulated import (
     FEELS,
+    FRAME,
     HZ,
     INFRARED,
+    KNOCK,
     LEVEL,
     MS,
     RATE_HZ,
@@ -33,7 +35,6 @@ from eol_ros.core.physics.twin.accelerometer import Accelerometers
 from eol_ros.core.serial_protocol import FIRMWARE, NOT_LIT, SelfTested
 from eol_ros.devices.board import self_test
 from eol_ros.devices.board.block import FELT, LEARN, TOLD, Detector
-from eol_ros.devices.board.bluepill import FRAME, KNOCK
 from eol_ros.settings import TwinSettings
 
 pytestmark = [

@@ -9,11 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eol_ros.devices.board.bluepill import FRAME
-
 FIRMWARE = Path(__file__).parents[2] / 'firmware'
 HZ, RATE_HZ = 8_000_000, 1344.0
 MS = HZ // 1000
+FRAME, KNOCK = 18, 0x4B  # firmware/link.h
 LEVEL, INFRARED, SENT = 1, 2, 3  # of an event
 WORD, FEELS, LIT, STATUS, TESTED = 0x57, 0x46, 0x4C, 0x53, 0x54
 RUNS, SLEEPS = 2, 3

@@ -153,7 +153,6 @@ def library() -> ctypes.CDLL:
         lib.eol_knock_wake.argtypes = [memory]
         lib.eol_knock_limit.argtypes = [memory]
         lib.eol_knock_limit.restype = ctypes.c_uint16
-        lib.eol_block_size.restype = lib.eol_blocks_tick.restype = size
     except AttributeError:  # what the library lacks
         raise DeviceMissing(
             f'{found.origin} was compiled for another version of eol_ros: install eol_ros again '

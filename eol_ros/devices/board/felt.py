@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from eol_ros.core.physics.twin.accelerometer import Accelerometers, Samples
+from eol_ros.core.physics.twin.accelerometer import Accelerometers
 from eol_ros.core.physics.twin.live import Trace
 from eol_ros.core.serial_protocol import Detector as Wanted
 from eol_ros.core.table import Table
@@ -30,7 +30,6 @@ class FeltBlocks:
             detector.feed(samples)
         self._awake = np.zeros(cells, bool)  # has felt something, and is not at rest since
         self._moved_s = np.zeros(cells)  # when it was last not at rest
-        self.samples: list[Samples] = []  # of the last step
         self.lit: list[tuple[float, int]] = []  # in the last step: when which block felt a knock
         self._lit_s = np.zeros(cells)
         self._nominal_s = 1 / settings.accelerometer_hz  # the block knows no better
@@ -47,8 +46,7 @@ class FeltBlocks:
         self.lit = []
         rim_moves = bool(np.abs(rim_velocity).max() > RIM_MOVES)
         self.sensors.asleep |= self._sleepers(begin_s)
-        self.samples = self.sensors.advance(begin_s, end_s, trace, rim_moves, self._awake)
-        for s in self.samples:
+        for s in self.sensors.advance(begin_s, end_s, trace, rim_moves, self._awake):
             detector = self.detectors[s.block]
             if s.woken:
                 detector.wake()

@@ -163,14 +163,8 @@ class Lights:
             from eol_ros.devices.board.twin import SIGMA_S, TwinBoard
 
             self.twin, self._twin_sigma_s = TwinBoard(s.board_log, namespace, table), SIGMA_S
-        self.firmware: Any = None
-        if s.port == 'firmware':
-            from eol_ros.devices.board.firmware import FirmwareBoard
-
-            self.firmware = FirmwareBoard(namespace, s.radio_loss, table.cells)
-        board = self.twin or self.firmware
         line = self.twin.fake.open_line if self.twin else None
-        port = board.port if board else s.port
+        port = self.twin.port if self.twin else s.port
         self.board = Board(port, self._tap, on_state, s.baud, line=line)
 
         self._configure()
@@ -193,9 +187,8 @@ class Lights:
     def close(self) -> None:
         """Let all go dark."""
         self.board.close()
-        for made in (self.twin, self.firmware):
-            if made:
-                made.close()
+        if self.twin:
+            self.twin.close()
 
     @property
     def by_stamp(self) -> bool:

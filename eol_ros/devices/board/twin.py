@@ -6,6 +6,7 @@ the board runs with `leds`, in another process than the twin, and what blocks an
 each other is on no topic. It reaches as far as one machine.
 """
 
+import contextlib
 import heapq
 import math
 import os
@@ -15,7 +16,7 @@ import struct
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -29,8 +30,6 @@ from eol_ros.devices.rounds import Rounds
 from eol_ros.streams.graph import NAMESPACE
 
 KNOCK = struct.Struct('<qBff?f')  # of Felt
-SAMPLES = struct.Struct('<qdBBH')  # of Chunk: first_ns, period_s, block, kind, how many
-LIVE, WOKEN, REST = range(3)
 LINK_NS = 1_000_000  # from block to board: a guess
 AHEAD_S = 0.2  # the twin is ahead by less; else the system clock was set back
 BEACON_S = 0.05
@@ -64,60 +63,19 @@ class Felt(NamedTuple):
         return self.time_ns + round(self.told_s * 1e9) + LINK_NS
 
 
-class Chunk(NamedTuple):
-    """Samples (n, 2) of the accelerometer of a block, the first ended at `first_ns`.
-
-    `kind`: LIVE; WOKEN, the first after a sleep; REST, of no time, to learn from.
-    """
-
-    block: int
-    kind: int
-    first_ns: int
-    period_s: float
-    xy: np.ndarray
-
-    def packed(self) -> bytes:
-        """Return it as bytes, for one of several in a datagram."""
-        xy = self.xy.astype('<i2')
-        return SAMPLES.pack(self.first_ns, self.period_s, self.block, self.kind, len(xy)) + (
-            xy.tobytes()
-        )
-
-    @classmethod
-    def unpack(cls, packet: bytes) -> Iterator['Chunk']:
-        """Yield those of a datagram."""
-        at = 0
-        while at < len(packet):
-            first_ns, period_s, block, kind, count = SAMPLES.unpack_from(packet, at)
-            at += SAMPLES.size
-            xy = np.frombuffer(packet, '<i2', 2 * count, at).reshape(count, 2)
-            at += 4 * count
-            yield cls(block, kind, first_ns, period_s, xy)
-
-
 class Radio:
     """The twin's end: what its blocks say, and hear. Nobody need listen."""
 
     def __init__(self, namespace: str = NAMESPACE) -> None:
         self._board = board_address(namespace)
         self._socket = unix_socket(board_address(namespace, 'blocks'))
-        self._firmware = board_address(namespace, 'firmware')
         self._decoder = protocol.Decoder()
         self._heard_s = -math.inf
-
-    @property
-    def firmware(self) -> bool:
-        """Whether blocks run their firmware elsewhere, and want samples."""
-        return sent(self._socket, b'', self._firmware)
-
-    def feel(self, chunks: Iterable[Chunk]) -> None:
-        """Give samples to the blocks that run their firmware elsewhere."""
-        sent(self._socket, b''.join(chunk.packed() for chunk in chunks), self._firmware)
 
     def send(self, knocks: Iterable[Felt]) -> None:
         """Say what was felt; where no board listens it is lost."""
         for knock in knocks:
-            sent(self._socket, KNOCK.pack(*knock), self._board)
+            send(self._socket, KNOCK.pack(*knock), self._board)
 
     def hear(self) -> list[protocol.Message]:
         """Return what the board has said to the blocks."""
@@ -143,7 +101,6 @@ class Lamps:
     def __init__(self, radio: Radio, table: Table = Table()):
         self._radio, self._bridge = radio, Bridge(table)
         self._bridge.link(0.0, False)
-        self._shown: np.ndarray | None = None  # by blocks that run their firmware elsewhere
 
     def advance(
         self, begin_s: float, end_s: float, felt: Iterable[tuple[float, int]]
@@ -159,17 +116,9 @@ class Lamps:
             obey(self._bridge, begin_s, message)
             if isinstance(message, protocol.Detector):
                 detector = message
-            elif isinstance(message, protocol.Levels):
-                if self._shown is None:
-                    self._shown = np.zeros(self._bridge.table.cells)
-                shown = self._shown[message.first : message.first + protocol.GROUP]
-                shown[:] = np.frombuffer(message.white, np.uint8)[: len(shown)] / 255
-        if not self._radio.linked:
-            self._shown = None
         for time_s, block in felt:
             self._bridge.felt(time_s, block)
-        own = self._bridge.levels(end_s)
-        return own if self._shown is None else self._shown, detector
+        return self._bridge.levels(end_s), detector
 
 
 def board_address(namespace: str, end: str = 'board') -> str:
@@ -187,15 +136,10 @@ def unix_socket(address: str) -> socket.socket:
     return made
 
 
-def sent(radio: socket.socket, packet: bytes, to: str) -> bool:
-    """Send a datagram; return whether the address exists."""
-    try:
+def send(radio: socket.socket, packet: bytes, to: str) -> None:
+    """Send a datagram, which is lost where nobody is or keeps up."""
+    with contextlib.suppress(OSError):
         radio.sendto(packet, to)
-    except BlockingIOError:  # it is there, and has more to do than it can
-        return True
-    except OSError:
-        return False
-    return True
 
 
 def _received(radio: socket.socket) -> bytes:
@@ -258,14 +202,14 @@ class TwinBoard:
             if self.fake.plugged and time.monotonic() - beacon_s >= BEACON_S:
                 beacon_s = time.monotonic()
                 for message in list(self._told.values()):
-                    sent(self._radio, protocol.encode(message, 0), self._blocks)
+                    send(self._radio, protocol.encode(message, 0), self._blocks)
         self.rounds.rest()
 
     def _on_message(self, message: protocol.Message, arrival: Arrival) -> None:
         if isinstance(message, protocol.Lighting | protocol.Detector):
             self._told[type(message)] = message
         elif isinstance(message, protocol.Light | protocol.DimLight):
-            sent(self._radio, protocol.encode(message, 0), self._blocks)
+            send(self._radio, protocol.encode(message, 0), self._blocks)
             if message.stamp_us:
                 with self._guard:
                     self._late_s.append(latency_s(arrival))

@@ -98,13 +98,9 @@ class Accelerometers:
         self._still = _still(cells)
         self._sample(0.0, 0.0, None, self.asleep, *_never(cells))
 
-    def at_rest(self, count: int, random: np.random.Generator | None = None) -> np.ndarray:
-        """Return `count` samples of each block at rest, (cells, count, 2).
-
-        With a generator of the caller's the samples to come stay what they are.
-        """
-        random = random or self._random
-        noise = self._noise_mg * random.standard_normal((self._table.cells, count, 2))
+    def at_rest(self, count: int) -> np.ndarray:
+        """Return `count` samples of each block at rest, (cells, count, 2)."""
+        noise = self._noise_mg * self._random.standard_normal((self._table.cells, count, 2))
         return _counts(self._offset_mg[:, None] + noise)
 
     def advance(
