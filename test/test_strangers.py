@@ -139,7 +139,7 @@ PLACES = {
     'camera film': ('stack.npy', 'camera focus --device X --seconds 0.1'),
     'keys': ('laptop.conf', 'keys join X'),
     'certificate': ('panel.pem', 'certificate --show X'),
-    'preset': ('calm.yaml', 'preset show x --folder .'),
+    'preset': ('calm.yaml', 'preset show x'),
     'replay': ('bag.mcap', 'replay X --list'),
     'bag info': ('bag.mcap', 'bag info X'),
     'bag index': ('bag.mcap', 'bag info X --index'),
@@ -295,6 +295,10 @@ def test_a_hostile_file_ends_in_one_line(good, bounded, tmp_path, monkeypatch, c
     if place == 'cover':
         shutil.copytree(good / 'covers', 'covers')
         path = tmp_path / name
+    if place == 'preset':
+        monkeypatch.setenv('EOL_STATE', str(tmp_path))
+        path = tmp_path / 'presets' / 'x.yaml'
+        path.parent.mkdir()
     put(path, kind, (good / name).read_bytes())
     words = [{'X': str(path), 'SAMPLE': str(SAMPLE), 'C': 'covers'}.get(w, w) for w in line.split()]
     bounded(SPARE + (2 * path.stat().st_size if path.is_file() and kind != 'huge' else 0))
