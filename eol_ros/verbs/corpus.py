@@ -27,7 +27,6 @@ EXAMPLES = [
     'eol corpus move iceberg.json 17 0.5 0.25',
     'eol corpus export iceberg.json iceberg-flucoma.json',
     'eol corpus import iceberg.json grid.json --output iceberg-grid.json  # places by FluCoMa',
-    'eol corpus export iceberg.json iceberg.sdif',
 ]
 
 
@@ -212,30 +211,23 @@ def _move(args):
 
 
 def _export(args):
-    from eol_ros.devices.corpus import corpus_file
+    from eol_ros.devices.corpus import corpus_file, flucoma_file
 
     if len(args.words) != 3:
-        raise UsageError('export takes: CORPUS.json DATASET.json, or a file.sdif')
+        raise UsageError('export takes: CORPUS.json DATASET.json')
     corpus = corpus_file.load(Path(args.words[1]))
-    columns = _exchanged(args).save(corpus, Path(args.words[2]))
+    columns = flucoma_file.save(corpus, Path(args.words[2]))
     print(f'{int(corpus.placed.sum())} points of {len(columns)} columns: {" ".join(columns)}')
     return 0
 
 
 def _import(args):
-    from eol_ros.devices.corpus import corpus_file
+    from eol_ros.devices.corpus import corpus_file, flucoma_file
 
     if len(args.words) != 3 or not args.output:
-        raise UsageError('import takes: CORPUS.json DATASET.json --output NEW.json, or a file.sdif')
+        raise UsageError('import takes: CORPUS.json DATASET.json --output NEW.json')
     corpus = corpus_file.load(Path(args.words[1]))
     names = [name.strip() for name in args.columns.split(',') if name.strip()]
-    corpus_file.save(_exchanged(args).apply(corpus, Path(args.words[2]), names), Path(args.output))
+    corpus_file.save(flucoma_file.apply(corpus, Path(args.words[2]), names), Path(args.output))
     print(args.output)
     return 0
-
-
-def _exchanged(args):
-    """Return who reads and writes the format of the file named last."""
-    from eol_ros.devices.corpus import flucoma_file, sdif_file
-
-    return sdif_file if args.words[2].endswith('.sdif') else flucoma_file
