@@ -902,11 +902,6 @@ class SoundSettings:
         'sound-DATE.wav beside the bags',
     )
     wav_limit_s: float = setting(3600.0, 'greatest length of the WAV file', 's', 1)
-    trigger_log: str = setting(
-        '',
-        'CSV file that logs each trigger: its time of arrival and the time left until it was '
-        'due; empty: none',
-    )
     meter_hz: float = setting(20.0, 'rate of sound_meter messages', 'Hz', 1, 60)
     midi: str = setting(
         '',

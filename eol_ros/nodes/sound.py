@@ -19,7 +19,6 @@ from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.sound.voicing import Voicing, new_mixer, set_room
 from eol_ros.devices.audio.bank import BankLoader
 from eol_ros.devices.audio.soundcard import Player
-from eol_ros.devices.files.trigger_log import TriggerLog
 from eol_ros.errors import EolError
 from eol_ros.nodes.sound_files import SoundFiles
 from eol_ros.ros.main_clock import MainClock
@@ -65,7 +64,6 @@ class SoundNode(EolNode):
         self.felt = self.told_twice = 0
         self.arrivals = {'latency_s': Arrivals(), 'tap_latency_s': Arrivals()}
         self.late = ''
-        self.log = TriggerLog(s.trigger_log) if s.trigger_log else None
         self.testing: tuple[Asked, ChannelTest] | None = None
         self.asleep = bool(self.resumed.get('asleep'))
         self.muted = bool(self.resumed.get('muted'))
@@ -261,25 +259,18 @@ class SoundNode(EolNode):
         latency_s = min(latency_s * self.stretch(), AHEAD_S / 2)
         trigger = triggers.to_core(message, since_ns * 1e-9 + latency_s)
         self.mixer.play(np.array([trigger], TRIGGER), bank, self.voicing)
-        live = not (by_hand or self.sim_time)
-        if not (live or self.log):
+        if by_hand or self.sim_time:
             return
         # it is late where the frame at which it begins has been mixed already
         mixed_s = self.mixer.time_of(int(self.mixer.state['frame'][0]))
         spare_s = since_ns * 1e-9 + latency_s - LOOK_AHEAD_S - mixed_s
-        if live:
-            arrivals = self.arrivals['tap_latency_s' if felt else 'latency_s']
-            arrivals.add(time.monotonic(), latency_s - spare_s)
-            kind = 'stamp_to_tap_trigger' if felt else 'stamp_to_trigger'
-            self.health.took(kind, (came_ns - self.epoch_ns - since_ns) * 1e-9)
-        if self.sounding and live and not (self.muted or self.asleep):
+        arrivals = self.arrivals['tap_latency_s' if felt else 'latency_s']
+        arrivals.add(time.monotonic(), latency_s - spare_s)
+        kind = 'stamp_to_tap_trigger' if felt else 'stamp_to_trigger'
+        self.health.took(kind, (came_ns - self.epoch_ns - since_ns) * 1e-9)
+        if self.sounding and not (self.muted or self.asleep):
             at_s = stamp_ns * 1e-9 + latency_s - min(spare_s, 0.0)
             self.took(self.sounding.sounds(message.block, stamp_ns * 1e-9, at_s))
-        if self.log:
-            taken_ns = now_ns()
-            self.log.write(
-                int(felt), stamp_ns, message.block, message.grain, came_ns, taken_ns, spare_s
-            )
 
     def on_timer(self) -> None:
         for error in self.banks.news():
@@ -308,8 +299,7 @@ class SoundNode(EolNode):
         silent = said('muted') if self.muted else ''
         silent = said('asleep') if self.asleep else silent
         late = '' if silent else self.late
-        trouble = self.trouble or (self.log.trouble if self.log else '')
-        trouble = trouble or self.files.trouble or late
+        trouble = self.trouble or self.files.trouble or late
         text = clauses([silent, player.text, trouble, self.main_clock.report()])
         level = 'warn' if trouble and player.level == 'ok' else player.level
         getattr(self.health, level)(text)
@@ -321,8 +311,6 @@ class SoundNode(EolNode):
             self.midi.close()
         self.banks.close()
         self.player.close(self.settings.fade_out_s)
-        if self.log:
-            self.log.close()
 
 
 main = runner(SoundNode)
