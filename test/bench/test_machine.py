@@ -35,14 +35,6 @@ def test_figures_carry_their_machine(capsys):
     assert capsys.readouterr().out.splitlines() == [line(machine()), 'rows [1]']
 
 
-def test_figures_of_an_earlier_run_keep_theirs(capsys):
-    other = {**machine(), 'processor': 'another'}
-    tell({'rows': [1], 'machine': other}, True, str)
-    assert json.loads(capsys.readouterr().out)['machine'] == other
-    tell({'rows': [1], 'machine': other}, False, lambda result: 'rows')
-    assert capsys.readouterr().out.startswith('another, ')
-
-
 @pytest.mark.parametrize('name', names())
 def test_every_benchmark_names_it(name):
     source = inspect.getsource(importlib.import_module(f'benchmarks.{name}').run)

@@ -14,23 +14,8 @@ from eol_ros.core.vision.calibration.calibrate import from_images, nominal
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.requests import CALIBRATE
 from eol_ros.core.vision.tracker import Tracker
-from eol_ros.errors import ConfigError
 from eol_ros.said import parts_of
 from eol_ros.settings import MotionSettings, TrackerSettings
-
-
-def test_the_sensor_adds_the_noise_that_is_said():
-    light = np.full((200, 200), 100.0, np.float32)
-    one, other = films.sensed(light, 1), films.sensed(light, 2)
-
-    assert one.astype(float).var() == pytest.approx(4 + 0.1 * 100 + 1 / 12, rel=0.05)
-    assert (one == films.sensed(light, 1)).all() and (one != other).any()
-    assert films.sensed(light + 400, 1).min() == 255
-
-
-def test_a_folder_without_films_is_told(tmp_path):
-    with pytest.raises(ConfigError, match='has no films.json'):
-        films.load(tmp_path)
 
 
 @pytest.mark.slow

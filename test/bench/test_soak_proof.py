@@ -2,15 +2,10 @@
 """What `eol bench soak` calls growth, loss and damage is that, and nothing else is."""
 
 import json
-import os
 import struct
-import subprocess
-import sys
-import time
 
 import pytest
 from support.bag_samples import HASH, QOS, T0
-from support.fake_clock import FakeClock
 
 from benchmarks.soak_proof import Held, growth, prove
 from eol_ros.devices.bag.mcap_file import BagTopic
@@ -81,26 +76,3 @@ def test_damage_is_a_fault(tmp_path):
     file.write_bytes(data)
     found = prove(tmp_path)
     assert found['faults'] and found['faults'][0].startswith('a: ')
-
-
-def test_a_clock_that_is_set_moves_waits_too(tmp_path):
-    """A wait of two tenths of a second that ends at a time of the set clock, an hour ahead."""
-    clock = FakeClock(tmp_path, 3600 * 10**9)
-    code = (
-        'import ctypes, time\n'
-        'libc = ctypes.CDLL(None, use_errno=True)\n'
-        'class Time(ctypes.Structure): _fields_ = [("s", ctypes.c_long), ("ns", ctypes.c_long)]\n'
-        'semaphore, begun = ctypes.create_string_buffer(64), time.monotonic()\n'
-        'libc.sem_init(semaphore, 0, 0)\n'
-        'end = time.time() + 0.2\n'
-        'until = Time(int(end), int(end % 1 * 1e9))\n'
-        'assert libc.sem_timedwait(semaphore, ctypes.byref(until)) == -1\n'
-        'print(time.time(), time.monotonic() - begun)\n'
-    )
-    done = subprocess.run(
-        [sys.executable, '-c', code], env={**os.environ, **clock.environment}, timeout=60,
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    now, took = map(float, done.stdout.split())
-    assert 3500 < now - time.time() < 3700
-    assert took >= 0.19

@@ -21,10 +21,6 @@ def test_recall_asks_for_slips_that_follow_a_short_rest():
     assert row['recall_low'] < 2 / 3
 
 
-def test_the_interval_is_wilsons():
-    assert twin_slips.wilson(9, 10) == pytest.approx((0.5958, 0.9821), abs=1e-3)
-
-
 @pytest.mark.slow
 def test_the_slips_of_a_sliding_table_are_found_in_its_film():
     ours, peer = twin_slips.measure(60.0, 7.0, 3, 'sliding', rendered=True)

@@ -5,7 +5,6 @@ import json
 
 import numpy as np
 import pytest
-from support.paper import N_BLOCKS
 from support.relief.films import NOISE
 
 from benchmarks import vision_arms, vision_hard
@@ -31,33 +30,6 @@ def test_a_slip_is_told_once_soon_or_when_it_is_in_sight_again():
     assert vision_arms._explained(start(7, 8.05, 8.1), [slip, unseen])
     late = vision_arms.Slip(7, 9.0, 0.1, np.array([0.002, 0.0]), 1.0, seen_s=9.0)
     assert not vision_arms._explained(start(7, 9.9, 9.95), [slip, unseen, late])
-
-
-@pytest.mark.parametrize('speed', [0.15, 1.5])
-def test_arms_come_and_go_on_at_their_speed(speed):
-    sweeping = vision_arms.Sweeping(vision_arms.Arms(speed_mps=speed), 20.0, 5)
-    assert not len(sweeping.at(0.0))
-    times = vision_arms.LEARN_S + 2.0 + np.arange(0, 15, 0.01)
-    hands = np.array([sweeping.at(t)[1::2, 2:4] for t in times])
-    steps = np.hypot(*np.moveaxis(np.diff(hands, axis=0), -1, 0)) / 0.01
-    assert steps.mean() == pytest.approx(speed, rel=0.1)
-    assert steps.max() < 1.6 * speed
-    assert np.abs(hands).max() < 0.46  # over the table
-
-
-def test_blocks_slide_as_far_and_as_often_as_they_should():
-    slides = vision_arms.Slides(60.0, 3)
-    shares = np.ones(N_BLOCKS)
-    shares[4] = 0.7
-    for k in range(round(62 * RATE_HZ)):
-        slides.go_on(k / RATE_HZ, shares)
-        assert np.hypot(*slides.at(k / RATE_HZ).T).max() < 1.5 * vision_arms.OFFSET_M
-    assert 40 < len(slides.slips) < 85
-    there = [slip for slip in slides.slips if slip.block == 4]
-    assert len(there) > 5 and all(slip.share == 0.7 for slip in there)
-    assert not slides.at(0.0)[
-        [b for b in range(N_BLOCKS) if all(s.block != b for s in slides.slips)]
-    ].any()
 
 
 @pytest.mark.slow
@@ -127,10 +99,6 @@ def test_arms_over_resting_blocks_hardly_make_them_slip(surface, arms, seed, cap
     seen = 0.95 if arms == 'rough' else 0.8 if surface == 'flat' else 0.65
     assert found['coverage_partly'] > seen
     assert found['partly_beyond_2px'] <= (1 if surface == 'relief' else 0)
-
-
-def test_a_kind_that_is_not_known_is_refused():
-    assert cli.main(['bench', 'vision', '--arms', 'tentacles']) == 2
 
 
 def test_a_face_learned_from_an_arm_is_forgotten_once_the_block_is_clear():

@@ -9,7 +9,6 @@ import resource
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -19,7 +18,6 @@ from support.waiting import GENEROUS_S, wait_until
 from support.work_states import STATES
 
 from eol_ros.bringup import child, policy, priority, status
-from eol_ros.bringup.child import Child
 from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.plan import Process
 from eol_ros.bringup.supervisor import Around, Supervisor
@@ -538,65 +536,6 @@ def test_a_starved_process_is_given_the_time_to_end(start, hogs, monkeypatch):
     attended(supervisor, work)
     assert supervisor.children[0].code == 0
     assert any(line.endswith('| bye') for line in lines)
-
-
-def test_while_bringup_stands_still_nobody_is_silent(start, monkeypatch):
-    monkeypatch.setattr(policy, 'SILENT_S', 1.5)
-    clock = Clock()
-    supervisor, lines = start(process('twin', STEADY), clock=clock)
-    away, stands, back = threading.Event(), threading.Event(), threading.Event()
-    wait = supervisor._wait
-
-    def standing():
-        if away.is_set():
-            stands.set()
-            back.wait(30)
-        wait()
-
-    monkeypatch.setattr(supervisor, '_wait', standing)
-
-    def work():
-        all_ok(supervisor)
-        pid = supervisor.children[0].popen.pid
-        os.kill(pid, signal.SIGSTOP)  # neither of them gets on
-        away.set()
-        assert stands.wait(30)
-        clock.skip_s = 100.0
-        away.clear()
-        back.set()
-        wait_until(lambda: any('stood still for' in line for line in lines))
-        os.kill(pid, signal.SIGCONT)
-        beat_s = supervisor.children[0].policy.beat_s
-        wait_until(lambda: supervisor.children[0].policy.beat_s != beat_s)
-        assert supervisor.children[0].popen.pid == pid
-
-    attended(supervisor, work)
-    assert not any('silent' in line for line in lines)
-
-
-def test_a_node_does_not_wait_for_a_bringup_that_does_not_read():
-    script = (
-        BEAT
-        + """
-for _ in range(5000):
-    try:
-        beat('twin')
-    except BlockingIOError:
-        print('it is full', flush=True)
-        break
-time.sleep(60)
-"""
-    )
-    child = Child(process('twin', script))
-    child.start(0.0)
-    lines = []
-    try:
-        wait_until(lambda: lines.extend(child.output()) or lines)
-    finally:
-        child.signal(signal.SIGKILL)
-        child.reap()
-
-    assert lines == ['it is full']
 
 
 COMPILER = """

@@ -14,7 +14,6 @@ from eol_ros.core.table import Table
 from eol_ros.devices.board.fake import FakeBoard
 from eol_ros.devices.board.lights import Lights, Played, faults
 from eol_ros.devices.board.twin import LINK_NS, Felt, Lamps, Radio, TwinBoard
-from eol_ros.errors import ConfigError
 from eol_ros.settings import LedsSettings
 
 DAY_NS = 1_700_000_000_000_000_000  # when the replayed run was
@@ -101,26 +100,6 @@ def test_a_storm_of_slips_is_no_strobe_on_the_blocks(make_lights):
     free, *held = most
     assert free > 5
     assert max(held) <= 3
-
-
-@pytest.mark.slow
-def test_blocks_and_host_together_are_no_strobe(make_lights):
-    """A block that flashes by itself, and slips of its neighbour that only the camera saw."""
-    for more, strobes in ((FREE, True), (WHOLE, False)):
-        with FakeBoard() as fake:
-            lights = make_lights(port=fake.port, decay_s=0.182, **more)
-            wait_until(lambda fake=fake: fake.bridge.field.decay_s == 0.182)
-            slip, count = lights.slip, [0]
-
-            def either(block, *stamps, slip=slip, count=count, fake=fake):
-                count[0] += 1
-                return fake.knock(13, 2.0) if count[0] % 2 else slip(block, *stamps)
-
-            lights.slip = either
-            shows = lambda fake=fake: np.array(fake.levels())[12:14].sum() / 255 / 2  # noqa: E731
-            found = flashes(changes(*storm(lights, fake, shows=shows)))
-            lights.close()
-        assert (found > 3) == strobes
 
 
 @pytest.mark.slow
@@ -452,11 +431,6 @@ def test_an_afterglow_runs_through_the_last_slips_in_their_order(fake, make_ligh
 
     assert [block for block, _ in again] == [3, 20, 9]
     assert [t for _, t in again] == pytest.approx([1.3, 1.4, 1.55], abs=0.06)
-
-
-def test_the_limit_goes_off_only_with_a_reason():
-    with pytest.raises(ConfigError, match='needs a written reason'):
-        Lights(LedsSettings(port='twin', flash_limit='false'))
 
 
 def test_the_log_of_the_wire(tmp_path):

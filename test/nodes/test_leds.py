@@ -3,8 +3,6 @@
 
 import contextlib
 import dataclasses
-import time
-import types
 
 import numpy as np
 import pytest
@@ -147,25 +145,6 @@ def test_the_light_dies_away_and_then_the_line_is_quiet(rig):
     rig.until(lambda: rig.leds.lights.twin.fake.levels() == [0] * 25)
 
 
-@pytest.mark.parametrize('jump_s', [-3600, 3600])
-def test_light_goes_on_when_the_clock_is_set(rig, monkeypatch, any_stamp, jump_s):
-    rig.around.slip(3)
-    assert rig.until(lambda: rig.around.commands)
-    clock = types.SimpleNamespace(
-        time_ns=lambda: time.time_ns() + jump_s * 10**9, monotonic_ns=time.monotonic_ns
-    )
-    monkeypatch.setattr('eol_ros.devices.board.lights.time', clock)
-    assert rig.until(lambda: not rig.leds.lights.glows, 3.0)  # what shone dies away
-    stamp_ns = rig.around.slip(4, ahead_s=jump_s)
-    assert rig.until(lambda: any(c.white[4] == LIT for c in rig.around.commands))
-    assert rig.until(lambda: not rig.leds.lights.glows, 3.0)
-    levels = [c.white[4] for c in rig.around.commands]
-    assert len(set(levels[levels.index(LIT) :])) > 10  # frame by frame, not all together
-    shown = [to_ns(c.header.stamp) for c in rig.around.commands if c.white[4] == LIT]
-    assert stamp_ns in shown
-    assert rig.leds.health.values['time_jumps'] == 1
-
-
 def test_a_stop_makes_no_light(rig):
     rig.around.slip(5, Slip.STOP)
     rig.around.slip(6)
@@ -257,15 +236,6 @@ def test_the_run_goes_on_without_the_board_and_with_it_again(make_rig, tmp_path)
         warned = [text for level, text in rig.around.states if level == 1]
         assert ('lost' in warned[0] or 'gone' in warned[0]) and 'trying again in' in warned[0]
         assert rig.until(lambda: rig.around.states[-1][0] == 0)
-
-
-def test_a_board_of_another_version_is_an_error_in_one_line(make_rig):
-    with FakeBoard(version=9) as fake:
-        rig = make_rig(port=fake.port)
-        assert rig.until(lambda: any(level == 2 for level, _ in rig.around.states))
-
-    text = next(text for level, text in rig.around.states if level == 2)
-    assert 'speaks protocol version 9, this program 2: update eol_ros' in text
 
 
 def test_the_limit_goes_off_only_with_a_reason(ros, make_rig):

@@ -205,17 +205,3 @@ def test_too_fast_a_change_is_refused_with_code_78():
     )  # fmt: skip
     assert done.returncode == 78 and 'Traceback' not in done.stderr
     assert '0.34' in done.stderr and len(done.stderr.strip().splitlines()) == 1
-
-
-@pytest.mark.parametrize('jump_s', [-3600, 3600])
-def test_the_walls_go_on_when_the_clock_is_set(rig, monkeypatch, jump_s):
-    rig.around.slip(3, Slip.START)
-    count = len(rig.around.walls)
-    rig.until(lambda: len(rig.around.walls) > count + 1)
-    time_ns = time.time_ns
-    monkeypatch.setattr(time, 'time_ns', lambda: time_ns() + jump_s * 10**9)
-    begun_s, change = time.monotonic(), rig.around.walls[-1].change
-    rig.until(lambda: rig.around.walls[-1].change >= change + 2, 5.0)
-    assert time.monotonic() - begun_s > 0.34  # neither frozen nor hurried
-    flip_ns = to_ns(rig.around.walls[-1].flip)
-    assert abs(flip_ns - now_ns()) < 5 * 10**9  # in the new time

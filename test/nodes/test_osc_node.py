@@ -2,7 +2,6 @@
 """The node osc over real DDS and real UDP: what other programs hear, and what they ask for."""
 
 import math
-import random
 import socket
 import time
 
@@ -19,7 +18,6 @@ from eol_msgs.msg import (
     SoundMeter,
     Wall,
 )
-from support import fuzz
 from support.running import free_udp_port
 from support.spinning import Nodes
 from support.waiting import wait_until
@@ -38,9 +36,6 @@ from eol_ros.settings import OSC_MESSAGES, OscSettings
 from eol_ros.streams.blocks import BLOCK, Blocks
 from eol_ros.streams.graph import NODES, TOPICS
 from eol_ros.streams.work_state import States
-
-FUZZED = 2000
-FUZZED_SOAK = 1_000_000
 
 
 class Ear:
@@ -386,111 +381,6 @@ def test_tuio_over_the_wire(node, ear):
     one.send_tokens(at, np.full((25, 3), np.nan))
     assert ear.take()[1] == ('/tuio/2Dobj', 'alive')
     two.close()
-
-
-def bent(count, seed):
-    """Yield packets of which some bytes are others, and what one would not write."""
-    rng = random.Random(seed)
-    good = [
-        encode('/eol/call/sleep'), encode('/eol/call/move_grain', 3, 0.5, 0.5),
-        encode('/eol/set/sound/gain_db', -3.0), encode('/eol/set/grains/weights', 'ice 0.5'),
-        encode('/eol/set/grains/radius', math.nan), encode('/' + 'x' * 5000, *range(100)),
-        encode('/eol/call/play_grain', 2**40), encode('/eol/set/leds/white', True, 'x'),
-        b'/eol/call/mute\0\0,b\0\0\0\0\x10\0' + bytes(4096), b'', b'/', bytes(60000),
-    ]  # fmt: skip
-    good.append(bundle(TimeTag(1), good[:6]))
-    seeds = fuzz.mutations(good, count, seed)
-    for data in seeds:
-        yield bytes(data) if rng.random() < 0.9 else rng.choice(good)
-
-
-def pour(one, count, seed):
-    """Feed the door of the node; return what it says of it."""
-    peers = [f'127.0.0.{k}' for k in range(1, 11)]
-    taken = {'messages': 0, 'packets': 0}
-    read = one.input.read
-    queue = iter(bent(count, seed))
-
-    def take(now_s, warn):
-        found = []
-        for packet in (next(queue, None) for _ in range(256)):
-            if packet is not None:
-                host = peers[taken['packets'] % 10]
-                taken['packets'] += 1
-                messages = read(packet, host, now_s, warn)
-                taken['messages'] += len(messages)
-                found += [(module.Peer(host, 9), message) for message in messages]
-        return found
-
-    one.input.take = take
-    while taken['packets'] < count:
-        one.look()
-    return taken
-
-
-@pytest.mark.parametrize(
-    'count',
-    [
-        FUZZED,
-        pytest.param(
-            FUZZED_SOAK, marks=[pytest.mark.soak, pytest.mark.slow, pytest.mark.timeout(7200)]
-        ),
-    ],
-)
-def test_a_million_bent_packets_leave_the_node_alive_and_its_counts_true(node, ear, count):
-    one = node(('sound', 'grains'), port=free_udp_port(), peer_rate_hz=1e5, send_to=())
-    done = {'asked': 0, 'replies': 0}
-
-    def ask(asked, expected, answered):
-        """Answer as the graph would; of every third request nothing is heard."""
-        done['asked'] += 1
-        answers = module.Answers(asked, expected, answered)
-        if done['asked'] % 3:
-            answers.found = dict.fromkeys(expected, (True, ''))
-            answered(answers)
-        else:
-            one.client._open[asked.id] = answers
-
-    one.client.ask = ask
-    one.reply = lambda *words: done.update(replies=done['replies'] + 1)
-    taken = pour(one, count, 5)
-    silent = one.client.waiting
-    assert one.input.received == taken['messages'] and one.input.malformed > count / 10
-    assert one.input.strangers == one.input.dropped == 0
-    assert one.refused + done['asked'] >= done['replies'] > 0 and done['asked'] > count / 100
-    assert silent <= module.MOST_OPEN and len(one.warned) <= module.WARNED
-    one.report()
-    assert one.health.level == 0
-    ear.say(one.input.port, ('/else', 1))  # it lives
-    del one.input.take
-    before = one.refused
-    wait_until(lambda: one.look() or one.refused > before)
-
-
-def test_the_cost_of_a_thousand_packets_a_second_each_way(node, ear, capsys):
-    """Without DDS: what a message costs this process from the graph's message to the wire, and from
-    the wire to the request; a look takes what has come in 20 ms."""
-    count = 4000
-    one = node(('sound',), port=free_udp_port(), peer_rate_hz=1e5)
-    one.client.ask = lambda *asked: None
-    at = now_ns()
-    slip = stamped(Slip(block=3, kind=1, speed=0.5), at, at)
-    began_s = time.thread_time()
-    for _ in range(count):
-        one.tell('slip', slip)
-    out_s = (time.thread_time() - began_s) / count
-    packet, in_s = encode('/eol/set/sound/gain_db', -12.0), 0.0
-    for _ in range(count // 20):
-        for _ in range(20):
-            ear.throw(one.input.port, packet)
-        began_s = time.thread_time()
-        one.look()
-        in_s += time.thread_time() - began_s
-    assert one.input.received == count // 20 * 20 and one.sent == count
-    in_s /= one.input.received
-    with capsys.disabled():
-        print(f'\n1000 packets/s: out {100e3 * out_s:.1f} %, in {100e3 * in_s:.1f} % of a core')
-    assert 1000 * (out_s + in_s) < 0.15  # three times the aim of 5 %: other work shares the core
 
 
 def test_every_topic_that_it_may_subscribe_to_is_in_the_table():

@@ -331,13 +331,3 @@ def test_the_recording_of_a_replay_says_of_which_bag(ros, tmp_path):
     versions = yaml.safe_load(about['versions'])
     assert versions['mcap'] and versions['ros-fastrtps']
     assert versions['rclpy'] == importlib.metadata.version('ros-rclpy')
-
-
-@pytest.mark.slow
-def test_the_recorder_imports_nothing_heavy():
-    code = (
-        'import sys, eol_ros.nodes.recorder; '
-        'print(sorted({"numba", "cv2", "scipy", "sounddevice", "aiohttp"} & set(sys.modules)))'
-    )
-    out = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
-    assert out.stdout.strip() == '[]'

@@ -233,21 +233,3 @@ def test_covers_that_were_changed_are_said_with_a_code(tmp_path):
     good, text = files.words(tracker.update(3 / 60, image))
     assert not good and text == '25 of 25 blocks seen; other covers than before on blocks 3, 8'
     assert text.parts[1] == ['covers', {'blocks': '3, 8'}]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('jump_s', [-3600, 3600])
-def test_blocks_go_on_when_the_clock_is_set(graph, jump_s):
-    node, probe, nodes = graph
-    ask = Asked('darkness', 'tracker', {'until_ns': START_NS + 10**9}, from_ns=START_NS + 10**9)
-    node.requests.take(request_to_msg(ask, START_NS))  # due in a time that never comes
-    for k, image in enumerate(pictures(40)):
-        stamp_ns = START_NS + round((k / 60 + (k >= 20) * jump_s) * 1e9)
-        probe.images.publish(stamp_ns, image)
-        nodes.until(lambda k=k: len(probe.blocks) > k)
-    states = [message.state for message in probe.blocks]
-    assert states[19] == states[-1] == Blocks.TRACKING
-    assert all(block.seen for block in probe.blocks[-1].blocks)
-    assert [message.image for message in probe.blocks[20:23]] == [0, 1, 2]  # from the beginning
-    values = node.health.values
-    assert values['time_jumps'] == 1 and values['missing'] == 0

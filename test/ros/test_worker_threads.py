@@ -13,18 +13,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from support.attended import attended
 from support.bag_samples import write_bag
 from support.domains import next_domain
 from support.fake_projector import FakeProjector
 from support.spinning import Nodes
-from support.waiting import wait_until
 
-from eol_ros.bringup import status
 from eol_ros.bringup.child import Child
-from eol_ros.bringup.event_log import EventLog
 from eol_ros.bringup.plan import Process
-from eol_ros.bringup.supervisor import Supervisor
 from eol_ros.devices.rounds import Rounds
 from eol_ros.ros.run import node_class
 from eol_ros.scene import Scene
@@ -207,31 +202,6 @@ def watched_as(node, worker):
 def done(rounds):
     """Return how many rounds a worker has done, whether one is due or not."""
     return rounds.count if isinstance(rounds, Rounds) else rounds()
-
-
-def test_bringup_starts_a_node_again_within_three_seconds(wanted, tmp_path, monkeypatch):
-    domain = next_domain()
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-    monkeypatch.setenv('EOL_STATE', str(tmp_path))
-    words, lines, seen = command('recorder', 'bag-writer', wanted['recorder']), [], []
-    with status.listen(domain) as server, EventLog(tmp_path) as events:
-        supervisor = Supervisor(
-            'test', [Process(('recorder',), words, {})], server, events,
-            lambda line: lines.append((time.monotonic(), line)),
-        )  # fmt: skip
-        child = supervisor.children[0]
-
-        def work():
-            wait_until(lambda: any('failed with Killed' in line for _, line in lines))
-            wait_until(lambda: child.policy.restarts and child.popen is not None)
-            seen.append(time.monotonic())
-
-        attended(supervisor, work)
-    failed_s = next(at for at, line in lines if 'failed with Killed' in line)
-    assert seen[0] - failed_s < 3.0
-    shown = [line for _, line in lines if '|' in line]
-    told = [line for line in shown if 'thread bag-writer failed with Killed' in line]
-    assert 1 <= len(told) <= 1 + child.policy.restarts  # one line each time it was killed
 
 
 def test_what_is_said_of_a_hung_worker_is_no_heartbeat(tmp_path):

@@ -2,7 +2,6 @@
 """A user's mistake gets one clear line and the right exit code, never a traceback."""
 
 import os
-import socket
 import subprocess
 import sys
 
@@ -100,17 +99,6 @@ def test_an_empty_folder_or_a_file_of_another_kind(tmp_path, name, nodes):
     assert name in words
 
 
-def test_port_of_the_panel_is_taken(tmp_path):
-    with socket.socket() as taken:
-        taken.bind(('127.0.0.1', 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        code, words = stopped_by(tmp_path, f'  panel: {{port: {port}}}\n')
-
-    assert code == 69
-    assert str(port) in words
-
-
 def test_calibration_is_of_a_mirror_that_nobody_mentions(tmp_path):
     from eol_ros.core.vision.calibration.model import Calibration
     from eol_ros.devices.files import calibration_file
@@ -151,16 +139,6 @@ def test_a_scene_without_a_recorder_says_so_once_and_bag_brings_it_back(tmp_path
 
     _, words = stopped_by(tmp_path, nodes.replace('off', '{}'), '--only', 'camera,tracker')
     assert words.count('not recorded: --only does not name the recorder') == 1
-
-
-def test_bag_folder_is_a_file(tmp_path):
-    (tmp_path / 'bags').write_text('')
-    code, words = stopped_by(
-        tmp_path, '  twin: {}\n  recorder: {}\n', '--bag', str(tmp_path / 'bags')
-    )
-
-    assert code in (69, 78)
-    assert 'bags' in words
 
 
 @pytest.mark.parametrize(

@@ -9,18 +9,15 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 from support.bags import counted_losses
-from support.domains import next_domain
 from support.running import Graph, stand_in
 from support.waiting import wait_until
 
 from eol_ros import cli
 from eol_ros import scene as scenes
 from eol_ros.analysis import open_bag
-from eol_ros.bringup import status
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.streams.cdr import stamp_ns
 
@@ -119,31 +116,6 @@ def test_the_stamp_of_the_image_passes_unchanged(run):
             assert len({stamp for stamp in stamps if stamp > last}) <= 1, topic
     wire = {stamp // 1000 % 2**32 for stamp in taken}
     assert run['led_stamps'] <= wire
-
-
-def test_blocks_are_where_the_twin_has_them(run):
-    watch = run['graph'].watch
-    truth = {(m.header.stamp.sec, m.header.stamp.nanosec): m for m in watch.messages('truth')}
-    errors = []
-    for blocks in watch.messages('blocks'):
-        true = truth.get((blocks.header.stamp.sec, blocks.header.stamp.nanosec))
-        if true is not None and blocks.state == blocks.TRACKING:
-            for block in blocks.blocks:
-                if block.seen:
-                    errors.append(np.hypot(block.x - true.x[block.id], block.y - true.y[block.id]))
-
-    assert len(errors) > 25 * 100
-    assert np.median(errors) < 0.1e-3
-    assert np.quantile(errors, 0.99) < 1e-3
-
-
-def test_the_walls_shuffle_while_blocks_move(run):
-    walls = run['graph'].watch.messages('wall')
-
-    assert any(wall.moving for wall in walls)
-    # A change of state tells the same pair again: what counts are the changes of image.
-    flips = {w.change: w.flip.sec + w.flip.nanosec * 1e-9 for w in walls}
-    assert np.all(np.diff(sorted(flips.values())) > 0.34 - 1e-3)
 
 
 def test_the_bag_holds_everything(run):
@@ -275,24 +247,6 @@ def _film(folder):
     from support.running import Film
 
     return Film(folder, seconds=2.0)
-
-
-def test_second_graph_on_a_domain_is_refused_in_one_line(tmp_path):
-    domain = next_domain()
-    server = status.listen(domain)
-    try:
-        result = subprocess.run(
-            [sys.executable, '-m', 'eol_ros.bringup', 'lights'],
-            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
-            capture_output=True,
-            text=True,
-        )
-    finally:
-        server.close()
-
-    assert result.returncode == 2
-    assert len(result.stderr.splitlines()) == 1
-    assert f'a graph runs on domain {domain} already' in result.stderr
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

@@ -7,11 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-from support.waiting import wait_until
-
-from eol_ros.verbs import bench
-
 BENCHMARK = """
 import subprocess, sys
 
@@ -76,16 +71,3 @@ def runs(pid):
         return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] != 'Z'
     except FileNotFoundError:
         return False
-
-
-@pytest.mark.slow
-def test_a_graph_ends_with_the_benchmark_that_is_killed(tmp_path):
-    scene = tmp_path / 'small.yaml'
-    scene.write_text('nodes: {panel: {port: 0}, recorder: {min_free_gb: 0.0}}')
-    words = [sys.executable, '-c', RUNS_A_GRAPH, scene]
-    pipes = {'stdin': subprocess.PIPE, 'stdout': subprocess.PIPE}
-    with subprocess.Popen(words, cwd=bench.ROOT, text=True, **pipes) as child:
-        pids = child.stdout.readline().split()
-        assert len(pids) == 3 and all(map(runs, pids))
-        child.kill()
-    wait_until(lambda: not any(map(runs, pids)))

@@ -9,7 +9,7 @@ from support.domains import next_domain
 
 from eol_ros import cli
 from eol_ros.bringup import status
-from eol_ros.errors import DeviceMissing, UsageError
+from eol_ros.errors import DeviceMissing
 from eol_ros.ros import network
 from eol_ros.ros.request_words import asked_of, value_of
 from eol_ros.streams.requests import Asked
@@ -43,22 +43,6 @@ def test_the_types_are_those_of_the_settings_and_requests():
     assert type(values['gain_db']) is float
     assert asked_of(['save_preset', 'preset=on']).values == {'preset': 'on'}
     assert asked_of(['sleep', 'sound']) == Asked('sleep', 'sound')
-
-
-@pytest.mark.parametrize(
-    ('words', 'why'),
-    [
-        ('slep', 'no such request. Did you mean sleep'),
-        ('darkness until_ns=1', 'no such request'),  # nodes ask it of each other
-        ('set radius=1', 'whose settings'),
-        ('sleep motion', 'motion does not heed it'),
-        ('set grains radius', "'radius' is not NAME=VALUE"),
-        ('play_grain grain=x', 'grain'),
-    ],
-)
-def test_words_that_are_no_request(words, why):
-    with pytest.raises(UsageError, match=why):
-        asked_of(words.split())
 
 
 @pytest.mark.parametrize(
