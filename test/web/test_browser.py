@@ -70,11 +70,11 @@ PAINTED = """[...document.querySelectorAll('.card canvas')].every((c) => {
 })"""
 
 
-@pytest.mark.parametrize('width', [360, 1280, 1440, 3840])
+@pytest.mark.parametrize('width', [360, 1280, 3840])
 @pytest.mark.parametrize('path', ['/', '/remote', '/table', '/about', '/wall/left', '/wall/right'])
 def test_pages_fill_every_screen(graph, browser, path, width):
     address, _ = graph
-    height = {360: 740, 1280: 800, 1440: 800, 3840: 2160}[width]
+    height = {360: 740, 1280: 800, 3840: 2160}[width]
     visit(browser, address, path, width, height)
     if path == '/':
         shown = (
@@ -163,7 +163,7 @@ SMALL = """return [...document.querySelectorAll('#instrument :is(button, select,
   .map(([id, box]) => [id, box.width, box.height]);"""
 
 
-@pytest.mark.parametrize(('width', 'height'), [(360, 740), (1280, 1500), (1920, 1080)])
+@pytest.mark.parametrize(('width', 'height'), [(360, 740), (1920, 1080)])
 def test_presets_modes_filter_and_sounds_are_played_from_the_panel(graph, browser, width, height):
     address, _ = graph
     visit(browser, address, '/', width, height)
@@ -802,12 +802,6 @@ def test_the_table_by_keyboard_alone(graph, browser):
             until_page(browser, 'eol.listener.on')
     assert all(s['name'] and s['ring'] for s in seen) and len({s['at'] for s in seen}) == count
     assert {'Turn sound on', 'Monitor', '中文'} <= {s['name'] for s in seen}
-    start = run(browser, 'return eol.state().rim[2]')
-    key, way = ('q', 1) if start < 0 else ('e', -1)  # away from where the rim can turn no further
-    press(browser, key, hold=True)  # wherever the focus is
-    until_page(browser, f'{way} * (eol.state().rim[2] - {start}) > 0.03')
-    release(browser, key)
-    until_page(browser, '!eol.hands.holding')
 
 
 FOCUSABLE = """
@@ -844,29 +838,6 @@ def test_outlines_are_of_the_picture_that_is_shown(graph, browser):
         ages.append(known[-1] - picture_s)
         time.sleep(0.05)
     assert max(ages) > 0.01, 'else there was nothing to tell apart'
-
-
-@pytest.mark.parametrize('path', ['/', '/remote', '/table', '/about'])
-def test_both_languages(graph, browser, path):
-    address, _ = graph
-    visit(browser, address, path)
-    texts = {}
-    for name in ('zh-Hant', 'en'):
-        speak(browser, name)
-        texts[name] = run(
-            browser,
-            'return [...document.querySelectorAll("[data-say]")]'
-            '.map((e) => [e.dataset.say, e.textContent])',
-        )
-        if path == '/':  # nodes say how they are by codes
-            still = {'en': 'still|move', 'zh-Hant': '靜止|移動'}[name]
-            why = 'document.querySelector("[data-node=motion] .why")'
-            until_page(browser, f'/{still}/.test({why}?.textContent)')
-        picture(browser, f'{path.strip("/") or "panel"}-{name}')
-    assert [key for key, text in texts['en'] if not text or '_' in text] == []
-    same = [k for (k, a), (_, b) in zip(texts['en'], texts['zh-Hant'], strict=True) if a == b]
-    assert same == []
-    assert complaints(browser) == []
 
 
 def test_opening_hours_stand_in_words_at_the_top(graph, browser):

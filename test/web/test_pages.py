@@ -45,6 +45,8 @@ def test_every_word_said_is_in_the_list_and_every_word_listed_is_said():
     pages = ''.join(text for name, text in TEXTS.items() if name.endswith('.html'))
     scripts = ''.join(text for name, text in TEXTS.items() if name.endswith('.js'))
     in_pages = set(re.findall(r'data-(?:say|label)="(\w+)"', pages))
+    shown = set(re.findall(r'data-say="(\w+)"', pages))
+    assert [key for key in shown if WORDS['en'][key] == WORDS['zh-Hant'][key]] == []
     in_scripts = set(re.findall(r"say\(\s*'(\w+)'", scripts))
     listed = set(WORDS['en'])
     assert in_pages | in_scripts <= listed
