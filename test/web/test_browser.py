@@ -316,7 +316,7 @@ def test_keys_and_two_fingers_turn_the_rim(graph, browser):
     assert complaints(browser) == []
 
 
-@pytest.mark.parametrize('path', ['/', '/remote', '/table', '/about', '/wall/left'])
+@pytest.mark.parametrize('path', ['/', '/table', '/about', '/wall/left'])
 def test_axe_finds_no_barrier(graph, browser, path):
     """All rules of axe-core, also those on the size of what is touched; in both languages."""
     if not AXE.exists():
@@ -341,7 +341,7 @@ KEYS = r'/\b(keys?|arrows?|shift|enter|ctrl)\b|按鍵|方向鍵/i.test(document.
 
 
 @pytest.mark.parametrize('size', [(360, 740), (740, 360)])
-@pytest.mark.parametrize('path', ['/', '/remote', '/table', '/about'])
+@pytest.mark.parametrize('path', ['/', '/table', '/about'])
 def test_a_phone_is_told_of_fingers_alone_and_has_room_for_them(graph, browser, path, size):
     address, _ = graph
     with phone(browser):
