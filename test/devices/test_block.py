@@ -11,7 +11,6 @@ from eol_ros.devices.board.block import (
     FELT,
     IDLE,
     LEARN,
-    MOVES,
     RESTS,
     TOLD,
     WINDOW,
@@ -213,17 +212,6 @@ def test_in_pieces_or_at_once_it_feels_the_same():
     assert [e.what for part in np.array_split(mg, 397) for e in pieces.feed(part)] == expected
     assert (whole.state, whole.limit_mg) == (pieces.state, pieces.limit_mg)
     assert whole._memory.raw == pieces._memory.raw
-
-
-def test_any_bytes_leave_it_sane():
-    random = np.random.default_rng(10)
-    detector = Detector()
-    for _ in range(200):
-        low, high = sorted(random.integers(-32768, 32768, 2))
-        detector.feed(random.integers(low, high + 1, (random.integers(1, 2000), 2), np.int32))
-        assert 0 <= detector.state <= MOVES
-    detector.feed(counts(noise(random, 20_000)))
-    assert detector.state == RESTS
 
 
 def test_where_it_was_not_compiled_one_line_says_so(monkeypatch):

@@ -45,7 +45,6 @@ from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.serial_protocol import BRIDGE, FIRMWARE, LINKED, RADIO_DEAD
 from eol_ros.devices.board.board import Board
 from eol_ros.devices.board.lights import faults
-from eol_ros.settings import LedsSettings, MotionSettings
 
 pytestmark = [
     pytest.mark.firmware,
@@ -449,32 +448,6 @@ def test_the_host_takes_it_for_its_board(live):
         assert board.version == 2
     finally:
         board.close()
-
-
-def test_the_leds_node_opens_it_and_publishes_its_taps(live, ros):
-    from eol_msgs.msg import BlockTap
-    from support.spinning import Nodes
-
-    from eol_ros.nodes.leds import LedsNode
-    from eol_ros.ros.node import EolNode
-
-    class Listener(EolNode):
-        NAME = 'motion'
-
-    leds = LedsNode(LedsSettings(port=live.port))
-    listener, taps = Listener(MotionSettings()), []
-    listener.subscribe('block_taps', taps.append)
-    numbers = itertools.count()
-
-    def tapped():
-        if leds.lights.board.sync.ready and not taps:
-            live.say(knock(next(numbers) % 256, block=4))
-        return taps
-
-    with Nodes(leds, listener) as nodes:
-        tap = nodes.until(tapped)[0]
-    assert isinstance(tap, BlockTap)
-    assert tap.block == 4
 
 
 def test_the_watchdog_ends_a_hang_within_60_ms(pill, host):
