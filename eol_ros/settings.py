@@ -1156,13 +1156,6 @@ class ReplaySettings:
     wait_s: float = setting(
         60.0, 'longest wait for a first subscriber, if no scene names the nodes', 's', 0
     )
-    clock_hz: float = setting(
-        100.0,
-        'rate of /clock with the recorded time, also while no message is due; 0: off',
-        'Hz',
-        0,
-        1000,
-    )
 
 
 @dataclass(frozen=True)

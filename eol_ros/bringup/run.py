@@ -72,13 +72,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the scene; return the exit code."""
     given = ros_args.read(scenes.load(args.scene), args.ros_args or ())
-    scene, sim_time = given.scene, False
+    scene = given.scene
+    sim_time = 'replay' in scene.nodes
     notes: list[str] = []
-    if 'replay' in scene.nodes:
+    if sim_time:
         from eol_ros.bringup import playback
 
         scene, notes = playback.settle(scene)
-        sim_time = scene.nodes['replay'].clock_hz > 0
     if args.bag:
         bag = str(Path(args.bag).expanduser().resolve())
         recorder = dataclasses.replace(scene.settings('recorder'), folder=bag)

@@ -38,6 +38,7 @@ READY_S = 1.0  # from the last reader found to the first message
 ACKNOWLEDGED_S = 2.0  # longest wait for readers to say that they have all
 LOOK_S = 0.02  # in pieces of this: rclpy keeps Python's lock while it waits
 DISK_S, DISK_HUNG_S = 5.0, 60.0  # time limits for a chunk of the bag on a slow disk
+CLOCK_S = 0.01  # from message to message on /clock, also while none of the bag is due
 FAST_DEPTH = 10  # messages given in one go where readers set the pace: well within their queues
 
 
@@ -80,10 +81,8 @@ class ReplayNode(EolNode):
         self.state, self.fault = 'waiting', None
         for line in self.bag.cut_short:
             self.get_logger().warning(line)
-        self.clock = None
-        if s.clock_hz:
-            self.clock = self.create_publisher(Clock, CLOCK, CLOCK_QOS)
-            self.create_timer(1 / s.clock_hz, self.tick)
+        self.clock = self.create_publisher(Clock, CLOCK, CLOCK_QOS)
+        self.create_timer(CLOCK_S, self.tick)
         serve_player(self, self.player)
         self._stop = threading.Event()
         if s.fast or s.rate > 1:  # it must not keep readers from what they are given
@@ -177,7 +176,6 @@ class ReplayNode(EolNode):
         self._there = tables.table(message)
 
     def tick(self) -> None:
-        assert self.clock is not None  # there is a timer only then
         self.clock.publish(Clock(clock=to_msg(self.player.now_ns())))
 
     def give(self, message: BagMessage) -> None:

@@ -40,9 +40,6 @@ def add_arguments(parser):
     )
     parser.add_argument('--browser', default='', help='command of a Chromium')
     parser.add_argument(
-        '--windowed', action='store_true', help='open plain windows, not full screen'
-    )
-    parser.add_argument(
         '--for', dest='seconds', type=within(0, 1e9), metavar='SECONDS', help='close after so long'
     )
 
@@ -73,10 +70,9 @@ def run(args):
         base = _wait_for([args.url] if args.url else HERE, goes_on)
         if not base:
             return 0
-        full_screen = not args.windowed and not shared
         windows = [
             opened.enter_context(
-                contextlib.closing(kiosk.Window(browser, f'{base}/wall/{side}', place, full_screen))
+                contextlib.closing(kiosk.Window(browser, f'{base}/wall/{side}', place, not shared))
             )
             for side, place in zip(sides, places[:2], strict=True)
         ]

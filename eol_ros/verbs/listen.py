@@ -27,7 +27,6 @@ def add_arguments(parser):
     add('--from', dest='source', metavar='FILE', help='cut this recording instead, and end')
     add('--on', type=within(-120, 0), default=-40.0, metavar='DB', help='sounds begin above')
     add('--off', type=within(-120, 0), default=-50.0, metavar='DB', help='sounds end below')
-    add('--most', type=within(0.1, 600), default=30.0, metavar='S', help='longer sounds are cut')
     add(
         '--keep',
         type=within(1, 10000, int),
@@ -78,7 +77,7 @@ def run(args):
 def _record(blocks, rate, folder, args):
     from eol_ros.core.sound.takes import Takes
 
-    takes = Takes(rate, args.on, args.off, most_s=args.most)
+    takes = Takes(rate, args.on, args.off)
     with interrupts.until_stopped(args.seconds) as goes_on:
         for block in blocks:
             for take in takes.feed(block):

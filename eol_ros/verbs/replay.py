@@ -42,13 +42,6 @@ def add_arguments(parser):
         'kept, else blocks; and the taps and requests that go with them)',
     )
     parser.add_argument(
-        '--clock',
-        type=within(0, 1000),
-        default=100.0,
-        metavar='HZ',
-        help='messages a second on /clock; 0 for none (default 100)',
-    )
-    parser.add_argument(
         '--wait',
         type=within(0, 1e9),
         default=3.0,
@@ -97,7 +90,7 @@ def _play(args, topics) -> int:
 
     settings = ReplaySettings(
         bag=str(Path(args.bag)), topics=topics, rate=args.rate, fast=args.fast, loop=args.loop,
-        start_s=args.start, clock_hz=args.clock, wait_s=args.wait,
+        start_s=args.start, wait_s=args.wait,
     )  # fmt: skip
     network, namespace = reach.of(args)
     scene = dataclasses.replace(Scene.alone('replay'), namespace=namespace)

@@ -472,12 +472,11 @@ def from_points(
     xy: np.ndarray,
     start: Calibration,
     cover_height_m: float = 0.0,
-    point_height_m: float = 0.0,
 ) -> Solution:
     """Calibrate on points whose places on the table are known.
 
-    The lens stays as in `start`. Points at `point_height_m` are carried to the plane of the covers,
-    which needs the true focal length in `start` when the two differ.
+    The lens stays as in `start`. Points on the platform are carried to the plane of the
+    covers, which needs the true focal length in `start`.
 
     Parameters
     ----------
@@ -487,8 +486,8 @@ def from_points(
         (n, 2) table metres of the same points.
     start : Calibration
         Image size, camera matrix and lens.
-    cover_height_m, point_height_m : float
-        Heights above the platform, in m.
+    cover_height_m : float
+        Height above the platform, in m.
 
     Returns
     -------
@@ -531,7 +530,7 @@ def from_points(
     )
     n = len(px)
     corner_mm, platform_mm = _sigmas(done, camera, 8) if n > 4 else (np.full(4, np.nan), np.nan)
-    solved = raise_plane(camera(done.x), cover_height_m - point_height_m)
+    solved = raise_plane(camera(done.x), cover_height_m)
     solved, left = replace(solved, cover_height_m=cover_height_m), done.fun.reshape(-1, 2)
     solved = _judged(solved, left, max(2 * n - 8, 0) / (2 * n))
     return Solution(solved, px, left, [f'point {i + 1}' for i in range(n)], corner_mm, platform_mm)

@@ -25,7 +25,6 @@ class Board:
     dictionary: str = 'DICT_4X4_100'
     x_m: float = 0.0
     y_m: float = 0.0
-    thickness_m: float = 0.0
 
     def made(self) -> cv2.aruco.CharucoBoard:
         """Return the OpenCV board.
@@ -134,4 +133,4 @@ def from_board(
     # the board's own axes run right and towards the viewer; the table's run right and away
     middle = np.array([board.columns, board.rows]) * board.square_m / 2
     xy = (grid[ids] - middle) * [1, -1] + [board.x_m, board.y_m]
-    return from_points(px, xy, start, cover_height_m, board.thickness_m)
+    return from_points(px, xy, start, cover_height_m)
