@@ -114,7 +114,9 @@ def command(name, worker, values):
     return (sys.executable, '-c', script)
 
 
-@pytest.mark.parametrize(('name', 'worker'), PAIRS)
+@pytest.mark.parametrize(
+    ('name', 'worker'), [(node, next(iter(WORKERS[node]))) for node in WORKERS]
+)
 def test_a_worker_that_dies_ends_its_process_with_one_line(name, worker, wanted, tmp_path):
     done = subprocess.run(
         command(name, worker, wanted.get(name, {})), capture_output=True, text=True, timeout=120,
