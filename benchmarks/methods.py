@@ -565,9 +565,7 @@ def draw(name: str, curve: Curve, folder: Path) -> Path:
 def table(result: dict[str, Any]) -> str:
     """Return the rows for a terminal."""
     lines = []
-    for name, curve in result.items():
-        if name == 'machine':
-            continue
+    for curve in result.values():
         lines.append(
             f'{curve["method"]}, {curve["unit"]}, against {curve["reference"]}, n = {curve["n"]}'
         )
@@ -584,8 +582,6 @@ def markdown(result: dict[str, Any]) -> str:
     """Return the rows of the table of docs/explanation/numerics/README.md."""
     lines = []
     for name, curve in result.items():
-        if name == 'machine':
-            continue
         ours, peers = (
             '; '.join(
                 f'{label}: {error:.2g}{f"±{deviation:.1g}" if deviation else ""}, {ms:.2g} ms'
