@@ -38,8 +38,8 @@ def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('scene', nargs='?', default='museum', help='file, or one that ships')
     parser.add_argument(
-        '-o', '--output', metavar='FILE', default=time.strftime('eol-backup-%Y%m%d-%H%M%S.tar.gz'),
-        help='the file to write (default: eol-backup-DATE.tar.gz here)',
+        '-o', '--output', metavar='FILE',
+        help='the file to write (default: eol-backup-DATE.tar.gz here, .sealed with --secrets)',
     )  # fmt: skip
     parser.add_argument(
         '--secrets', action='store_true',
@@ -59,7 +59,9 @@ def add_password(parser):
 def run(args):
     """Write the file."""
     scene = scenes.load(args.scene)
-    folders.check_writable(args.output, '--output')
+    kind = 'sealed' if args.secrets else 'tar.gz'
+    output = args.output or time.strftime(f'eol-backup-%Y%m%d-%H%M%S.{kind}')
+    folders.check_writable(output, '--output')
     password = sealed_file.ask(args.password_file, new=True) if args.secrets else ''
     contents = dict(_contents(scene, args.secrets))
     bags = Path(scene.settings('recorder').folder)
@@ -80,10 +82,10 @@ def run(args):
     if max(len(data), sum(map(len, contents.values()))) > MOST:
         raise ConfigError(f'more than {MOST / 1e6:.0f} MB, which restore refuses: look for what is')
     data = sealed_file.seal(data, password) if args.secrets else data
-    with writing(args.output, '--output'), private(args.secrets):
-        DISK.write(Path(args.output), data)
+    with writing(output, '--output'), private(args.secrets):
+        DISK.write(Path(output), data)
     print(f'eol backup: {len(contents)} files', file=sys.stderr)
-    print(args.output)
+    print(output)
     return 0
 
 

@@ -103,10 +103,10 @@ def _unpacked(data: bytes) -> bytes:
 
 
 def _target(roots: dict[str, Path], name: str) -> Path:
-    root, *parts = PurePosixPath(name).parts
-    if root not in roots or not parts or '..' in parts:
-        raise ConfigError(f'{name}: no place of a backup; nothing was written')
-    return roots[root].joinpath(*parts)
+    parts = PurePosixPath(name).parts
+    if len(parts) < 2 or parts[0] not in roots or '..' in parts:
+        raise ConfigError(f'{name or "(no name)"}: no place of a backup; nothing was written')
+    return roots[parts[0]].joinpath(*parts[1:])
 
 
 def _same(path: Path, content: bytes) -> bool:

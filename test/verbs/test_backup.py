@@ -91,14 +91,15 @@ def phrase(tmp_path):
 
 
 def test_secrets_are_encrypted_and_for_the_owner_alone(museum, tmp_path, phrase, capsys):
-    assert cli.main(['backup', 'scene.yaml', '-o', 'out.tar.gz', '--secrets', *phrase]) == 0
-    data = Path('out.tar.gz').read_bytes()
-    assert Path('out.tar.gz').stat().st_mode & 0o077 == 0
+    assert cli.main(['backup', 'scene.yaml', '--secrets', *phrase]) == 0
+    [file] = Path().glob('eol-backup-*.sealed')
+    data = file.read_bytes()
+    assert file.stat().st_mode & 0o077 == 0
     found = unpacked(sealed_file.unseal(data, 'correct horse'))
     assert sealed_file.seal(b'x', 'y')[13:41] != sealed_file.seal(b'x', 'y')[13:41]  # salt, nonce
     assert PIN in found['scene/scene.yaml'] and found['config/key'] == PIN
     (tmp_path / 'config/key').unlink()
-    assert cli.main(['restore', 'out.tar.gz', *phrase]) == 0
+    assert cli.main(['restore', str(file), *phrase]) == 0
     assert (tmp_path / 'config/key').stat().st_mode & 0o077 == 0
 
 
@@ -148,31 +149,32 @@ def test_what_is_there_stays_unless_it_is_forced(museum, tmp_path, capsys):
     assert Path('lamps.png').read_text() == 'lamps' and (tmp_path / 'base.yaml').exists()
 
 
+def holding(name):
+    """Return a backup with one empty file of that name."""
+    files = {name: 'e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855'}
+    about = {'folder': '.', 'secrets': False, 'kept_bags': [], 'files': files}
+    content, packed = json.dumps(about).encode(), io.BytesIO()
+    with tarfile.open(fileobj=packed, mode='w:gz') as tar:
+        member = tarfile.TarInfo('manifest.json')
+        member.size = len(content)
+        tar.addfile(member, io.BytesIO(content))
+        tar.addfile(tarfile.TarInfo(name))
+    return packed.getvalue()
+
+
 def test_a_damaged_or_foreign_file_writes_nothing(museum, tmp_path, capsys):
     backup()
     whole = Path('out.tar.gz').read_bytes()
     raw = gzip.decompress(whole)
     assert raw.count(b'lamps') > 1
     wrong = gzip.compress(raw.replace(b'lamps\0', b'lumps\0'))
-    climbing = io.BytesIO()
-    with tarfile.open(fileobj=climbing, mode='w:gz') as tar:
-        about = {'folder': '.', 'secrets': False, 'kept_bags': [], 'files': {}}
-        name, digest = (
-            'scene/../../x',
-            'e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855',
-        )
-        about['files'][name] = digest
-        content = json.dumps(about).encode()
-        member = tarfile.TarInfo('manifest.json')
-        member.size = len(content)
-        tar.addfile(member, io.BytesIO(content))
-        tar.addfile(tarfile.TarInfo(name))
     Path('lamps.png').unlink()
     for content, words in (
         (whole[: len(whole) // 2], 'not a backup of eol, or damaged'),
         (b'', 'not a backup of eol, or damaged'),
         (wrong, 'scene/lamps.png is not what was backed up'),
-        (climbing.getvalue(), 'scene/../../x: no place of a backup'),
+        (holding('scene/../../x'), 'scene/../../x: no place of a backup'),
+        (holding(''), '(no name): no place of a backup'),
     ):
         Path('bad.tar.gz').write_bytes(content)
         capsys.readouterr()
