@@ -5,9 +5,13 @@ import argparse
 import time
 from pathlib import Path
 
+from benchmarks import held_out
+from eol_ros.errors import UsageError
+
 HELP = 'Ask series of known spectrum whether they are 1/f: right, wrong and undecided, by length.'
 EXAMPLES = [
     'eol bench spectra --plots docs/img',
+    'eol bench spectra --seeds 20 --seeds-from-time',
     'eol bench spectra --seeds 200 --series "sum of three relaxations" --json',
 ]
 LENGTHS_S = (160, 600, 3600, 14400)
@@ -23,6 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--seeds', type=int, default=100, metavar='N', help='realisations of each (default 100)'
     )
+    parser.add_argument('--first-seed', type=int, default=0, metavar='S', help='of --seeds')
+    held_out.add_argument(parser)
     parser.add_argument('--series', metavar='NAME', action='append', help='only this one')
     parser.add_argument('--plots', metavar='FOLDER', help='draw spectra.png there')
     parser.add_argument('--json', action='store_true')
@@ -32,8 +38,6 @@ def run(args: argparse.Namespace) -> int:
     """Ask, count, print."""
     from support.known_series import SERIES
 
-    from benchmarks.machine import tell
-    from eol_ros.errors import UsageError
     from eol_ros.verbs.progress import track
 
     names = args.series or list(SERIES)
@@ -46,27 +50,34 @@ def run(args: argparse.Namespace) -> int:
         for seconds in LENGTHS_S
         if seconds <= LONGEST_S.get(name, seconds)
     ]
-    rows = [_row(name, seconds, args.seeds) for name, seconds in track(work, 'series')]
-    if args.plots:
-        _draw(rows, args.seeds, Path(args.plots))
-    tell({'seeds': args.seeds, 'rows': rows}, args.json, _table)
+    if args.plots and args.seeds_from_time:
+        raise UsageError(f'--plots draws one set of seeds: leave out {held_out.OPTION}')
+
+    def one(first: int) -> dict:
+        seeds = range(first, first + args.seeds)
+        rows = [_row(name, seconds, seeds) for name, seconds in track(work, 'series')]
+        if args.plots:
+            _draw(rows, args.seeds, Path(args.plots))
+        return {'realisations': args.seeds, 'rows': rows}
+
+    held_out.measure(args.seeds_from_time, args.first_seed, one, args.json, _table)
     return 0
 
 
-def _row(name: str, seconds: int, seeds: int) -> dict:
+def _row(name: str, seconds: int, seeds: range) -> dict:
     import numpy as np
     from support.known_series import SERIES, ask
 
     begin = time.process_time()
-    found = [ask(name, seconds, seed) for seed in range(seeds)]
+    found = [ask(name, seconds, seed) for seed in seeds]
     took = time.process_time() - begin
     slopes = [f.slope for f in found if f.slope is not None]
     betas = np.array([s.beta for s in slopes])
     row = {
         'series': name, 'right': SERIES[name][0], 'seconds': seconds,
-        **{answer: sum(f.answer == answer for f in found) / seeds
+        **{answer: sum(f.answer == answer for f in found) / len(seeds)
            for answer in ('yes', 'no', 'undecided')},
-        'ms': 1e3 * took / seeds,
+        'ms': 1e3 * took / len(seeds),
     }  # fmt: skip
     if slopes:  # none of a record that is too short for any verdict
         row |= {
@@ -93,7 +104,7 @@ def _draw(rows: list[dict], seeds: int, folder: Path) -> None:
 
 def _table(result: dict) -> str:
     lines = [
-        f'{result["seeds"]} realisations of each; slope +- standard deviation of one\n'
+        f'{result["realisations"]} realisations of each; slope +- standard deviation of one\n'
         f'{"series":29} {"s":>5}   {"yes":>5} {"no":>5} {"undecided":>9}   '
         f'{"slope":>13} {"interval":>9} {"covers":>7} {"ms":>6}'
     ]
