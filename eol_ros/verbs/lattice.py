@@ -18,6 +18,7 @@ EXAMPLES = [
     'eol lattice --size 12 --alpha 1/5 --events 500 --output events.npz',
 ]
 DENOMINATOR = 100_000  # of the numerators in a --start file
+LARGEST_FIT = 10_000_000  # the law is summed over every size
 CHUNK = 1 << 15
 EXACT_EVENTS, FIXED_EVENTS = 2000, 1_000_000
 EXACT_CHUNK = 100
@@ -140,9 +141,9 @@ def _fit_range(text: str, side: int) -> tuple[int, int]:
     """Return the sizes to fit on: small ones follow the lattice, the greatest its boundary."""
     if not text:
         return 2, min(200, max(20, side * side // 6))
-    found = re.fullmatch(r'(\d{1,15}):(\d{1,15})', text)
-    if not found or not 1 <= int(found[1]) < int(found[2]):
-        raise UsageError(f'--fit {text}: write two rising sizes, like 2:200')
+    found = re.fullmatch(r'(\d{1,8}):(\d{1,8})', text)
+    if not found or not 1 <= int(found[1]) < int(found[2]) <= LARGEST_FIT:
+        raise UsageError(f'--fit {text}: write two rising sizes up to {LARGEST_FIT}, like 2:200')
     return int(found[1]), int(found[2])
 
 

@@ -5,6 +5,7 @@ import argparse
 import json
 import sys
 import time
+from math import isfinite
 from pathlib import Path
 
 from eol_ros.cli import within
@@ -100,7 +101,10 @@ def run(args: argparse.Namespace) -> int:
         'steps': result.steps,
         'solve_s': best,
         't_reached': result.t_reached,
-        'energy': {**vars(energy), 'residual_J': energy.residual_J},
+        'energy': {
+            name: joules if isfinite(joules) else None  # JSON has no NaN
+            for name, joules in {**vars(energy), 'residual_J': energy.residual_J}.items()
+        },
         'notes': result.notes,
     }
     if args.json:

@@ -26,6 +26,7 @@ def test_saved_scene_is_the_same_scene(tmp_path):
         ('[1, 2]', 'an object'),
         ('{"n": 1, "n": 2}', "'n' stands twice"),
         ('{"n": 1}', "lacks the key 'mass'"),
+        ('{"n": 1' + '0' * 5000 + '}', 'thousands of digits'),
     ],
 )
 def test_a_broken_file_is_named_with_its_mistake(tmp_path, capsys, text, words):
@@ -47,6 +48,15 @@ def test_a_place_that_cannot_be_written_is_no_missing_device(tmp_path):
 def test_a_missing_file_is_a_missing_device(tmp_path):
     with pytest.raises(DeviceMissing):
         load_scene(tmp_path / 'none.json')
+
+
+def test_the_json_of_a_run_that_overflows_has_no_nan(tmp_path, capsys):
+    path = tmp_path / 'far.json'
+    save_scene(path, presets.scene('S3G') | {'v0': [[1e40, 1e40]] * 25})
+    assert cli.main(['simulate', str(path), '--json']) == 1
+    report = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert report['status'] == 'not finite'
+    assert report['energy']['residual_J'] is None
 
 
 def test_simulate_writes_what_it_promises(tmp_path, capsys):

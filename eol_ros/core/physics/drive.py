@@ -20,6 +20,27 @@ PARAMETERS = {
 }
 
 
+def as_numbers(key: str, value: Any, wanted: str) -> np.ndarray:
+    """Return numbers in lists as an array of floats.
+
+    Raises ConfigError, in words of `wanted`, for text, for lists of unequal length and for whole
+    numbers beyond 64 bits.
+    """
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        array = np.array(None)
+    if array.dtype.kind not in 'iuf':
+        raise ConfigError(f'{key} is {shown(value)}: {wanted} are wanted')
+    return array.astype(float)
+
+
+def shown(value: Any) -> str:
+    """Return what was found as text of 60 characters at most."""
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + '...'
+
+
 class Drive(NamedTuple):
     """A drive in the form that solvers and their kernels take.
 
@@ -68,13 +89,13 @@ class Drive(NamedTuple):
     def from_mapping(cls, given: Any) -> 'Drive':
         """Check {"kind", "par"} and return the drive; raises ConfigError."""
         if not isinstance(given, Mapping) or 'kind' not in given:
-            raise ConfigError(f'drive is {given!r:.60}: {{"kind", "par"}} is wanted')
+            raise ConfigError(f'drive is {shown(given)}: {{"kind", "par"}} is wanted')
         for key in given:
             if key not in ('kind', 'par'):
                 raise ConfigError(f"drive has the unknown key '{key}'; it wants kind and par")
         kind = given['kind']
-        if kind not in KINDS:
-            raise ConfigError(f"drive kind '{kind}' is not known: {', '.join(KINDS)} are")
+        if not isinstance(kind, str) or kind not in KINDS:
+            raise ConfigError(f'drive kind {shown(kind)} is not known: {", ".join(KINDS)} are')
         par = given.get('par')
         if kind == 'none':
             return cls.make(kind)
@@ -84,10 +105,7 @@ class Drive(NamedTuple):
                 wanted = ', '.join(names) or 'rows t, x, y, phi'
                 raise ConfigError(f'drive par of {kind} wants {wanted}')
             par = [par[name] for name in names]
-        try:
-            values = np.asarray(par, dtype=float)
-        except (TypeError, ValueError):
-            raise ConfigError(f'drive par is {par!r:.60}: numbers are wanted') from None
+        values = as_numbers('drive par', par, 'numbers')
         if not np.all(np.abs(values) <= LARGEST):
             raise ConfigError(f'drive par of {kind}: numbers of at most {LARGEST:g} are wanted')
         if kind == 'poses':

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from eol_ros.core.physics.drive import LARGEST, Drive
+from eol_ros.core.physics.drive import LARGEST, Drive, as_numbers, shown
 from eol_ros.errors import ConfigError, nearest
 
 KEYS = (
@@ -37,6 +37,7 @@ BETWEEN = ('i', 'j', 'k', 'L0', 'dir', 'Lnom')
 ARMS = ('arm', 'arm_j')  # optional, with rotation
 TO_FRAME = ('i', 'k', 'L0', 'dir', 'Lnom', 'anchor')
 MAX_BLOCKS = 1_000_000
+SLOWEST_WEAKENING = 1e-12  # m/s: the powers of a smaller one leave double precision
 UNIT = 1e-6  # by how much the length of a direction may differ from 1
 
 
@@ -169,7 +170,7 @@ def _weakening(given: Mapping[str, Any], geometric: bool) -> float:
     _keys('weakening', given['weakening'], WEAKENING_KEYS)
     if geometric:
         raise ConfigError('weakening is for linear springs along x: set geometric false')
-    return _number('weakening.speed', given['weakening']['speed'], above=0.0)
+    return _number('weakening.speed', given['weakening']['speed'], least=SLOWEST_WEAKENING)
 
 
 def _rotation(given: Mapping[str, Any], n: int, dim1: bool) -> Rotation | None:
@@ -197,7 +198,7 @@ def _rotation(given: Mapping[str, Any], n: int, dim1: bool) -> Rotation | None:
 def _keys(where: str, given: Any, wanted: Sequence[str], optional: Sequence[str] = ()) -> None:
     if not isinstance(given, Mapping):
         raise ConfigError(
-            f'{where} is {_show(given)}: an object with {", ".join(wanted)} is wanted'
+            f'{where} is {shown(given)}: an object with {", ".join(wanted)} is wanted'
         )
     for key in wanted:
         if key not in given:
@@ -208,15 +209,13 @@ def _keys(where: str, given: Any, wanted: Sequence[str], optional: Sequence[str]
             raise ConfigError(f"{where} has the unknown key '{key}'. {hint}")
 
 
-def _show(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + '...'
-
-
 def _number(key: str, value: Any, least: float | None = None, above: float | None = None) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise ConfigError(f'{key} is {_show(value)}: a number is wanted')
-    value = float(value)
+        raise ConfigError(f'{key} is {shown(value)}: a number is wanted')
+    try:
+        value = float(value)
+    except OverflowError:  # a whole number too large for one
+        value = np.inf
     if not abs(value) <= LARGEST:
         raise ConfigError(f'{key} is {value:g}: a number of at most {LARGEST:g} is wanted')
     if least is not None and value < least:
@@ -228,24 +227,21 @@ def _number(key: str, value: Any, least: float | None = None, above: float | Non
 
 def _whole(key: str, value: Any, least: int, most: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise ConfigError(f'{key} is {_show(value)}: a whole number is wanted')
+        raise ConfigError(f'{key} is {shown(value)}: a whole number is wanted')
     if not least <= value <= most:
-        raise ConfigError(f'{key} is {value}: {least} to {most} is wanted')
+        raise ConfigError(f'{key} is {shown(value)}: {least} to {most} is wanted')
     return int(value)
 
 
 def _flag(key: str, value: Any) -> bool:
     if not isinstance(value, bool | np.bool_):
-        raise ConfigError(f'{key} is {_show(value)}: true or false is wanted')
+        raise ConfigError(f'{key} is {shown(value)}: true or false is wanted')
     return bool(value)
 
 
 def _array(key: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
     words = ' x '.join(map(str, shape))
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ConfigError(f'{key} is {_show(value)}: {words} numbers are wanted') from None
+    array = as_numbers(key, value, f'{words} numbers')
     if array.shape != shape:
         found = ' x '.join(map(str, array.shape)) or 'a single number'
         raise ConfigError(f'{key} has {found}: {words} numbers are wanted')
@@ -280,7 +276,7 @@ def _springs(
 ) -> Springs:
     rows = given[key]
     if not isinstance(rows, list | tuple):
-        raise ConfigError(f'{key} is {_show(rows)}: a list of springs is wanted')
+        raise ConfigError(f'{key} is {shown(rows)}: a list of springs is wanted')
     i, j, k, natural, rest, anchor = [], [], [], [], [], []
     for s, row in enumerate(rows):
         here = f'{key}[{s}]'
@@ -314,7 +310,7 @@ def _springs(
 
 def _block(key: str, value: Any, n: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise ConfigError(f'{key} is {_show(value)}: the number of a block is wanted')
+        raise ConfigError(f'{key} is {shown(value)}: the number of a block is wanted')
     if not 0 <= value < n:
         raise ConfigError(f'{key} is {value}, a block that is not there: 0 to {n - 1} are')
     return int(value)

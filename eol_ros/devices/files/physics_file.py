@@ -33,6 +33,8 @@ def load_scene(path: str | Path) -> Scene:
         raise ConfigError(f'{path}:{error.lineno}:{error.colno}: not JSON: {error.msg}') from None
     except ConfigError as error:
         raise ConfigError(f'{path}: {error}') from None
+    except ValueError:  # of Python, which reads no more digits
+        raise ConfigError(f'{path}: a whole number of thousands of digits') from None
     try:
         return from_mapping(given)
     except ConfigError as error:

@@ -216,7 +216,7 @@ def series_step(
         if found:
             ends, kind_of, who = False, kind, block
     if kind_of == 0 and not ends and h < top:
-        h = max(h, 1e-15 * max(t, 1e-3))  # a near miss: creep past it, steps are counted
+        h = min(top, max(h, 1e-15 * max(t, 1e-3)))  # a near miss: creep past it
     return h, ends, kind_of, who
 
 

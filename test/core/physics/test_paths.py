@@ -351,6 +351,25 @@ def test_a_block_that_is_dragged_takes_one_step():
     assert abs(run.energy.residual_J) < 1e-7 * run.energy.work_J
 
 
+@pytest.mark.parametrize('rotation', [None, {'side': 0.084}])
+def test_samples_within_a_stop_show_the_way_and_not_its_end(rotation):
+    """The last 3 ms of a stop are one step in closed form."""
+    v0, slowing = np.array([0.09, 0.12]), builders.MU_KINETIC * builders.GRAVITY
+    stop_s = 0.15 / slowing
+    free = {'springs_to_frame': [], 'dim1': False, 'v0': [v0.tolist()], 'rotation': rotation}
+    run = solve(builders.single(PULL, stop_s - 1e-4, **free), sample_s=1e-4)
+    way = np.outer(run.t - 0.5 * run.t**2 * slowing / 0.15, v0)
+    assert np.abs(run.u[:, 0] - way).max() < 1e-13
+    assert len(run.event_t) == 0  # it has yet to stop
+
+
+def test_a_speed_too_small_to_have_a_direction_is_none():
+    for speed in (1e-300, 1e-160, 1e-15):
+        plain = builders.table(PULL, 0.5, geometric=True, v0=[[speed, speed]] * 25)
+        run, rests = solve(plain), solve(plain | {'v0': 'zero'})
+        np.testing.assert_array_equal(run.u, rests.u)
+
+
 @pytest.mark.parametrize('way', [(1.0, 0.0), (1.0, 0.5)])
 def test_a_block_that_flies_stops_where_it_must(way):
     run = solve(builders.single(NONE, 5.0, k=0.0, dim1=way[1] == 0.0, v0=[way]))

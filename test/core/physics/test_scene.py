@@ -46,6 +46,11 @@ MISTAKES = [
     (lambda s: s.update(v0=[[0.0, -1e101]] * 25), 'v0[0, 1] is -1e+101'),
     (lambda s: s.update(mass=1e-101), 'mass is 1e-101 for block 0'),
     (lambda s: s['drive'].update(par=[1e200, 0.0]), 'numbers of at most 1e+50'),
+    (lambda s: s['drive'].update(kind=['none']), "drive kind ['none']"),
+    (lambda s: s.update(mass=10**400), 'a number of at most 1e+50'),
+    (lambda s: s.update(mass=[10**400] * 25), '25 numbers are wanted'),
+    (lambda s: s.update(mu_s=['0.9'] * 25), "mu_s is ['0.9', '0.9'"),
+    (lambda s: s['drive'].update(par=[10**400, 0.0]), 'drive par is [1000'),
     (lambda s: s['springs_between_blocks'][7].update(dir=[2.0, 0.0]), 'has the length 2: a unit'),
 ]
 

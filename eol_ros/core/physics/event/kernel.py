@@ -32,6 +32,7 @@ from eol_ros.core.physics.event.step import (
     zero_reach,
 )
 from eol_ros.core.physics.event.taylor import (
+    TINY,
     blocks_series,
     force_on,
     keep_direction,
@@ -127,14 +128,18 @@ def make_workspace(at: Lattice, order: int) -> Workspace:
 
 @uncounted
 def begin_blocks(v, sliding, at, ws):
-    """Let slide what moves or has no friction; forget what the run before left in `ws`."""
+    """Let slide what moves or has no friction; forget what the run before left in `ws`.
+
+    So slow that its direction is lost, a block rests.
+    """
     for i in range(at.n):
         ws.fresh[i] = ws.kicked[i] = ws.crept[i] = False
         ws.slack[i] = 0.0
-        if v[i, 0] != 0.0 or v[i, 1] != 0.0 or at.static[i] == 0.0:
+        if v[i, 0] ** 2 + v[i, 1] ** 2 > TINY or at.static[i] == 0.0:
             sliding[i] = True
-        elif sliding[i]:
-            ws.fresh[i] = True  # at rest for no time at all
+            continue
+        v[i, 0] = v[i, 1] = 0.0
+        ws.fresh[i] = sliding[i]  # at rest for no time at all
 
 
 @inlined
@@ -257,8 +262,13 @@ def break_together(t, who, watching, events, u, sliding, at, ws, log, counts):
 
 
 @inlined
-def stop_slow(t, rim_speed, events, u, v, m, rules, at, ws, sliding, log, energy, counts):
-    """Bring the blocks of the `m` slots to rest that are slow enough; return as `record`."""
+def stop_slow(
+    t, until, rim_speed, events, u, v, m, rules, at, ws, sliding, log, energy, counts
+):  # fmt: skip
+    """Bring the blocks of the `m` slots to rest that are slow enough; return as `record`.
+
+    A block whose way `until` then is sampled goes on to the floor.
+    """
     pl, kicked, fresh, slack = ws.pl, ws.kicked, ws.fresh, ws.slack
     for c in range(m):
         i = pl.slots[c]
@@ -280,6 +290,8 @@ def stop_slow(t, rim_speed, events, u, v, m, rules, at, ws, sliding, log, energy
             if x * v[i, 0] + y * v[i, 1] >= at.friction[i] * speed:
                 continue  # gains speed
             stop_s, dx, dy, now = stop_of(i, speed, x, y, v, rim_speed, rules, at)
+        if now and speed > rules.floor and t + stop_s > until:
+            continue
         if not now:  # the pull is above friction: it may just be reversing
             if speed > SLOWEST_MPS:
                 continue
@@ -427,7 +439,7 @@ def run(
                 )
                 ends = ends and who < 0
             if h < top and not hit_any:
-                h = max(h, 1e-15 * max(1.0, t))  # a near miss: creep past it, steps are counted
+                h = min(top, max(h, 1e-15 * max(1.0, t)))  # a near miss: creep past it
         while sampled < len(grid.t) and (grid.t[sampled] <= t + h or ends):
             planar_state(order, m, grid.t[sampled] - t, pl, here, rate)
             for i in range(n):
@@ -458,8 +470,9 @@ def run(
         drive_series(rim.kind, rim.par, rim.knots, rim.cubics, t, 3, cx, cy, cc, cs, gx)
         rim_speed = math.sqrt(cx[1] ** 2 + cy[1] ** 2) + math.sqrt(cc[1] ** 2 + cs[1] ** 2)
         before = events
+        until = grid.t[sampled] if sampled < len(grid.t) else np.inf
         events = stop_slow(
-            t, rim_speed, events, u, v, m, rules, at, ws, sliding, log, energy, counts
+            t, until, rim_speed, events, u, v, m, rules, at, ws, sliding, log, energy, counts
         )
         if events < 0:
             return EVENT_LIMIT, t, len(log.t), steps
