@@ -7,6 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support.flashes import changes
 from support.paper import rest_lattice
+from support.set_clock import SetClock
 
 from eol_ros.core.motion.felt import Knock
 from eol_ros.core.motion.motion import Motion
@@ -108,19 +109,6 @@ def test_a_stamp_that_is_a_little_older_changes_nothing_in_the_selector():
     assert selector.moving[3]
 
 
-class SetClock:
-    """Takes the place of module `time` in the lights: steady time, and a clock that can be set."""
-
-    def __init__(self):
-        self.steady_ns, self.offset_ns = 10**9, round(T0_S * 1e9)
-
-    def monotonic_ns(self):
-        return self.steady_ns
-
-    def time_ns(self):
-        return self.steady_ns + self.offset_ns
-
-
 @pytest.mark.parametrize('limit', ['field_of_view', 'field'])
 @given(jumps=JUMPS, gap=st.integers(3, 60), late_ms=st.integers(5, 35), span=st.integers(20, 100))
 @settings(max_examples=15)
@@ -135,7 +123,7 @@ def test_light_goes_on_and_flashes_no_more_than_three_times_a_second(
 
     It is what is told of the board's light.
     """
-    clock, real = SetClock(), lights_module.time
+    clock, real = SetClock(T0_S), lights_module.time
     lights_module.time = clock
     lights = Lights(LedsSettings(port='twin', decay_s=0.182, flash_limit=limit))
     lights.board.light = lambda mask, stamp_us, share: 0

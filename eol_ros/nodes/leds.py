@@ -41,6 +41,7 @@ class LedsNode(EolNode):
         # Behind a replay the taps are those of its bag, and a knock of today does not count.
         self.taps = None if self.sim_time else self.publisher('block_taps')
         self.frames = self.create_timer(1 / self.settings.frame_hz, self.on_frame, autostart=False)
+        self.idle = self.create_timer(1.0, self.on_idle, autostart=False)
         self.infrared = Infrared(self, self.lights, self.tell)
         self.health.watches('board', self.lights.board.rounds)
         if self.lights.twin:
@@ -60,6 +61,8 @@ class LedsNode(EolNode):
 
     def on_settings(self, new) -> None:
         self.lights.set(new)
+        self.idle.cancel()
+        self.await_idle()
 
     def restart(self) -> None:
         self.lights.restart()
@@ -92,6 +95,18 @@ class LedsNode(EolNode):
         self.tell(self.lights.frame())
         if not self.lights.glows:
             self.frames.cancel()
+            self.await_idle()
+
+    def await_idle(self) -> None:
+        """Wake up when idle light is due; until then no frames are needed."""
+        wait_s = self.lights.idle_in_s
+        if wait_s is not None:
+            self.resume(self.idle, max(wait_s, 1 / self.settings.frame_hz))
+
+    def on_idle(self) -> None:
+        self.idle.cancel()
+        self.on_frame()
+        self.fade()
 
     def tell(self, sent: list[Sent]) -> None:
         for one in sent:  # none while the line is down: health says so
@@ -122,6 +137,7 @@ class LedsNode(EolNode):
 
     def on_second(self) -> None:
         self.lights.follow_firmware()
+        self.await_idle()
         self.health.values.update(self.lights.values(), asleep=self.lights.asleep)
         if self.lights.board.ready:
             self.on_state(self.lights.board.state)

@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 from support.flashes import changes
+from support.set_clock import SetClock
 from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as protocol
@@ -411,6 +412,94 @@ def test_dim_light_runs_from_the_middle_while_all_is_still(fake, make_lights):
     count = len(dimmed())
     told_by(lights, 1.2)
     assert len(dimmed()) == count and not lights.glows
+
+
+class Dimmed:
+    """Lights that nobody touches, on a clock of their own; `began`: when idle light began, s."""
+
+    def __init__(self, monkeypatch, **settings):
+        self.clock, self.began = SetClock(DAY_NS * 1e-9), []
+        monkeypatch.setattr('eol_ros.devices.board.lights.time', self.clock)
+        self.lights = Lights(LedsSettings(port='twin', **settings))
+        self.lights.board.light = self.lit
+        self.t0_ns = self.clock.steady_ns
+
+    @property
+    def now_s(self):
+        return (self.clock.steady_ns - self.t0_ns) * 1e-9
+
+    def lit(self, mask, stamp_us, share):
+        if mask == 1 << 12 and share == 0.25:
+            self.began.append(round(self.now_s, 2))
+        return 0
+
+    def wait(self, until_s, tick_ns=10_000_000):
+        """Ask for frames as the node does: while light glows, or when idle light is due."""
+        asked = 0
+        while self.now_s < until_s:
+            wait_s = self.lights.idle_in_s
+            if self.lights.glows or (wait_s is not None and wait_s < 1e-9):
+                self.lights.frame()
+                asked += 1
+            self.clock.steady_ns += tick_ns
+        return asked
+
+
+def test_idle_light_begins_without_a_slip_and_nothing_runs_until_it_is_due(monkeypatch):
+    still = Dimmed(monkeypatch, idle_period_s=6.0)
+    assert still.wait(5.99) == 0
+    frames = still.wait(18.5)
+
+    assert still.began == [6.0, 12.0, 18.0]
+    assert 50 < frames < 300  # of 1250
+    still.lights.close()
+
+
+@pytest.mark.parametrize(
+    ('changes', 'began'),
+    [
+        ([(10.0, 2.0)], [10.0, 12.0, 14.0]),  # shorter: it is due already
+        ([(1.0, 4.0)], [4.0, 8.0, 12.0]),
+        ([(1.0, 3.0), (2.0, 9.0)], [9.0]),  # longer again
+        ([(1.0, 2.0), (5.0, 0.0)], [2.0, 4.0]),
+        ([(0.0, 0.5)], [float(k) for k in range(1, 15)]),  # at least 1 s
+    ],
+)
+def test_a_changed_idle_period_counts_at_once(monkeypatch, changes, began):
+    still = Dimmed(monkeypatch, idle_period_s=60.0)
+    for at_s, period_s in changes:
+        still.wait(at_s)
+        still.lights.set(LedsSettings(port='twin', idle_period_s=period_s))
+    still.wait(14.99)
+
+    assert still.began == began
+    still.lights.close()
+
+
+def test_no_idle_light_while_asleep_nor_within_a_period_of_a_slip_or_of_waking(monkeypatch):
+    still = Dimmed(monkeypatch, look='embers')
+    still.wait(1.0)
+    still.lights.asleep = True
+    still.wait(20.0)
+    assert still.lights.idle_in_s is None and not still.began
+    still.lights.asleep = False
+    still.wait(23.0)
+    seen(still.lights, 3, still.clock.time_ns())
+    still.wait(30.0)
+
+    assert still.began == [29.0]
+    still.lights.close()
+
+
+def test_no_board_that_is_known_to_dim_is_told_to(fake, make_lights):
+    lights = make_lights(port=fake.port, idle_period_s=1.0)
+    assert lights.idle_in_s is None  # before anybody looked
+    lights.follow_firmware()
+    assert lights.idle_in_s is not None
+    for blocks in ({}, {7: lights.board.blocks[7]}):  # a board that has come back, so far
+        lights.board.blocks = blocks
+        lights.follow_firmware()
+        assert lights.idle_in_s is None
 
 
 def test_an_afterglow_runs_through_the_last_slips_in_their_order(fake, make_lights):

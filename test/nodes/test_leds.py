@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from eol_msgs.msg import NodeState, Slip
+from rclpy.parameter import Parameter
 from support.spinning import Nodes
 
 from eol_ros.devices.board.fake import FakeBoard, latency_s
@@ -143,6 +144,19 @@ def test_the_light_dies_away_and_then_the_line_is_quiet(rig):
     rig.until(rig.leds.frames.is_canceled)  # nothing is left that could write
     assert len(rig.around.commands) == len(levels)
     rig.until(lambda: rig.leds.lights.twin.fake.levels() == [0] * 25)
+
+
+def test_idle_light_needs_no_slip_and_no_frames_until_it_is_due(make_rig):
+    rig = make_rig(port='twin', idle_period_s=600.0, decay_s=0.02)
+    assert rig.until(lambda: not rig.leds.idle.is_canceled())
+    assert rig.leds.frames.is_canceled() and not rig.around.commands
+    rig.leds.set_parameters([Parameter('idle_period_s', value=1.0)])
+    assert rig.leds.idle.timer_period_ns <= 10**9
+
+    assert rig.until(lambda: any(c.white[0] for c in rig.around.commands))
+    rig.leds.set_parameters([Parameter('idle_period_s', value=600.0)])
+    assert rig.until(rig.leds.frames.is_canceled)
+    assert rig.leds.idle.timer_period_ns > 10**9
 
 
 def test_a_stop_makes_no_light(rig):

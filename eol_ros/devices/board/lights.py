@@ -27,7 +27,7 @@ from eol_ros.core.light.local import (
     block_falls,
     new_field,
 )
-from eol_ros.core.light.looks import IDLE_SHARE, LOOKS, REST_S, Look, idle, spread
+from eol_ros.core.light.looks import LOOKS, REST_S, Look, idle, spread
 from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.core.table import Table
 from eol_ros.devices.board.board import Board, State, TapReport
@@ -41,7 +41,7 @@ PLAYED_NS = 400_000_000  # in a replay, which is as late as the recorder was
 MOST_TAPS = 256  # between two looks at them
 LOW_MV = 3000  # of a lithium cell, whose protection lets go soon after
 SET_S = 0.02  # the system clock departs from steady time by more only where somebody sets it
-IDLE = -1  # in the place of a block: all have been still
+LOOK_S = 0.1  # period of the look for idle light behind a replay
 FOREIGN_NS = 1_000_000_000  # a stamp so old, or of the future, is of another clock
 
 
@@ -157,7 +157,7 @@ class Lights:
         self._lit_ns = [0] * table.cells  # when each block was last lit, as far as that is known
         # heap: when light runs to which block, and to which share of the peak
         self._running: list[tuple[int, int, float]] = []
-        self._idle_ns = 0  # when all will have been still for the idle period of the look
+        self._still_ns = 0  # when the last slip or idle light began; 0: not known
         self._twin_sigma_s = 0.0  # of the time of a knock
         if s.port == 'twin':
             from eol_ros.devices.board.twin import SIGMA_S, TwinBoard
@@ -182,6 +182,7 @@ class Lights:
     def asleep(self, asleep: bool) -> None:
         self._asleep = asleep
         self._running.clear()
+        self._still_ns = 0
         self._configure()
 
     def close(self) -> None:
@@ -200,11 +201,23 @@ class Lights:
         """Whether frames are to come."""
         return self.frames.glows or bool(self._running)
 
+    @property
+    def idle_in_s(self) -> float | None:
+        """After how long `frame` is to be called for idle light to begin, s; None: none is due.
+
+        Behind a replay, whose rate may change, at most LOOK_S.
+        """
+        now_ns = self._recorded_ns(self._now_ns())
+        due_ns = self._idle_due_ns(now_ns)
+        if due_ns is None:
+            return None
+        wait_s = max((due_ns - now_ns) * 1e-9, 0.0)
+        return wait_s if self._played is None else min(wait_s, LOOK_S)
+
     def restart(self) -> None:
         """Time has jumped back: begin in the dark again. A real board's light goes on to fade."""
         self.asleep = False
         self._felt_ns, self._lit_ns = [0] * self.table.cells, [0] * self.table.cells
-        self._idle_ns = 0
         if self.by_stamp:
             self.frames = self._new_frames()
 
@@ -240,6 +253,7 @@ class Lights:
         """
         trigger, here_ns = self._settings.trigger, stamp_ns + ahead_ns
         onset_ns += ahead_ns
+        self._still_ns = max(self._at_ns(here_ns), self._still_ns)
         felt = trigger == 'both' and onset_ns - FELT_NS < self._felt_ns[block] <= here_ns
         if not (self._asleep or felt or trigger == 'blocks'):
             at_ns = self._at_ns(here_ns)
@@ -265,14 +279,9 @@ class Lights:
 
     def frame(self) -> list[Sent]:
         """Send the light as it is by now; such a packet carries no stamp."""
-        until_ns = self._now_ns()
-        self._run(until_ns)
-        if self.by_stamp:
-            if self._played is None:
-                until_ns -= TOLD_NS
-            else:
-                lag_ns = round(PLAYED_NS * self._played.stretch())
-                until_ns = self._played.recorded_ns(until_ns - lag_ns)
+        now_ns = self._now_ns()
+        self._run(self._recorded_ns(now_ns))
+        until_ns = self._recorded_ns(now_ns - self._lag_ns)
         self.frames.field.decay_s = self._decay_s
         found = self.frames.due(until_ns)
         if found:
@@ -286,33 +295,42 @@ class Lights:
             sent.append(Sent(self._sequence, white, infrared, *cause))
         return sent
 
+    @property
+    def _lag_ns(self) -> int:
+        """How long frames wait for earlier taps and slips."""
+        if not self.by_stamp:
+            return 0
+        return TOLD_NS if self._played is None else round(PLAYED_NS * self._played.stretch())
+
     def _run_on(self, block: int, at_ns: int) -> None:
         """Let light run on from `block`, which was lit at `at_ns`."""
         self._lit_ns[block] = max(at_ns, self._lit_ns[block])
         for after_s, other, share in spread(block, self._look, self.table):
             one = (at_ns + round(after_s * 1e9), other, share if self._dims else 1.0)
             heapq.heappush(self._running, one)
-        self._wait_idle(at_ns)
+        self._still_ns = max(at_ns, self._still_ns)
 
-    def _wait_idle(self, at_ns: int) -> None:
-        """Let dim light run when all will have been still since `at_ns`, where blocks can dim."""
-        if self._look.idle_s and self._dims:
-            idle_s = max(self._look.idle_s, REST_S)
-            self._idle_ns = max(self._idle_ns, at_ns + round(idle_s * 1e9))
-            heapq.heappush(self._running, (self._idle_ns, IDLE, IDLE_SHARE))
+    def _recorded_ns(self, now_ns: int) -> int:
+        """Return system time on the clock of the light: behind a replay mostly recorded time."""
+        played = self._played if self.by_stamp else None
+        return now_ns if played is None else played.recorded_ns(now_ns)
+
+    def _idle_due_ns(self, now_ns: int) -> int | None:
+        """Return when idle light is due; None where there is none, or blocks cannot dim."""
+        if not (self._look.idle_s and self._dims and now_ns) or self._asleep:
+            return None
+        self._still_ns = self._still_ns or now_ns
+        return self._still_ns + round(max(self._look.idle_s, REST_S) * 1e9)
 
     def _run(self, now_ns: int) -> None:
         """Light the blocks that running light has come to by now."""
-        if self._played is not None and self.by_stamp:
-            now_ns = self._played.recorded_ns(now_ns)
+        due_ns = self._idle_due_ns(now_ns)
+        if due_ns is not None and due_ns <= now_ns:
+            self._still_ns = due_ns if now_ns - due_ns <= self._lag_ns else now_ns
+            for after_s, one, dim in idle(self._look, self.table):
+                heapq.heappush(self._running, (self._still_ns + round(after_s * 1e9), one, dim))
         while self._running and self._running[0][0] <= now_ns:
             at_ns, block, share = heapq.heappop(self._running)
-            if block == IDLE:
-                if at_ns == self._idle_ns and self._look.idle_s:
-                    for after_s, one, dim in idle(self._look, self.table):
-                        heapq.heappush(self._running, (at_ns + round(after_s * 1e9), one, dim))
-                    self._wait_idle(at_ns)
-                continue
             if at_ns - self._lit_ns[block] >= REST_S * 1e9:
                 self._lit_ns[block] = at_ns
                 self._light(0, block, at_ns=at_ns, spread=share)
@@ -332,8 +350,10 @@ class Lights:
         """Limit the whole field while the bridge or a block has firmware that knows no other; dim
         no light while one cannot."""
         found = {n: (b.major, b.minor) for n, b in dict(self.board.blocks).items()}
-        if found:
-            self._dims = all(v >= protocol.DIM_FROM for v in found.values() if v > (0, 0))
+        if not self.twin:
+            known = [v for v in found.values() if v > (0, 0)]
+            bridge = protocol.BRIDGE in found  # blocks may be reported before it
+            self._dims = bridge and all(v >= protocol.DIM_FROM for v in known)
         limit = self._kept_limit(found)
         if limit != self._limit and found:
             before, self._limit = self.frames.field, limit
@@ -436,7 +456,7 @@ class Lights:
         if jump_ns and (self._played is None or not self.by_stamp):
             self.frames.shift(jump_ns)
             self._running.clear()
-            self._idle_ns = 0
+            self._still_ns = 0
             self._lit_ns = [at_ns + jump_ns for at_ns in self._lit_ns]
         return now_ns
 
