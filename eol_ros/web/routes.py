@@ -34,6 +34,7 @@ PAGES = {
 }
 MAX_BODY = 4096
 MAX_MESSAGE = 4096
+GRAINS_PER_S = 30.0  # sound files read for outlines; a pointer that sweeps over grains asks less
 KERNEL_BUFFER = 131072  # bytes on their way to one viewer: some five images
 
 mimetypes.add_type('text/javascript', '.js')
@@ -62,6 +63,7 @@ class Routes:
             'lattice': wire.text(self.lattice).encode()
         }
         self.grain: Callable[[int], dict[str, Any] | None] = lambda number: None
+        self._grains = guard.Budget(GRAINS_PER_S)
         self.metrics: Callable[[], bytes] = lambda: metrics.text({}, '')
         self.screens: dict[str, Any] = {}  # by name: corners and edges, kept by the panel
         self.skew_ms = 0.0
@@ -152,6 +154,8 @@ class Routes:
         )  # fmt: skip
 
     async def _grain(self, request: web.Request) -> web.Response:
+        if not self._grains.take(time.monotonic()):
+            return _error(429, 'too many at once')
         number = int(request.match_info['number'])
         found = await asyncio.get_running_loop().run_in_executor(None, self.grain, number)
         if found is None:

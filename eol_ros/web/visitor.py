@@ -20,7 +20,7 @@ class Visitor:
     def __init__(self, routes: Any, request: Any):
         self._routes, self._request = routes, request
         self._viewer: Viewer
-        self._budget, self._then = MESSAGES_PER_S, time.monotonic()
+        self._budget = guard.Budget(MESSAGES_PER_S)
         self._pushing = False
         self._wants: frozenset[str] = frozenset()
         self.trusted = not routes.pin.needed
@@ -56,12 +56,8 @@ class Visitor:
 
     def take(self, text: str) -> str:
         """Act on one message; return why it is refused, or an empty string."""
-        now = time.monotonic()
-        self._budget = min(self._budget + (now - self._then) * MESSAGES_PER_S, MESSAGES_PER_S)
-        self._then = now
-        if self._budget < 1:
+        if not self._budget.take(time.monotonic()):
             return 'too many at once'
-        self._budget -= 1
         try:
             message = wire.loads(text)
         except ValueError as error:

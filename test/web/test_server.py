@@ -20,7 +20,7 @@ from eol_ros.core import terrain
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.said import said
 from eol_ros.streams.requests import KINDS
-from eol_ros.web import screens
+from eol_ros.web import guard, screens
 from eol_ros.web.controls import CONTROLS
 from eol_ros.web.hub import FULL
 from eol_ros.web.routes import MAX_MESSAGE, describe
@@ -631,3 +631,17 @@ def test_a_grain_has_an_outline_or_is_not_there(serve):
     assert json.loads(ask(server, '/grain/2')[2]) == {'peaks': [[-0.5, 0.5]]}
     for address in ('/grain/3', '/grain/-1', '/grain/x', f'/grain/{"9" * 30}'):
         assert ask(server, address)[0] == 404
+
+
+def test_sound_files_are_read_for_outlines_at_a_limited_rate(serve):
+    server, read = serve(), []
+    server.routes.grain = lambda number: read.append(number) or {'peaks': []}
+    began, codes = time.monotonic(), []
+    while 429 not in codes:
+        codes.append(ask(server, f'/grain/{len(codes)}')[0])
+    took_s = time.monotonic() - began
+
+    assert set(codes) == {200, 429} and len(read) == len(codes) - 1
+    assert 30 <= len(read) <= 30 + 30 * took_s
+    server.routes._grains = guard.Budget(1.0)
+    assert ask(server, '/grain/7')[0] == 200

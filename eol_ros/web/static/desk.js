@@ -103,19 +103,21 @@ export class Desk {
     write($('answer'), '');
   }
 
+  // `words` makes the answer in the language of the moment: it is said again in another one, and its
+  // time goes on.
   tell(words, bad) {
-    $('answer').textContent = words;
-    $('answer').className = bad ? 'legend bad' : 'legend';
+    this.sayAnswer = () => {
+      $('answer').textContent = words();
+      $('answer').className = bad ? 'legend bad' : 'legend';
+    };
+    this.sayAnswer();
     this.answered = performance.now();
   }
 
   // What is shown is the answer to the newest request; until it comes, that it was asked.
   async act(name, body = {}) {
     const mine = ++this.asked;
-    const show = (words, bad) => {
-      this.sayAnswer = () => this.tell(`${say(name)}${body.name ? ` ${body.name}` : ''}: ${words()}`, bad);
-      this.sayAnswer();
-    };
+    const show = (words, bad) => this.tell(() => `${say(name)}${body.name ? ` ${body.name}` : ''}: ${words()}`, bad);
     show(() => say('asked'), false);
     this.answered = Infinity; // not yet
     const answer = await this.link.control(name, body);
@@ -133,8 +135,8 @@ export class Desk {
 
   async enter(event) {
     event.preventDefault();
-    this.forget();
-    this.tell(await this.link.enter($('pin').value), !this.link.pin);
+    const words = await this.link.enter($('pin').value);
+    this.tell(() => words, !this.link.pin);
     $('pin').value = '';
   }
 }

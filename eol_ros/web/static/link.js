@@ -165,7 +165,7 @@ export class Link extends EventTarget {
   async enter(pin) {
     let answer;
     try {
-      answer = await fetch('/pin', { method: 'POST', headers: { 'X-Pin': pin } });
+      answer = await fetch('/pin', { method: 'POST', headers: { 'X-Pin': (pin = plain(pin)) } });
     } catch {
       return say('no_connection');
     }
@@ -175,6 +175,13 @@ export class Link extends EventTarget {
     this.send({ pin });
     return say('unlocked');
   }
+}
+
+// A PIN as a header can carry it: digits of a Chinese keyboard as plain ones; '' where it is none,
+// since `panel.pin` is of plain characters.
+export function plain(pin) {
+  const found = pin.normalize('NFKC');
+  return /^[ -~]*$/.test(found) ? found : '';
 }
 
 export function readBlocks({ view, data, stamp }) {

@@ -148,10 +148,8 @@ $('radius').oninput = () => sayReach(sliderReach());
 $('radius').onchange = () => act('radius', { value: Number(sliderReach().toPrecision(2)) });
 $('listen').onclick = async () => {
   if (listener.on) await listener.stop();
-  else if (listener.hindrance) {
-    desk.forget();
-    desk.tell(say(listener.hindrance), true);
-  } else await listener.start();
+  else if (listener.hindrance) desk.tell(() => say(listener.hindrance), true);
+  else await listener.start();
   $('listen').setAttribute('aria-pressed', listener.on);
 };
 function retell() {

@@ -3,6 +3,7 @@
 // where another projector's picture overlaps. The server keeps it for each screen.
 
 import { say, sentence } from './i18n.js';
+import { plain } from './link.js';
 
 const WHOLE = { corners: [[0, 0], [1, 0], [1, 1], [0, 1]], edges: [0, 0, 0, 0] };
 const STEP_PX = 1; // of an arrow key; with Shift ten times as far
@@ -53,7 +54,7 @@ export class Pin {
   }
 
   async keep() {
-    const pin = this.tools.querySelector('#pin-pin').value;
+    const pin = plain(this.tools.querySelector('#pin-pin').value);
     const headers = { 'Content-Type': 'application/json', 'X-Pin': pin };
     try {
       const answer = await fetch(`/screen/${this.name}`, { method: 'POST', headers, body: JSON.stringify(this.place) });

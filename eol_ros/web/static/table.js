@@ -121,7 +121,7 @@ link.on('hello', ({ pin, push }) => ($('pin-form').hidden = !pin || push));
 link.on('trust', ({ push }) => ($('pin-form').hidden = push));
 $('pin-form').onsubmit = async (event) => {
   event.preventDefault();
-  await link.enter($('pin').value);
+  write($('pin-answer'), await link.enter($('pin').value));
   $('pin').value = '';
 };
 
