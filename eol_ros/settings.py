@@ -510,6 +510,14 @@ class LedsSettings:
     )
     blink_period_s: float = setting(2.0, 'period of the blinking of blink_block', 's', 0.5, 60)
     blink_off_s: float = setting(0.1, 'dark time in each period of blink_block', 's', 0.05, 0.2)
+    sleep_fade_s: float = live(
+        0.0,
+        'time over which new flashes get dimmer when the work falls asleep, and brighter when it '
+        'wakes; 0: at once',
+        's',
+        0,
+        60,
+    )
     relearn_background_on_sleep: bool = live(
         True,
         'switch the infrared lights off for 1.5 s when the work falls asleep, so that the '

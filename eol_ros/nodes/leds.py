@@ -37,6 +37,7 @@ class LedsNode(EolNode):
             self.settings, self.on_tap, self.on_state, played, self.namespace, self.table
         )
         self.lights.asleep = bool(self.resumed.get('asleep'))
+        self.relearns = False  # the background, as soon as the lights have fallen asleep
         self.commands = self.publisher('led_commands')
         # Behind a replay the taps are those of its bag, and a knock of today does not count.
         self.taps = None if self.sim_time else self.publisher('block_taps')
@@ -125,7 +126,15 @@ class LedsNode(EolNode):
         self.lights.asleep = asked.kind == 'sleep'
         self.keep(asleep=self.lights.asleep)
         self.health.values['asleep'] = self.lights.asleep
-        if self.lights.asleep and self.settings.relearn_background_on_sleep and not self.sim_time:
+        s = self.settings
+        self.relearns = self.lights.asleep and s.relearn_background_on_sleep and not self.sim_time
+        self.relearn()
+        self.fade()
+
+    def relearn(self) -> None:
+        """Let the background be learnt once the lights have fallen asleep."""
+        if self.relearns and self.lights.dark:
+            self.relearns = False
             try:
                 self.infrared.darken()
             except EolError as error:  # it sleeps all the same
@@ -138,6 +147,7 @@ class LedsNode(EolNode):
     def on_second(self) -> None:
         self.lights.follow_firmware()
         self.await_idle()
+        self.relearn()
         self.health.values.update(self.lights.values(), asleep=self.lights.asleep)
         if self.lights.board.ready:
             self.on_state(self.lights.board.state)

@@ -12,6 +12,7 @@ from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.table import Table
+from eol_ros.devices.board.board import State
 from eol_ros.devices.board.fake import FakeBoard
 from eol_ros.devices.board.lights import Lights, Played, faults
 from eol_ros.devices.board.twin import LINK_NS, Felt, Lamps, Radio, TwinBoard
@@ -414,7 +415,7 @@ def test_dim_light_runs_from_the_middle_while_all_is_still(fake, make_lights):
     assert len(dimmed()) == count and not lights.glows
 
 
-class Dimmed:
+class Untouched:
     """Lights that nobody touches, on a clock of their own; `began`: when idle light began, s."""
 
     def __init__(self, monkeypatch, **settings):
@@ -445,14 +446,26 @@ class Dimmed:
         return asked
 
 
-def test_idle_light_begins_without_a_slip_and_nothing_runs_until_it_is_due(monkeypatch):
-    still = Dimmed(monkeypatch, idle_period_s=6.0)
+@pytest.fixture
+def untouched(monkeypatch):
+    made = []
+
+    def make(**settings):
+        made.append(Untouched(monkeypatch, **settings))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.lights.close()
+
+
+def test_idle_light_begins_without_a_slip_and_nothing_runs_until_it_is_due(untouched):
+    still = untouched(idle_period_s=6.0)
     assert still.wait(5.99) == 0
     frames = still.wait(18.5)
 
     assert still.began == [6.0, 12.0, 18.0]
     assert 50 < frames < 300  # of 1250
-    still.lights.close()
 
 
 @pytest.mark.parametrize(
@@ -465,19 +478,18 @@ def test_idle_light_begins_without_a_slip_and_nothing_runs_until_it_is_due(monke
         ([(0.0, 0.5)], [float(k) for k in range(1, 15)]),  # at least 1 s
     ],
 )
-def test_a_changed_idle_period_counts_at_once(monkeypatch, changes, began):
-    still = Dimmed(monkeypatch, idle_period_s=60.0)
+def test_a_changed_idle_period_counts_at_once(untouched, changes, began):
+    still = untouched(idle_period_s=60.0)
     for at_s, period_s in changes:
         still.wait(at_s)
         still.lights.set(LedsSettings(port='twin', idle_period_s=period_s))
     still.wait(14.99)
 
     assert still.began == began
-    still.lights.close()
 
 
-def test_no_idle_light_while_asleep_nor_within_a_period_of_a_slip_or_of_waking(monkeypatch):
-    still = Dimmed(monkeypatch, look='embers')
+def test_no_idle_light_while_asleep_nor_within_a_period_of_a_slip_or_of_waking(untouched):
+    still = untouched(look='embers')
     still.wait(1.0)
     still.lights.asleep = True
     still.wait(20.0)
@@ -488,7 +500,40 @@ def test_no_idle_light_while_asleep_nor_within_a_period_of_a_slip_or_of_waking(m
     still.wait(30.0)
 
     assert still.began == [29.0]
-    still.lights.close()
+
+
+def test_flashes_get_dimmer_over_the_fade_into_sleep_and_brighter_out_of_it(untouched):
+    still, told = untouched(sleep_fade_s=3.0, peak=0.8), []
+    lights = still.lights
+    lights.board.state = State('ready', '')
+
+    def configure(lighting, _detector):
+        by_itself = bool(lighting.flags & protocol.BY_ITSELF)
+        told.append((round(still.now_s, 2), lighting.peak / 255, by_itself))
+
+    lights.board.configure = configure
+    lights.asleep = True
+    still.wait(1.5)
+    seen(lights, 3, still.clock.time_ns())
+    lights.frames.due(still.clock.time_ns())
+    assert lights.frames.field.levels(0)[3] == pytest.approx(0.75 * 0.4, abs=0.02)
+    still.wait(4.0)
+    assert lights.dark and not lights.glows
+    *fading, asleep = told
+    assert asleep == (pytest.approx(3.0, abs=0.011), 0.8, False)  # a test then shines in full
+    assert 25 < len(fading) < 33 and all(by_itself for *_, by_itself in fading)
+    for at_s, peak, _ in fading:
+        assert peak == pytest.approx(0.8 * (1 - at_s / 3), abs=0.01)
+    assert lights.slip(4, still.clock.time_ns(), still.clock.time_ns()) is None
+
+    told.clear()
+    lights.asleep = False
+    still.wait(5.0)
+    lights.asleep = True  # half-way: from there
+    still.wait(6.5)
+    assert lights.dark and max(peak for _, peak, _ in told[:-1]) == pytest.approx(0.25, abs=0.03)
+    lights.restart()
+    assert told[-1][1:] == (0.8, True) and not lights.glows
 
 
 def test_no_board_that_is_known_to_dim_is_told_to(fake, make_lights):

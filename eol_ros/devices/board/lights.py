@@ -41,6 +41,7 @@ PLAYED_NS = 400_000_000  # in a replay, which is as late as the recorder was
 MOST_TAPS = 256  # between two looks at them
 LOW_MV = 3000  # of a lithium cell, whose protection lets go soon after
 SET_S = 0.02  # the system clock departs from steady time by more only where somebody sets it
+FADE_STEP = 1 / 32  # of the peak
 LOOK_S = 0.1  # period of the look for idle light behind a replay
 FOREIGN_NS = 1_000_000_000  # a stamp so old, or of the future, is of another clock
 
@@ -144,9 +145,10 @@ class Lights:
         self._lattice = protocol.Lattice(table.columns, block_falls(table), table.cells)
         self._limit = self._kept_limit({})  # as the board can keep it
         self._dims = s.port == 'twin'  # blocks and bridge know DimLight
+        self._asleep, self._awake = False, 1.0  # the share of the peak that new flashes have
+        self._turned_s, self._turned_from = 0.0, 1.0  # when it last turned, and the share then
         self.frames = self._new_frames()
         self._clock = StampWatch(SET_S, SET_S)
-        self._asleep = False
         self.twin: Any = None
         self._on_tap = on_tap
         self._white = bytes(table.cells)
@@ -175,15 +177,40 @@ class Lights:
 
     @property
     def asleep(self) -> bool:
-        """Whether all stays dark, whatever moves."""
+        """Whether it sleeps, or falls asleep over `sleep_fade_s`."""
         return self._asleep
 
     @asleep.setter
     def asleep(self, asleep: bool) -> None:
+        self._turn(asleep, at_once=not self.board.ready)  # nobody sees it
+
+    @property
+    def dark(self) -> bool:
+        """Whether it has fallen asleep: nothing lights up any more."""
+        return self._awake == 0
+
+    def _turn(self, asleep: bool, at_once: bool) -> None:
         self._asleep = asleep
+        self._turned_s = time.monotonic_ns() * 1e-9
+        self._turned_from = float(not asleep) if at_once else self._awake
         self._running.clear()
         self._still_ns = 0
-        self._configure()
+        self._fade()
+
+    def _fade(self) -> None:
+        """Dim new flashes on the way into sleep, or out of it, in steps that nobody sees."""
+        fade_s = self._settings.sleep_fade_s
+        far = (time.monotonic_ns() * 1e-9 - self._turned_s) / fade_s if fade_s else 1.0
+        awake = min(max(self._turned_from + (-far if self._asleep else far), 0.0), 1.0)
+        if abs(awake - self._awake) >= (FADE_STEP if 0 < awake < 1 else 1e-9):
+            self._awake = awake
+            self.frames.field.peak = self._peak
+            self._configure()
+
+    @property
+    def _peak(self) -> float:
+        """Of flashes; in full for the test of a work that is asleep."""
+        return self._settings.peak * (self._awake or 1.0)
 
     def close(self) -> None:
         """Let all go dark."""
@@ -199,7 +226,8 @@ class Lights:
     @property
     def glows(self) -> bool:
         """Whether frames are to come."""
-        return self.frames.glows or bool(self._running)
+        fades = self._awake != float(not self._asleep)
+        return fades or self.frames.glows or bool(self._running)
 
     @property
     def idle_in_s(self) -> float | None:
@@ -216,7 +244,7 @@ class Lights:
 
     def restart(self) -> None:
         """Time has jumped back: begin in the dark again. A real board's light goes on to fade."""
-        self.asleep = False
+        self._turn(asleep=False, at_once=True)
         self._felt_ns, self._lit_ns = [0] * self.table.cells, [0] * self.table.cells
         if self.by_stamp:
             self.frames = self._new_frames()
@@ -224,7 +252,7 @@ class Lights:
     def set(self, settings: LedsSettings) -> None:
         """Take new settings while running."""
         self._settings = settings
-        self.frames.field.decay_s, self.frames.field.peak = self._decay_s, settings.peak
+        self.frames.field.decay_s, self.frames.field.peak = self._decay_s, self._peak
         self._configure()
 
     @property
@@ -255,18 +283,18 @@ class Lights:
         onset_ns += ahead_ns
         self._still_ns = max(self._at_ns(here_ns), self._still_ns)
         felt = trigger == 'both' and onset_ns - FELT_NS < self._felt_ns[block] <= here_ns
-        if not (self._asleep or felt or trigger == 'blocks'):
+        if not (self.dark or felt or trigger == 'blocks'):
             at_ns = self._at_ns(here_ns)
             began_ns = None if trigger == 'slips' else onset_ns + at_ns - here_ns
             sent_ns = self._light(stamp_ns, block, at_ns=at_ns, onset_ns=began_ns)
             self._run_on(block, at_ns)
             return (sent_ns - onset_ns) * 1e-9 if sent_ns else None
-        shone_ns = self._shone_ns[block] if felt and not self._asleep else 0
+        shone_ns = self._shone_ns[block] if felt and not self.dark else 0
         return (shone_ns - onset_ns) * 1e-9 if shone_ns > onset_ns - FELT_NS else None
 
     def tap(self, block: int, stamp_ns: int, board_us: int) -> None:
         """Count the light of a block that felt a knock; give it where it does not do so itself."""
-        if self._asleep or self._settings.trigger == 'slips':
+        if self.dark or self._settings.trigger == 'slips':
             return
         self._felt_ns[block] = stamp_ns
         if self._played is not None:  # recorded taps: no block lights itself
@@ -279,6 +307,7 @@ class Lights:
 
     def frame(self) -> list[Sent]:
         """Send the light as it is by now; such a packet carries no stamp."""
+        self._fade()
         now_ns = self._now_ns()
         self._run(self._recorded_ns(now_ns))
         until_ns = self._recorded_ns(now_ns - self._lag_ns)
@@ -357,9 +386,7 @@ class Lights:
         limit = self._kept_limit(found)
         if limit != self._limit and found:
             before, self._limit = self.frames.field, limit
-            self.frames.field = new_field(
-                limit, self._look.decay_s, self._settings.peak, self.table
-            )
+            self.frames.field = new_field(limit, self._look.decay_s, self._peak, self.table)
             self.frames.field.take_over(before)
             self._configure()
 
@@ -412,11 +439,11 @@ class Lights:
         s = self._settings
         flags = protocol.LIMITED * (self._limit != OFF)
         flags |= protocol.EACH_FIELD * (self._limit == FIELD_OF_VIEW)
-        if s.trigger != 'slips' and not self._asleep and self._played is None:
+        if s.trigger != 'slips' and not self.dark and self._played is None:
             flags |= protocol.BY_ITSELF
         self.board.configure(
             *([self._lattice] if self._lattice != DEFAULT_LATTICE else []),
-            protocol.Lighting(flags, round(255 * s.peak), round(1000 * self._look.decay_s)),
+            protocol.Lighting(flags, round(255 * self._peak), round(1000 * self._look.decay_s)),
             protocol.Detector(threshold=round(16 * s.tap_threshold_mg)),
         )
 
@@ -469,8 +496,8 @@ class Lights:
         return stamp_ns if ours else now_ns
 
     def _new_frames(self) -> Frames:
-        s = self._settings
-        return Frames(new_field(self._limit, self._look.decay_s, s.peak, self.table), s.frame_hz)
+        field = new_field(self._limit, self._look.decay_s, self._peak, self.table)
+        return Frames(field, self._settings.frame_hz)
 
     def _tap(self, tap: TapReport) -> None:
         if tap.block not in self._ids:
