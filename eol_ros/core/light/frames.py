@@ -56,7 +56,7 @@ class Frames:
 
         By their knocks; or with `onset_ns` for a slip that began then, if they had not lit it; or
         by light that has run there from another block, to the share `spread` of the peak, if they
-        had been dark for REST_S.
+        had not been lit for REST_S and are dimmer: it ends a fall of theirs only with a rise.
         """
         self._number += 1
         heapq.heappush(self._kept, (stamp_ns, self._number, blocks, cause, onset_ns, spread))
@@ -69,15 +69,16 @@ class Frames:
         found: list[tuple[int, bytes, Any]] = []
         while self._kept and self._kept[0][0] <= stamp_ns:
             at_ns, _, blocks, cause, onset_ns, spread = heapq.heappop(self._kept)
+            found += [(t, levels, None) for t, levels in self._until(at_ns)]
             if spread is not None:
-                blocks = tuple(b for b in blocks if self.rested(b, at_ns))
+                dimmer = self.field.levels(at_ns * NS) < spread * self.field.peak
+                blocks = tuple(b for b in blocks if dimmer[b] and self.rested(b, at_ns))
                 if not blocks:
                     continue
             elif onset_ns is None:
                 self._knock_ns.update(dict.fromkeys(blocks, at_ns))
             elif any(self._knock_ns.get(b, -FELT_NS) > onset_ns - FELT_NS for b in blocks):
                 continue
-            found += [(t, levels, None) for t, levels in self._until(at_ns)]
             share = 1.0 if spread is None else spread
             found.append((at_ns, self._lit(at_ns, blocks, share), cause))
         return found + [(t, levels, None) for t, levels in self._until(stamp_ns)]

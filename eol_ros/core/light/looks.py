@@ -3,8 +3,8 @@
 
 With a spread, light runs from the block that slips over the lattice, `delay_s` a block, up to
 `blocks` away. Each block is lit to `share` of the level of the block before it. Running light skips
-blocks that have been lit within REST_S. So it is seen where a cascade begins, and takes no flash of
-the limit from a block's own slips.
+blocks that have been lit within REST_S or shine brighter. So it is seen where a cascade begins, and
+takes no flash of the limit from a block's own slips.
 
 With an afterglow, a block that has stayed dark since its slip lights up once more: so a cascade
 that is over runs through the blocks again, in the order of its last slips.

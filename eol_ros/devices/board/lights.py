@@ -360,7 +360,8 @@ class Lights:
                 heapq.heappush(self._running, (self._still_ns + round(after_s * 1e9), one, dim))
         while self._running and self._running[0][0] <= now_ns:
             at_ns, block, share = heapq.heappop(self._running)
-            if at_ns - self._lit_ns[block] >= REST_S * 1e9:
+            dimmer = self._white[block] < 255 * share * self._peak  # as Frames.lit has it
+            if dimmer and at_ns - self._lit_ns[block] >= REST_S * 1e9:
                 self._lit_ns[block] = at_ns
                 self._light(0, block, at_ns=at_ns, spread=share)
 

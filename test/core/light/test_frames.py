@@ -117,6 +117,20 @@ def test_light_runs_on_to_blocks_that_were_dark_for_a_second_alone():
     assert lit == [(T0, 255, 0), (T0 + 500 * MS, 0, 128), (T0 + 1600 * MS, 255, 0)]
 
 
+def test_dim_light_runs_on_to_no_block_that_shines_brighter():
+    frames = Frames(FlashField(2.0), 100.0)
+    frames.lit(T0, 'slip', 3)  # 0.55 after 1.2 s
+    frames.lit(T0 + 1200 * MS, 'runs', 3, 4, spread=0.5)
+    frames.lit(T0 + 1600 * MS, 'runs', 3, spread=0.6)
+    found = frames.due(T0 + 2 * 10**9)
+    lit = [(t, w[3]) for t, w, c in found if c]
+    assert lit == [(T0, 255), (T0 + 1200 * MS, 140), (T0 + 1600 * MS, 153)]
+    grid = [t for t, _, c in found if not c]
+    assert grid == sorted(grid) and len(grid) == 200
+    before = [w[3] for t, w, _ in found if T0 < t < T0 + 1600 * MS]
+    assert all(np.diff(before) <= 0) and before[-1] < 128
+
+
 def test_frames_lie_on_the_grid_of_the_slip_that_lit_the_dark():
     field = FlashField(0.2)
     frames = Frames(field, 100.0)
