@@ -82,8 +82,9 @@ VERBS = {verb: text for group in GROUPS.values() for verb, text in group.items()
 # that go on until they are stopped, or say themselves how far they are
 LASTING = {
     'run', 'kiosk', 'mirror', 'echo', 'midi', 'replay', 'camera', 'board', 'measure', 'speakers',
-    'listen', 'compile', 'status', 'bench', 'sweep',
+    'listen', 'compile', 'status', 'bench', 'sweep', 'service',
 }  # fmt: skip
+DECODING = {'camera', 'listen'}  # of them, those that decode files
 
 
 def _overview() -> str:
@@ -276,11 +277,36 @@ def _run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
 def _watched(prog: str) -> Iterator[None]:
     """Bound the memory of a verb that ends by itself, and let it say what it does if it is long."""
     verb = prog.removeprefix('eol ')
-    if verb not in VERBS or verb in LASTING:
+    with contextlib.ExitStack() as stack:
+        if verb in VERBS and verb not in LASTING - DECODING:
+            stack.enter_context(_libraries_unheard())
+        if verb in VERBS and verb not in LASTING:
+            stack.enter_context(memory.bounded())
+            stack.enter_context(Progress(f'{prog}: {VERBS[verb]}'))
+        yield
+
+
+@contextlib.contextmanager
+def _libraries_unheard() -> Iterator[None]:
+    """Discard what libraries in C print to file descriptor 2; `sys.stderr` goes on.
+
+    Decoders of MP3, JPEG, TIFF and video print each fault that they meet, and few can be told not
+    to. The verb says itself what is wrong with a file.
+    """
+    python = sys.__stderr__
+    if not python:  # file descriptor 2 was closed before the start, and may be any file now
         yield
         return
-    with memory.bounded(), Progress(f'{prog}: {VERBS[verb]}'):
-        yield
+    with open(os.dup(2), 'w', 1, python.encoding, python.errors) as ours:
+        used = sys.stderr is python  # else it has been replaced, and writes elsewhere
+        with contextlib.redirect_stderr(ours) if used else contextlib.nullcontext():
+            nothing = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nothing, 2)
+            os.close(nothing)
+            try:
+                yield
+            finally:
+                os.dup2(ours.fileno(), 2)
 
 
 def _explained(error: ModuleNotFoundError | OSError, args: argparse.Namespace) -> EolError | None:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import BinaryIO, TypeVar
 from zipfile import BadZipFile
 
-from eol_ros.errors import EolError
+from eol_ros.errors import ConfigError, EolError
 
 T = TypeVar('T')
 # What parsers of JSON, YAML, npz and pickles raise on the content of a damaged file.
@@ -28,6 +28,7 @@ DAMAGED = (
     RecursionError, BadZipFile, zlib.error, EolError,
 )  # fmt: skip
 MOST_TEXT = 1_000_000  # bytes of a file that people write (chosen); a scene has some thousand
+MOST_PIPED = 100_000_000  # bytes taken from a pipe (chosen): it does not say how many it holds
 _TOKEN = os.urandom(3).hex()  # thread numbers are not unique across containers
 _named: set[Path] = set()
 
@@ -101,28 +102,54 @@ def _aside(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
-def regular(path: str, flags: int) -> int:
-    """Open a file, for `opener` of open(); raise OSError for a device or a pipe."""
+def readable(path: str | Path) -> bool:
+    """Return whether `content` may read it: `-` for standard input, a file or a pipe."""
+    return str(path) == '-' or Path(path).is_file() or Path(path).is_fifo()
+
+
+def opened(path: str | Path, flags: int) -> int:
+    """Open what is read once from front to back, for `opener` of open(); `-` is standard input.
+
+    Raises OSError for a device. A pipe that nobody writes is empty.
+    """
+    if str(path) == '-':
+        return os.dup(0)
     handle = os.open(path, flags | os.O_NONBLOCK)  # else a pipe that nobody writes holds on
-    if not stat.S_ISREG(os.fstat(handle).st_mode) and not stat.S_ISDIR(os.fstat(handle).st_mode):
+    mode = os.fstat(handle).st_mode
+    if stat.S_ISFIFO(mode):
+        os.set_blocking(handle, True)
+    elif not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
         os.close(handle)
-        raise OSError(errno.EINVAL, 'a device or pipe, not a file', path)
+        raise OSError(errno.EINVAL, 'a device, not a file', str(path))
     return handle
 
 
 def content(path: str | Path, most: int = MOST_TEXT) -> bytes:
-    """Return the content of a file of at most `most` bytes.
+    """Return the content of a file or pipe of at most `most` bytes; `-` is standard input.
 
     Raises
     ------
     OSError
-        It cannot be read, is larger, or is a device or a pipe.
+        It cannot be read, is larger, is a device, or a pipe that nobody writes.
     """
-    with open(path, 'rb', opener=regular) as file:
-        size = os.fstat(file.fileno()).st_size
-        if size > most:
+    with open(path, 'rb', opener=opened) as file:
+        about = os.fstat(file.fileno())
+        if stat.S_ISREG(about.st_mode):
+            size = about.st_size
+        else:
+            size = most = min(most, MOST_PIPED)
+        data = b'' if size > most else file.read(size + 1)
+        if max(size, len(data)) > most:
             raise OSError(errno.EFBIG, f'larger than {most / 1e6:g} MB', str(path))
-        return file.read(size)
+        if not data and stat.S_ISFIFO(about.st_mode):
+            raise OSError(errno.ENODATA, 'a pipe that nobody writes', str(path))
+        return data
+
+
+def check_file(path: str | Path) -> None:
+    """Raise ConfigError for a pipe or a device, where more than one pass or place is read."""
+    if Path(path).exists() and not Path(path).is_file() and not Path(path).is_dir():
+        raise ConfigError(f'{path}: a pipe or device; write it to a file, and name that')
 
 
 def read(path: Path, parse: Callable[[bytes], T]) -> T | None:

@@ -35,7 +35,7 @@ from pathlib import Path
 from typing import Any
 
 from eol_ros import yaml_text
-from eol_ros.disk import content
+from eol_ros.disk import content, readable
 from eol_ros.errors import FEW_NAMES, ConfigError, EolError, nearest
 from eol_ros.said import said
 from eol_ros.scene_secrets import SceneText, without
@@ -200,8 +200,11 @@ def inherited(fd: int) -> Path:
 def _shown(path: Path) -> str:
     """Return what to call a scene file: an inherited one by the name that bringup gave it.
 
-    What lies beside such a one is nothing: its paths have been resolved before.
+    What lies beside such a one is nothing: its paths have been resolved before. Those of a pipe
+    count from the working folder.
     """
+    if path.is_fifo() or str(path) == '-':
+        return 'pipe'
     if path.parent != inherited(0).parent:
         return str(path)
     given = os.readlink(path).removeprefix('/memfd:').removesuffix(' (deleted)')
@@ -241,7 +244,7 @@ class Reader(yaml_text.Reader):
         if not isinstance(place.value, str):
             self.wrong(place, 'include', f'{place.bare!r} is not a file name')
             return
-        other = path.parent / place.value
+        other = Path(top.file).parent / place.value
         try:
             there = other.is_file()
         except (OSError, ValueError):  # no name of a file at all
@@ -476,7 +479,7 @@ def find(name: str) -> Path:
     """Return the file of scene `name`: a path, or the name of one that ships."""
     path = Path(name)
     ours = shipped()
-    if path.is_file():
+    if readable(path):
         return path
     if name in ours:
         return ours[name]
@@ -546,7 +549,7 @@ def load(name: str | Path) -> Scene:
         together,
         elsewhere,
         machines,
-        path.resolve(),
+        path.resolve() if path.is_file() else Path.cwd() / top.file,
         real_time,
         '\n'.join(
             f'# {Path(name).name}\n{text.masked(hidden)}' for name, text in reader.texts.items()

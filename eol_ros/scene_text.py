@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from eol_ros import scene
-from eol_ros.disk import DISK, content
+from eol_ros.disk import DISK, check_file, content
 from eol_ros.errors import ConfigError, writing
 from eol_ros.yaml_text import decoded
 
@@ -21,6 +21,7 @@ def to_write(path: Path, node: str) -> scene.Scene:
 
     A scene that ships is not: the next version of eol would bring it back as it was.
     """
+    check_file(path)
     if not path.is_file():
         raise ConfigError(f'{path}: no such file; name a scene file of your own to write to')
     if path.resolve() in {shipped.resolve() for shipped in scene.shipped().values()}:

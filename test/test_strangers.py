@@ -6,6 +6,7 @@ of a file meets hostile files.
 """
 
 import argparse
+import contextlib
 import gzip
 import importlib
 import io
@@ -15,6 +16,7 @@ import resource
 import shutil
 import signal
 import struct
+import threading
 from pathlib import Path
 from zlib import compress, crc32
 
@@ -275,6 +277,7 @@ def put(path, kind, data):
         path.write_bytes(CONTENTS[kind](data))
 
 
+ABSENT = re.compile('no such (file|scene|sound|label|corpus|preset|bag)')
 PROGRESS = r' \d+ %$| \.\.\.$|^x.mcap has no end: '
 
 
@@ -307,6 +310,43 @@ def test_a_hostile_file_ends_in_one_line(good, bounded, tmp_path, monkeypatch, c
     assert code in OTHERS.get((place, kind), (69, 78)), (code, error)
     if code in (69, 78) and not error[-1].endswith(('was started.', 'was computed.')):
         assert len(error) == 1 and error[0].startswith('eol '), error
+        assert kind in ('gone', 'folder') or not ABSENT.search(error[0]), error
+
+
+ONCE = {  # places that are read once, from front to back
+    'check', 'restore', 'notify', 'speakers', 'camera scene', 'keys', 'certificate',
+    'report measured', 'render list', 'render scene', 'points', 'lens', 'calibrate scene',
+    'corpus import', 'heights', 'covers scene', 'stamps', 'calibration', 'track scene', 'simulate',
+    'sweep',
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('place', [p for p in PLACES if p not in ('run', 'preset', 'cover')])
+def test_a_pipe_is_read_as_its_file_or_refused(good, bounded, tmp_path, monkeypatch, capfd, place):
+    name, line = PLACES[place]
+    monkeypatch.setenv('EOL_CONFIG', str(tmp_path / 'config'))
+    monkeypatch.chdir(tmp_path)
+    reading, writing = os.pipe()
+
+    def write():
+        with contextlib.suppress(BrokenPipeError), open(writing, 'wb') as file:
+            file.write((good / name).read_bytes())
+
+    def code(path):
+        words = [{'X': path, 'SAMPLE': str(SAMPLE)}.get(w, w) for w in line.split()]
+        capfd.readouterr()
+        return cli.main([w.replace('G/', f'{good}/') for w in words])
+
+    bounded(SPARE)
+    threading.Thread(target=write).start()
+    found = code(f'/dev/fd/{reading}')
+    error = said(capfd.readouterr().err)
+    os.close(reading)
+    if place in ONCE:
+        shutil.rmtree(tmp_path / 'out', ignore_errors=True)
+        assert found == code(str(good / name)), error
+    else:
+        assert found == 78 and len(error) == 1 and 'a pipe or device; write it to' in error[0]
 
 
 # A name, its content, a command with it, its exit code, and what is said.

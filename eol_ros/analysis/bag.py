@@ -196,7 +196,10 @@ class Bag(BagReader):
         for name, batch in self._large({key[1] for key in wanted}, start_ns, end_ns):
             for key, collector in wanted.items():
                 if key[1] == name:
-                    collector.add(batch)
+                    try:
+                        collector.add(batch)
+                    except ConfigError as error:  # in the bytes of a message
+                        raise ConfigError(f'{self.path}: {name}: {error}') from None
         return {key: collector.found() for key, collector in wanted.items()}
 
     def _rows(self, name: str, fields: Collection[str] = (), most: int | None = None) -> '_Rows':

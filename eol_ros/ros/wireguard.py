@@ -222,13 +222,13 @@ def revoke(name: str) -> Keys:
     return read(keys.path)
 
 
-def join(text: str) -> Keys:
-    """Write what another machine's `add` gave; raises ConfigError where it is none."""
+def join(text: str, source: str = 'keys') -> Keys:
+    """Write what another machine's `add` gave in the file `source`; raises ConfigError."""
     path = place()
     try:
         parse(text, path)
     except (ValueError, KeyError, IndexError):
-        raise ConfigError('this is not what `eol keys add` writes') from None
+        raise ConfigError(f'{source}: not what `eol keys add` writes') from None
     _write(path, text, new=True)
     return read(path)
 

@@ -159,7 +159,7 @@ class Decoder:
     def _groups(self, messages: Sequence[bytes]) -> Iterator[tuple[Layout, np.ndarray, np.ndarray]]:
         sizes = np.array([len(m) for m in messages], int)
         if sizes.min(initial=HEADER) < HEADER:
-            raise ConfigError(f'{self.type}: a message of {sizes.min()} bytes')
+            raise ConfigError(f'{self.type}: a message of {sizes.min()} bytes, 4 are needed')
         for size in np.unique(sizes):
             left = np.flatnonzero(sizes == size)
             joined = b''.join([messages[i] for i in left.tolist()])

@@ -17,7 +17,7 @@ from eol_ros import folders
 from eol_ros import scene as scenes
 from eol_ros.devices.bag.retention import KEPT
 from eol_ros.devices.files import sealed_file
-from eol_ros.disk import DISK
+from eol_ros.disk import DISK, check_file
 from eol_ros.errors import ConfigError, DeviceMissing, writing
 from eol_ros.scene import Scene
 
@@ -52,12 +52,13 @@ def add_password(parser):
     """Declare where a password comes from."""
     parser.add_argument(
         '--password-file', metavar='FILE',
-        help='file whose first line is the password (default: asked for at the terminal)',
+        help='file whose first line is the password; - for standard input (default: the terminal)',
     )  # fmt: skip
 
 
 def run(args):
     """Write the file."""
+    check_file(args.scene)  # it is read again
     scene = scenes.load(args.scene)
     kind = 'sealed' if args.secrets else 'tar.gz'
     output = args.output or time.strftime(f'eol-backup-%Y%m%d-%H%M%S.{kind}')

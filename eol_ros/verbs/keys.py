@@ -8,6 +8,7 @@ import sys
 from eol_ros.cli import within
 from eol_ros.disk import content
 from eol_ros.ros import wireguard
+from eol_ros.yaml_text import decoded
 
 HELP = (
     'Say who may reach the graph from other machines in a scene with `network: secure`: each by '
@@ -77,10 +78,11 @@ def run(args):
         _say(f'{args.name} is let in no longer. {_renew(keys)}')
     elif args.action == 'join':
         try:
-            text = sys.stdin.read() if args.file == '-' else content(args.file).decode()
+            text = decoded(content(args.file)).lstrip('\ufeff')
         except (OSError, UnicodeDecodeError) as error:
-            raise ConfigError(f'{args.file}: {getattr(error, "strerror", error)}') from None
-        keys = wireguard.join(text)
+            why = getattr(error, 'strerror', 'not text in UTF-8')
+            raise ConfigError(f'{args.file}: {why}') from None
+        keys = wireguard.join(text, args.file)
         _say(f'{keys.path}: joined as {keys.address}; `{keys.how_up}` brings the tunnel up')
     elif args.action == 'env':
         for name, value in network.environment('secure').items():

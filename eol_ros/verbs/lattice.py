@@ -9,7 +9,7 @@ import time
 
 from eol_ros import folders
 from eol_ros.cli import within
-from eol_ros.disk import regular
+from eol_ros.disk import check_file
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
 
 HELP = 'run the earthquake automaton and fit the law of its sizes'
@@ -126,8 +126,8 @@ def _start(path: str):
     import numpy as np
 
     try:
-        with open(path, 'rb', opener=regular) as file:
-            numbers = np.load(file, allow_pickle=False)
+        check_file(path)
+        numbers = np.load(path, allow_pickle=False)
     except FileNotFoundError:
         raise DeviceMissing(f'--start: there is no file {path}') from None
     except (OSError, ValueError, EOFError, MemoryError) as error:

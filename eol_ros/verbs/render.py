@@ -10,6 +10,7 @@ from pathlib import Path
 
 from eol_ros import folders
 from eol_ros.cli import within
+from eol_ros.disk import readable
 from eol_ros.errors import ConfigError, UsageError
 
 HELP = 'Play the grain triggers of a bag or a CSV into a sound file, faster than real time.'
@@ -46,12 +47,13 @@ def run(args) -> int:
     from eol_ros.settings import SoundSettings
     from eol_ros.verbs.progress import Progress, track
 
-    settings = scene.load(args.scene).settings('sound') if args.scene else SoundSettings()
+    loaded = scene.load(args.scene) if args.scene else None
+    settings = loaded.settings('sound') if loaded else SoundSettings()
     ears = None
     if args.binaural:
         settings, ears = _ears(settings)
     with Progress('reading triggers and sounds'):
-        rows, times_s, refused, banks, table = _voices(args, settings)
+        rows, times_s, refused, banks, table = _voices(args, settings, loaded)
     grains = max(map(len, banks))
     told = ~(times_s >= (args.seconds or math.inf))  # one without a time is refused
     count = int(told.sum())
@@ -132,20 +134,20 @@ def _ears(settings):
     return settings, Binaural(parse(near), settings.sample_rate)
 
 
-def _voices(args, settings):
+def _voices(args, settings, loaded):
     """Return the voices, the times of their triggers, why they were refused, banks and table."""
-    from eol_ros import scene
     from eol_ros.analysis import sound
     from eol_ros.core.sound.voicing import Voicing
     from eol_ros.core.table import Table
 
-    if Path(args.source).suffix.lower() == '.csv':
+    piped = readable(args.source) and not Path(args.source).is_file()  # a bag is read by parts
+    if piped or Path(args.source).suffix.lower() == '.csv':
         from eol_ros.devices.files.trigger_file import load_triggers
 
         if not args.corpus:
             raise UsageError(f'{args.source}: a CSV names no sound; add --corpus C.json')
         triggers = load_triggers(args.source)
-        table = Table.of(scene.load(args.scene).table) if args.scene else Table()
+        table = Table.of(loaded.table) if loaded else Table()
     else:
         from eol_ros.analysis.bag import open_bag
         from eol_ros.analysis.recorded_settings import recorded_table

@@ -10,7 +10,7 @@ import tarfile
 from pathlib import Path, PurePosixPath
 
 from eol_ros.devices.files import sealed_file
-from eol_ros.disk import DAMAGED, DISK, content
+from eol_ros.disk import DAMAGED, DISK, content, readable
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, UsageError, writing
 from eol_ros.settings import MASK
 from eol_ros.verbs.backup import MANIFEST, MOST, add_password, places, private
@@ -62,7 +62,7 @@ def run(args):
 
 def _read(path: Path, password_file: str | None) -> tuple[dict, dict[str, bytes]]:
     """Return the manifest and the verified contents."""
-    if not path.is_file():
+    if not readable(path):
         raise DeviceMissing(f'{path}: no such file')
     try:
         data = content(path, MOST)

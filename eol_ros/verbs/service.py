@@ -12,7 +12,7 @@ from eol_ros import scene as scenes
 from eol_ros.bringup import plan
 from eol_ros.bringup.status import UNIT
 from eol_ros.devices.files.names import is_text
-from eol_ros.disk import DISK
+from eol_ros.disk import DISK, check_file
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, UsageError
 
 HELP = (
@@ -257,6 +257,7 @@ def made(path: Path) -> list[Path]:
 
 
 def _install(args) -> int:
+    check_file(args.scene)  # it is read at every boot
     scene = scenes.load(args.scene)
     if scene.machines or args.machine:
         scene = plan.own_part(plan.on_machine(scene, args.machine))

@@ -94,6 +94,8 @@ def test_a_rational_lens_is_fitted_within_the_image(tmp_path):
         (camera_info(k=[1e30, *K[1:]]), 'focal lengths of 1e+30'),
         (camera_info(k=[1.0, *K[1:]]), 'focal lengths of 1 '),
         (camera_info(k=[*K[:2], 1e6, *K[3:]]), 'far outside the image'),
+        (camera_info(k=[K[0], 30.0, *K[2:]]), 'skew'),
+        (camera_info(k=[*K[:8], 2.0]), 'another scale'),
         (camera_info(d=[1e30, 0, 0, 0, 0]), 'up to 1e+30'),
         (camera_info(d=['.nan', 0, 0, 0, 0]), 'not a number'),
         (camera_info(size=('01280', '0800')), 'octal'),

@@ -176,7 +176,7 @@ def test_one_strange_bag_of_many_is_left_out(tmp_path, capsys):
     }
     for k, topic in enumerate(odd):
         (tmp_path / 'bags' / f'odd{k}').mkdir()
-        times = [T0 + n * 10**9 for n in range(9)]
+        times = [0, *(T0 + n * 10**9 for n in range(9))]
         write(tmp_path / 'bags' / f'odd{k}' / 'x.mcap', {topic: odd[topic]}, times)
     args = ['report', '--all', str(tmp_path / 'bags'), '--output', str(tmp_path / 'out'), '--json']
     assert cli.main(args) == 0
@@ -228,6 +228,15 @@ def test_no_message_is_lost_for_its_time(tmp_path, verb, times, capsys):
     code = cli.main(['report', str(path), '--csv', '/t', '-o', str(tmp_path / 'csv')])
     assert code == (78 if LAST_NS in times or 1 << 63 in times else 0)
     assert 'Traceback' not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    'data', [b'', b'\0\1', b'\0\1\0\0\xff\xff\xff\x7fx\0', b'\0\0\0\0' + bytes(9)]
+)
+def test_bytes_that_are_no_message_are_told_with_their_topic(tmp_path, capsys, data):
+    path = write(tmp_path / 'a.mcap', {'/t': (*CDR, 'p/msg/T', b'string a\nint8 b', data)})
+    assert cli.main(['report', str(path), '--csv', '/t', '-o', str(tmp_path / 'csv')]) == 78
+    assert f'{path}: /t: p/msg/T: ' in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_falling_times_are_told(tmp_path, capsys):

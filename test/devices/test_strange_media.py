@@ -2,7 +2,10 @@
 """Images and sounds of phones, browsers and recorders: judged by what is in them."""
 
 import io
+import os
 import struct
+import subprocess
+import sys
 import wave
 
 import numpy as np
@@ -10,6 +13,7 @@ import pytest
 import soundfile
 from PIL import Image, PngImagePlugin
 
+from eol_ros import cli
 from eol_ros.devices.audio import audio_file
 from eol_ros.devices.audio.bank import load_bank
 from eol_ros.devices.corpus import corpus_build, corpus_file
@@ -60,10 +64,10 @@ def test_images_that_browsers_show_are_good(data):
         (WEBP[: len(WEBP) // 2], 'cut off'),
         (packed('TIFF'), 'not an image that browsers show (TIFF)'),
         (b'\0\0\0\x18ftypheic' + bytes(99), 'not an image that browsers show (HEIC)'),
-        (JPEG[:20], 'cut off before its end, or damaged (JPEG)'),
-        (PNG[:16] + bytes(4) + PNG[20:], 'cut off before its end, or damaged (PNG)'),
+        (JPEG[:20], 'damaged, or of a rare kind (JPEG)'),
+        (PNG[:16] + bytes(4) + PNG[20:], 'damaged, or of a rare kind (PNG)'),
         (PNG[:16] + b'\x7f' + PNG[17:], 'damaged'),
-        (packed('AVIF')[:300], 'cut off before its end, or damaged (AVIF)'),
+        (packed('AVIF')[:300], 'damaged, or of a rare kind (AVIF)'),
         (b'<html>404</html>', "begins with b'<html>404"),
     ],
 )
@@ -122,6 +126,30 @@ def test_a_halved_sound_says_where_it_breaks_off(halved, name, told):
     heard = audio_file.read_mono(halved(name))
     assert 0.5 < heard.duration_s < 2.01
     assert f'{name}: breaks off after {heard.duration_s:.2f} s{told}' in heard.notes[0]
+
+
+def test_an_mp3_goes_on_behind_damage(tmp_path):
+    audio_file.write(tmp_path / 'a.mp3', tone(48000), 16000)
+    data = (tmp_path / 'a.mp3').read_bytes()
+    (tmp_path / 'a.mp3').write_bytes(data[:4000] + bytes(3000) + data[7000:])
+    heard = audio_file.read_mono(tmp_path / 'a.mp3')
+    assert 2.5 < heard.duration_s < 3
+    assert f'a.mp3: can be decoded for {heard.duration_s:.2f} s of 3.00 s' in heard.notes[0]
+
+
+def test_lines_of_libraries_do_not_reach_the_terminal(tmp_path, capfd):
+    audio_file.write(tmp_path / 'a.mp3', tone(), 16000)
+    tag = b'ID3\3\0\0\0\0\0\x10COMM\0\0\0\6\0\0\1eng\xff\xfe'
+    (tmp_path / 'a.mp3').write_bytes(tag + (tmp_path / 'a.mp3').read_bytes())
+    audio_file.read_mono(tmp_path / 'a.mp3')
+    assert 'libmpg123' in capfd.readouterr().err
+    words = ['corpus', str(tmp_path / 'a.mp3')]
+    assert cli.main(words) == 0
+    assert subprocess.run([sys.executable, '-m', 'eol_ros', *words], stderr=2).returncode == 0
+    os.write(2, b'goes on\n')
+    error = capfd.readouterr().err
+    assert error.count(' s of sound in ') == 2 and error.endswith('goes on\n')
+    assert 'mpg123' not in error
 
 
 def test_mp3_is_read_in_pieces_as_in_one(tmp_path, monkeypatch):

@@ -294,9 +294,11 @@ def test_requests_are_answered(ros, ear, capfd):
         assert [words[:2] for words in told] == [(address, 1) for address, _ in settings]
         assert told[0][2] == told[1][2] == 'radius is 0.2; k is 5'
         assert (grains.settings.radius, grains.settings.k) == (0.2, 5)
-        ear.say(port, ('/eol/set/grains/radius', math.nan))
-        ear.say(port, ('/eol/call/restore_grain', 3), ('/eol/call/mute',), ('/else', 1))
-        found = {address: (done, why) for address, done, why in answers(4)}
+        for wrong in (math.nan, True):  # T is no radius of 1 m
+            ear.say(port, ('/eol/set/grains/radius', wrong))
+            assert answers(1)[0][1] == 0
+        ear.say(port, ('/eol/call/restore_grain', 3), ('/eol/call/mute',), *[('/else', 1)] * 5)
+        found = {address: (done, why) for address, done, why in answers(7)}
         assert not any(done for done, _ in found.values())
         assert found['/eol/call/restore_grain'][1] == 'grains: no grain was moved'
         assert found['/eol/call/mute'][1] == 'sound does not run'
@@ -306,8 +308,9 @@ def test_requests_are_answered(ros, ear, capfd):
         nodes.until(lambda: one.input.malformed)
         one.report()
         values = one.health.values
-        assert (values['received'], values['refused'], values['malformed']) == (26, 4, 1)
-        assert 'OSC /eol/call/mute: sound does not run' in capfd.readouterr().err
+        assert (values['received'], values['refused'], values['malformed']) == (31, 9, 1)
+        error = capfd.readouterr().err
+        assert 'OSC /eol/call/mute: sound does not run' in error and error.count('OSC /else') == 1
         nodes.end(montage)
         ear.say(port, ('/eol/call/sleep',))
         assert answers(1) == [('/eol/call/sleep', 0, 'montage does not answer')]

@@ -5,8 +5,10 @@ import getpass
 import gzip
 import io
 import json
+import os
 import sys
 import tarfile
+import threading
 from pathlib import Path
 
 import pytest
@@ -101,6 +103,26 @@ def test_secrets_are_encrypted_and_for_the_owner_alone(museum, tmp_path, phrase,
     (tmp_path / 'config/key').unlink()
     assert cli.main(['restore', str(file), *phrase]) == 0
     assert (tmp_path / 'config/key').stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.parametrize('name', ['-', '/dev/stdin', 'fifo'])
+def test_a_password_comes_through_a_pipe(museum, monkeypatch, name):
+    os.mkfifo('fifo')
+    for words in (['backup', 'scene.yaml', '-o', 'x', '--secrets'], ['restore', 'x', '--force']):
+        fifo = os.open('fifo', os.O_RDWR | os.O_CLOEXEC)  # a writer before the reader, as of <( )
+        reading, writing = os.pipe()
+        os.write(fifo if name == 'fifo' else writing, b'\xef\xbb\xbfcorrect horse\n')
+        os.close(writing)
+        kept = os.dup(0)
+        os.dup2(reading, 0)
+        threading.Timer(1.0, os.close, [fifo]).start()
+        try:
+            assert cli.main([*words, '--password-file', name]) == 0
+        finally:
+            os.dup2(kept, 0)
+            os.close(kept)
+            os.close(reading)
+    assert sealed_file.unseal(Path('x').read_bytes(), 'correct horse')
 
 
 @pytest.mark.parametrize('change', ['password', 'salt', 'nonce', 'a bit', 'cut', 'head alone'])

@@ -16,10 +16,13 @@ import numpy as np
 import soundfile
 
 from eol_ros.core import elementary
+from eol_ros.disk import check_file
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.said import said
 
 BLOCK = 1 << 20  # samples read at a time: a long file never needs all its channels in memory
+FRAME = 1152  # samples of a frame of MP3: a read that meets damage drops what it has before
+MOST_TRIES = 1000  # reads that fail in a row, 1 KB each: more is the end of an MP3 (chosen)
 WRITTEN = 1 << 12  # samples written at a time: libsndfile dies of a long piece of Vorbis
 RATES = 1000, 1_000_000  # Hz, of recordings (chosen): hydrophones to laboratory cards
 LONGEST_PERIOD = 200_000  # samples, of two rates together: bounds the filter that resamples
@@ -56,6 +59,7 @@ def read_mono(path, rate: int | None = None, guard: int = 0) -> Sound:
     no file and ConfigError if it is not sound, holds none, or is shorter than 10 ms.
     """
     path = Path(path)
+    check_file(path)
     if not path.is_file():
         raise DeviceMissing(said('no_sound_file', path=path))
     notes: list[str] = []
@@ -76,8 +80,9 @@ def read_mono(path, rate: int | None = None, guard: int = 0) -> Sound:
                 at += len(piece)
             count, whole = taken.count, _said_frames(sound)
             if count < whole:
+                broken = 'can be decoded for' if taken.framed else 'breaks off after'
                 notes.append(
-                    f'{path}: breaks off after {count / own_rate:.2f} s of '
+                    f'{path}: {broken} {count / own_rate:.2f} s of '
                     f'{whole / own_rate:.2f} s; only what is there is used'
                 )
             elif 'lacks an end-of-stream bit' in sound.extra_info:  # of Ogg
@@ -281,24 +286,31 @@ class _Pieces:
 
     def __init__(self, sound: soundfile.SoundFile):
         self._sound = sound
+        self.framed = sound.format == 'MP3'  # it goes on behind damage
         self.count = 0  # samples so far
         self.bad = 0  # of them, not numbers or too loud: silence stands in for them
 
     def __iter__(self) -> Iterator[np.ndarray]:
         sound, whole = self._sound, self._sound.frames
         block = np.empty((min(BLOCK, whole), sound.channels), np.float32)
-        place = soundfile._ffi.cast('float *', soundfile._ffi.from_buffer(block))
-        while self.count < whole:
-            room = min(len(block), whole - self.count)
-            count = soundfile._snd.sf_readf_float(sound._file, place, room)
-            if count <= 0:
-                break  # broken off: what was read before stands
+        while count := self._fill(block[: whole - self.count]):
             piece = block[:count].mean(axis=1, dtype=np.float32)
             bad = ~(np.abs(piece) <= LOUDEST)  # not a number, too
             piece[bad] = 0
             self.count += count
             self.bad += int(bad.sum())
             yield piece
+
+    def _fill(self, block: np.ndarray) -> int:
+        """Read samples into `block`; return how many, 0 where the sound ends or breaks off."""
+        step, tries = (FRAME, MOST_TRIES) if self.framed else (len(block), 1)
+        filled = failed = 0
+        while filled < len(block) and failed < tries:
+            part = block[filled : filled + step]
+            place = soundfile._ffi.cast('float *', soundfile._ffi.from_buffer(part))
+            count = soundfile._snd.sf_readf_float(self._sound._file, place, len(part))
+            failed, filled = (0, filled + count) if count > 0 else (failed + 1, filled)
+        return filled
 
 
 def _reason(path: Path, error: Exception) -> str:
@@ -309,6 +321,8 @@ def _reason(path: Path, error: Exception) -> str:
         return 'only zero bytes, as a power cut leaves' if head else 'it is empty'
     if isinstance(error, TypeError):
         return 'samples without a header, so their rate is unknown'
+    if head.startswith(b'ID3'):
+        return 'a tag of ID3 without the MP3 that it says lies behind it'
     if getattr(error, 'code', 0) in UNRECOGNISED:
         return f'it begins with {head[:12]!r}'
     return str(getattr(error, 'error_string', error)).strip().rstrip('.')

@@ -22,6 +22,7 @@ from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.scan import MAGIC
 from eol_ros.devices.bag.writer import GAPS_METADATA, PART, REPLAY_OF, RUN_METADATA, SAMPLE
 from eol_ros.devices.files.names import natural, visible
+from eol_ros.disk import check_file
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest
 from eol_ros.settings import TableSettings
 from eol_ros.streams.graph import TOPICS, full_name, namespace_of
@@ -390,6 +391,7 @@ def files_of(path: Path) -> tuple[list[Path], list[str]]:
     """Return the files of a bag, and what is in its folder and left out, in words."""
     if not path.exists():
         raise DeviceMissing(f'{path}: no such bag')
+    check_file(path)
     if path.is_file():
         return [path], []
     files = [p for p in path.iterdir() if _is_mcap(p)]

@@ -12,6 +12,7 @@ import numpy as np
 
 from eol_ros.devices.files import picture_file, text_table
 from eol_ros.devices.files.names import visible
+from eol_ros.disk import check_file
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, UsageError
 
 PICTURES = ('.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm')
@@ -136,8 +137,7 @@ def open_source(path: str, fps: float | None = None, stamps: str | None = None) 
     place = Path(path)
     if not place.exists() and '%' not in path:
         raise DeviceMissing(f'{path}: there is no such file or folder')
-    if place.exists() and not place.is_file() and not place.is_dir():
-        raise ConfigError(f'{path}: a device or pipe, not a file or folder')
+    check_file(place)
     files = '*.mcap', 'metadata.yaml'
     if place.suffix == '.mcap' or any(any(place.glob(name)) for name in files):
         if stamps is not None:

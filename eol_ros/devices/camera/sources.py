@@ -12,6 +12,7 @@ import numpy as np
 from eol_ros.devices.camera.picture import CLOCK_TRUST_S, Device, Live, Picture, SourceLost
 from eol_ros.devices.camera.ports import GENICAM, find_camera
 from eol_ros.devices.files.names import is_text
+from eol_ros.disk import check_file, readable
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.said import said
 from eol_ros.settings import CameraSettings
@@ -24,8 +25,8 @@ EXPOSURE_UNIT_US = 100  # of V4L2_CID_EXPOSURE_ABSOLUTE
 
 def is_file(device: str) -> bool:
     """Return whether `device` names a video file or a numbered series of images, not a camera."""
-    return not device.startswith(('/dev/', GENICAM)) and (
-        os.path.isfile(device) or '%' in device or ('/' in device or '.' in device)
+    return readable(device) or (
+        not device.startswith(('/dev/', GENICAM)) and any(c in device for c in '%/.')
     )
 
 
@@ -82,6 +83,7 @@ class VideoFile:
 
     def open(self) -> None:
         """Open the file at its beginning; DeviceMissing or ConfigError say what is wrong."""
+        check_file(self.name)
         if '%' not in self.name and not os.path.isfile(self.name):
             raise DeviceMissing(f'camera.device: there is no file {self.name}')
         if self._capture is None:

@@ -24,7 +24,7 @@ from eol_ros.core.sound.corpus import Corpus, Source, widened
 from eol_ros.devices.corpus import corpus_file
 from eol_ros.devices.corpus.corpus_file import ANALYSIS, LEFT_OUT, Options
 from eol_ros.devices.files.names import is_text
-from eol_ros.disk import DISK, read
+from eol_ros.disk import DISK, check_file, read
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, writing
 from eol_ros.said import said
 from eol_ros.settings import DESCRIPTORS, MORE_DESCRIPTORS, PROJECTIONS
@@ -257,6 +257,7 @@ def apart(
 def _analysed(sound: Path, options: Options, progress):
     """Return source, grains, which are silent and notes of one sound, from the cache if it can."""
     labels = corpus_file.label_file(sound, options)
+    check_file(sound)
     if not sound.is_file():
         raise DeviceMissing(said('no_sound_file', path=sound))
     if not is_text(sound):  # the messages of ROS take no other names

@@ -20,7 +20,7 @@ from eol_ros import folders
 from eol_ros.core.sound.corpus import AXES, COLUMNS, Corpus, Source, grain_dtype
 from eol_ros.devices.files import text_table
 from eol_ros.devices.files.names import find, visible
-from eol_ros.disk import DISK, content, read
+from eol_ros.disk import DISK, check_file, content, read
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest, writing
 from eol_ros.said import said
 from eol_ros.settings import MAP_AXES, MORE_DESCRIPTORS, PROJECTIONS, GrainsSettings
@@ -118,7 +118,7 @@ def sounds_of(path: Path) -> list[Path]:
                 f'{path}: no sound file in this folder; put WAV, FLAC or OGG files there'
             )
         return found
-    if not path.is_file():
+    if not path.exists():
         raise DeviceMissing(said('no_sound_file', path=path))
     return [path]
 
@@ -155,6 +155,7 @@ def label_file(sound: Path, options: Options) -> Path | None:
     """Return the label track that the sound is cut at, if it is to be cut at one."""
     if options.segment != 'labels':
         return None
+    check_file(options.labels)  # its content is part of the digest
     return Path(options.labels) if options.labels else beside(sound, 'labels.txt')
 
 
@@ -231,6 +232,7 @@ def load(path: Path, trusted: bool = False) -> Corpus:
     One that is not `trusted` may have been edited: its digest is taken of the text, and a sound
     whose content is not what was described is told of in `notes`.
     """
+    check_file(path)  # it names its sounds from where it lies
     try:
         data = content(path, MOST_CORPUS)
     except FileNotFoundError:

@@ -15,7 +15,7 @@ import numpy as np
 
 from eol_ros.core.sound.corpus import Corpus, widened
 from eol_ros.devices.corpus.corpus_file import FURTHER, MOST_CORPUS, write_text
-from eol_ros.disk import content
+from eol_ros.disk import content, said
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.settings import DESCRIPTORS
 
@@ -67,7 +67,7 @@ def _read(path: Path) -> tuple[dict, int]:
     except FileNotFoundError:
         raise DeviceMissing(f'{path}: no such file') from None
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise ConfigError(f'{path}: not a FluCoMa DataSet ({error!r})') from None
+        raise ConfigError(f'{path}: not a FluCoMa DataSet ({said(error)})') from None
     if not isinstance(data, dict) or type(cols) is not int or not data:
         raise ConfigError(f'{path}: not a FluCoMa DataSet (no "cols" and points in "data")')
     return data, cols

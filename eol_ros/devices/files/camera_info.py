@@ -119,6 +119,8 @@ def lens(
     if camera is not None and all(size_px):
         focal = camera[[0, 1], [0, 1]] / size_px[0]
         middle = camera[:2, 2] / size_px
+        plain = np.diag([*camera[[0, 1], [0, 1]], 1.0])
+        plain[:2, 2] = camera[:2, 2]
         if not ((FOCAL[0] <= focal) & (focal <= FOCAL[1])).all():
             wrong.append(
                 f'camera_matrix: focal lengths of {camera[0, 0]:g} and {camera[1, 1]:g} px are not '
@@ -129,6 +131,8 @@ def lens(
                 f'camera_matrix: its middle ({camera[0, 2]:g}, {camera[1, 2]:g}) lies far outside '
                 'the image'
             )
+        elif np.abs(camera - plain).max() > MISFIT_PX:
+            wrong.append('camera_matrix is not fx 0 cx, 0 fy cy, 0 0 1: skew or another scale')
     model = content.get('distortion_model') or ('plumb_bob' if values is None or len(values) < 8
                                                 else 'rational_polynomial')  # fmt: skip
     counts = {'plumb_bob': (0, 4, 5), 'rational_polynomial': (8,)}.get(model)

@@ -42,7 +42,7 @@ def _of_head(head: bytes) -> str:
     """Return what is wrong with a file that no decoder takes, by its first bytes."""
     accepts = {k: Image.OPEN[k][1] for k in SHOWN if k in Image.OPEN}
     if kind := next((k for k, fits in accepts.items() if fits and fits(head) is True), ''):
-        return f'cut off before its end, or damaged ({kind})'
+        return f'cut off before its end, damaged, or of a rare kind ({kind})'
     if head[4:12] in HEIC:
         return 'not an image that browsers show (HEIC); export it as JPEG'
     return f'not an image that is known (it begins with {head[:12]!r})'

@@ -50,7 +50,7 @@ def unseal(data: bytes, password: str) -> bytes:
 
 
 def ask(file: str | None, new: bool = False) -> str:
-    """Return a password, of the first line of `file` or typed at the terminal.
+    """Return the first line of `file` (`-`: standard input), or what is typed at the terminal.
 
     new: ask twice at the terminal, and take at least `SHORTEST` characters.
 
@@ -63,7 +63,7 @@ def ask(file: str | None, new: bool = False) -> str:
     """
     if file:
         try:
-            given = content(file).decode().split('\n')[0].rstrip('\r')
+            given = content(file).decode('utf-8-sig').split('\n')[0].rstrip('\r')
         except (OSError, UnicodeDecodeError) as error:
             why = getattr(error, 'strerror', None) or 'not text in UTF-8'
             raise ConfigError(f'--password-file {file}: {why}') from None
@@ -76,7 +76,9 @@ def ask(file: str | None, new: bool = False) -> str:
         if given != again:
             raise UsageError('the two passwords differ')
     else:
-        raise UsageError('no terminal to ask for the password: name --password-file FILE')
+        raise UsageError(
+            'no terminal to ask for the password: name --password-file FILE (-: standard input)'
+        )
     if not given:
         raise UsageError('the password is empty')
     if new and len(given) < SHORTEST:

@@ -9,6 +9,7 @@ lines, and those that begin with `#` or a backslash, are left out.
 
 import codecs
 import csv
+import io
 import itertools
 import math
 import re
@@ -16,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from eol_ros.disk import regular
+from eol_ros.disk import opened
 from eol_ros.errors import ConfigError, DeviceMissing
 
 _MARKS = {
@@ -151,10 +152,10 @@ def _lines(path: Path) -> Iterator[str]:
     """Yield the lines of a text; raises DeviceMissing, ConfigError."""
     line, column = 1, 1
     try:
-        with open(path, 'rb', opener=regular) as file:
-            head = file.read(4)
-        encoding = next((e for mark, e in _MARKS.items() if head.startswith(mark)), 'utf-8')
-        with open(path, encoding=encoding, newline='', errors='surrogateescape') as text:
+        with open(path, 'rb', opener=opened) as file:
+            head = file.peek(4)
+            encoding = next((e for mark, e in _MARKS.items() if head.startswith(mark)), 'utf-8')
+            text = io.TextIOWrapper(file, encoding, 'surrogateescape', newline='')
             for line, found in enumerate(iter(lambda: text.readline(LONGEST), ''), 1):
                 if len(found) == LONGEST:
                     raise ConfigError(
