@@ -349,6 +349,7 @@ def test_a_pipe_is_read_as_its_file_or_refused(good, bounded, tmp_path, monkeypa
         assert found == 78 and len(error) == 1 and 'a pipe or device; write it to' in error[0]
 
 
+CROSSED = b'10,10,-0.7,0.7\n1200,10,0.7,-0.7\n1200,700,0.7,0.7\n10,700,-0.7,-0.7\n'
 # A name, its content, a command with it, its exit code, and what is said.
 VALUES = [
     ('x.wav', sound(1), 'corpus X', 78, '1 samples a second; sounds have 1000'),
@@ -363,6 +364,8 @@ VALUES = [
     ('x.txt', b'1' + 5000 * b'0', 'track G/stack.npy --stamps X', 78, 'is not a time'),
     ('x.txt', b'1.7e9\t1.8e9\tx\n', 'corpus G/sound.wav --segment labels --labels X', 78, 'lie in'),
     ('x.txt', b'nan\tnan\tx\n', 'corpus G/sound.wav --segment labels --labels X', 78, 'a number'),
+    ('x.csv', CROSSED, 'calibrate points X --size 1280x800', 78, 'so: check their order'),
+    ('x.txt', b'4800\t9600\tx', 'corpus G/sound.wav --segment labels --labels X', 78, 'seconds'),
     ('x.npy', npy((3, 2, 2), '<i8', bytes(96)), 'lattice --start X', 78, 'a square of whole'),
     ('x.npy', npy((2, 2), '<c16', bytes(64)), 'lattice --start X', 78, 'a square of whole'),
     ('x.npy', npy((0, 400, 640)), 'track X', 78, 'no image in it'),

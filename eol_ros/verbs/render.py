@@ -140,8 +140,8 @@ def _voices(args, settings, loaded):
     from eol_ros.core.sound.voicing import Voicing
     from eol_ros.core.table import Table
 
-    piped = readable(args.source) and not Path(args.source).is_file()  # a bag is read by parts
-    if piped or Path(args.source).suffix.lower() == '.csv':
+    piped = readable(args.source) and not Path(args.source).is_file()
+    if (piped and args.corpus) or Path(args.source).suffix.lower() == '.csv':
         from eol_ros.devices.files.trigger_file import load_triggers
 
         if not args.corpus:

@@ -239,6 +239,15 @@ def test_bytes_that_are_no_message_are_told_with_their_topic(tmp_path, capsys, d
     assert f'{path}: /t: p/msg/T: ' in capsys.readouterr().err.splitlines()[-1]
 
 
+def test_two_files_in_one_are_told(tmp_path, capsys):
+    whole = write(tmp_path / 'a.mcap').read_bytes()
+    (tmp_path / 'a.mcap').write_bytes(2 * whole)
+    assert cli.main(['bag', 'info', str(tmp_path / 'a.mcap')]) == 1
+    error = capsys.readouterr().err
+    assert f'a second file: `tail -c +{len(whole) + 1}` takes it out' in error
+    assert 'messages from 1.000 s to the end may be missing' in error
+
+
 def test_falling_times_are_told(tmp_path, capsys):
     times = [T0 + k * SECOND for k in (0, 1, 2, 9, 3, 4, 2, 5)]
     path = write(tmp_path / 'a.mcap', {'/t': TWO['/t']}, times)

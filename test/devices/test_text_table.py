@@ -56,6 +56,7 @@ TEXTS = [
     ('pairs.csv', 'ä.jpg\tb.png\tx; y\n'),
     ('pairs.csv', 'Caption,Right,Left\n"x; y",b.png,ä.jpg\n'),
     ('t.csv', 'time_s,grain\n0.5,3\n1.5,4\n'),
+    ('t.csv', '\ufefftime_s,grain\n0.5,3\n#N/A: no comment\n1.5,4\n'),
     ('t.csv', 'grain;time_s [s];gain\n3;0,5;1,0\n4;1,5;\n'),
     ('t.csv', '# mine\n\ntime_s\tgrain\n0,5\t3\n1,5\t4\n'),
     ('a.moved.csv', 'time_s,x,y\n0.5,0.25,1\n'),
@@ -87,6 +88,9 @@ def test_every_reader_takes_every_form(tmp_path, name, text):
     ('data', 'told'),
     [
         (bytes(64), ':1:1: a zero byte'),
+        ('1,2'.encode('utf-16-le'), 'UTF-16 without a byte order mark'),
+        (b'PK\3\4\x14\0\6\0' + bytes(400), ': a workbook, not text'),
+        (b'\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1' + bytes(600), ': a workbook, not text'),
         (b'1,2,3,4\n\n5,6,\xe4,8\n', ':3:5: byte 0xE4 is not UTF-8'),
         (codecs.BOM_UTF16_LE + 'a,b'.encode('utf-16-le')[:-1], ':1:1: not text in utf-16'),
     ],
@@ -103,6 +107,8 @@ def test_what_is_no_text_is_one_line_with_its_place(tmp_path, name, data, told):
     [
         ('t.csv', 'time_s,grain\n0,1\n1700000000,2\n', ':3:1: .*an epoch time'),
         ('t.csv', 'time_s,grain\n0,1\n40000,2\n', 'milliseconds'),
+        ('t.csv', 'time_s,grain\n0,1\n#DIV/0!,1\n', ':3:1: time_s #DIV/0! is an error'),
+        ('t.csv', 'time_s;grain\n0;#WERT!\n', ':2:2: grain #WERT! is an error'),
         ('t.csv', 'time_s,grain\n0,1\n1,soon\n', ":3:2: grain 'soon' is not a number"),
         ('t.csv', 'time,grain\n0,1\n', ':1:1: no column time_s'),
         ('l.txt', '0.5\t1700000000\tx\n', ':1:2: end .* must lie in'),

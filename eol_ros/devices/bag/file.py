@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 FOOTER = struct.Struct('<BQQQI')  # opcode, length, start of the summary, of its offsets, crc
 _T = TypeVar('_T')
 FOREVER = (1 << 63) - 1  # ns
+LARGEST_INDEX = 1 << 26  # bytes of an index that are looked through (chosen): of days
 _NAMED = 'offered_qos_profiles', 'topic_type_hash'  # in the metadata of a channel
 _OTHERS = {
     b'SQLite': 'a bag in SQLite (.db3): `ros2 bag convert` makes MCAP of it',
@@ -318,10 +319,21 @@ class BagFileReader:
         elif not self.indexed and not (contents.complete and right_end):
             self.cut_at = contents.data_end
         elif not self.indexed and (self.ours or index_wrong):
-            self._damaged(contents.data_end, size, 'the index')
+            self._damaged_index(file, contents.data_end)
         for channel in contents.channels.values():
             self._add(channel, contents.schemas.get(channel.schema_id))
         self._check_metadata()
+
+    def _damaged_index(self, file: BinaryIO, start: int) -> None:
+        """Note that the index is damaged, or that a second file stands behind it (`cat`)."""
+        file.seek(start)
+        end = file.read(LARGEST_INDEX).find(2 * MAGIC)
+        if end < 0:
+            self._damaged(start, self.size, 'the index')
+        else:
+            second = start + end + len(MAGIC)
+            why = f'a second file: `tail -c +{second + 1}` takes it out'
+            self._damaged(second, self.size, why, self.end_ns, FOREVER)
 
     def _begins(self, file: BinaryIO) -> bool:
         """Return whether there is anything; raise ConfigError where it is no bag."""

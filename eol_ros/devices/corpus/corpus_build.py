@@ -286,6 +286,11 @@ def _analysed(sound: Path, options: Options, progress):
         if options.more:
             grains = _further(grains, heard, cuts, lambda s: progress(0.3 + 0.7 * s))
         rate, duration_s, notes = heard.rate, heard.duration_s, list(heard.notes)
+        late = 0 if times is None else int((times[:, 0] >= duration_s).sum())
+        if late:
+            notes.append(
+                f'{labels}: {late} labels begin behind the end of {sound} and are left out'
+            )
         kept: dict[str, Any] = {'grains': grains, 'silent': silent, 'notes': notes}
         kept |= {'rate': rate, 'duration_s': duration_s}
         with writing(path), DISK.replacing(path) as part:
@@ -323,6 +328,11 @@ def _cut(heard, options: Options, times: np.ndarray | None) -> np.ndarray:
         cuts = segments.from_labels(times, len(samples), rate)
     else:
         cuts = np.array([[0, len(samples)]])
+    if times is not None and (times[:, 0] >= heard.duration_s).all():
+        raise ConfigError(
+            f'{heard.path}: all its labels begin behind its end, {heard.duration_s:g} s: label '
+            'tracks are in seconds'
+        )
     if not len(cuts):
         raise ConfigError(
             f'{heard.path}: cutting it by {o.segment} leaves no grain; cut it otherwise'

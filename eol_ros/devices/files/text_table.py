@@ -25,6 +25,11 @@ _MARKS = {
     codecs.BOM_UTF16_LE: 'utf-16',
     codecs.BOM_UTF16_BE: 'utf-16',
 }
+_WORKBOOKS = b'PK\3\4', b'\xd0\xcf\x11\xe0'  # .xlsx and .ods, .xls
+# What a spreadsheet exports of a cell that it cannot compute; any other # begins a comment.
+_ERROR = re.compile(
+    r'#(DIV/0!|N/A|NAME\?|NULL!|NUM!|REF!|VALUE!|SPILL!|CALC!|WERT!|BEZUG!|ZAHL!|NV)\s*$'
+)
 LONGEST = 1 << 17  # characters of a line: what the reader of Python takes for a cell
 _SNIFFED = 20  # lines by which the delimiter is chosen
 _SEP = re.compile(r'"?sep=([^"\w\r\n])"?\s*', re.I)
@@ -52,15 +57,19 @@ class Row:
 
         Raises ConfigError with line and column.
         """
-        text = self.cells.get(name, '').partition('#')[0].strip()
+        text = self.cells.get(name, '').strip()
+        if _ERROR.match(text):
+            raise self.wrong(name, f'{name} {text} is an error that the spreadsheet shows')
+        text = text.partition('#')[0].strip()
         if not text and default is not None:
             return default
         if not text:
             raise self.wrong(name, f'{name} is missing: the line has {self.count} cells')
         value = number(text)
         if not low <= value <= high:  # nan, too
-            wrong = f'must lie in {low:g}..{high:g}' if math.isfinite(value) else 'is not a number'
-            raise self.wrong(name, f'{name} {text[:40]!r} {wrong}{hint}')
+            known = math.isfinite(value)
+            wrong = f'must lie in {low:g}..{high:g}{hint}' if known else 'is not a number'
+            raise self.wrong(name, f'{name} {text[:40]!r} {wrong}')
         return value
 
     def wrong(self, name: str, text: str) -> ConfigError:
@@ -154,6 +163,8 @@ def _lines(path: Path) -> Iterator[str]:
     try:
         with open(path, 'rb', opener=opened) as file:
             head = file.peek(4)
+            if head.startswith(_WORKBOOKS):
+                raise ConfigError(f'{path}: a workbook, not text; save it as "CSV UTF-8"')
             encoding = next((e for mark, e in _MARKS.items() if head.startswith(mark)), 'utf-8')
             text = io.TextIOWrapper(file, encoding, 'surrogateescape', newline='')
             for line, found in enumerate(iter(lambda: text.readline(LONGEST), ''), 1):
@@ -166,14 +177,14 @@ def _lines(path: Path) -> Iterator[str]:
                     column = odd.start() + 1
                     if odd[0] == '\0':
                         raise ConfigError(
-                            f'{path}:{line}:{column}: a zero byte, as a power cut or a file that '
-                            'is not text leaves; write the file again'
+                            f'{path}:{line}:{column}: a zero byte, as of a power cut, of UTF-16 '
+                            'without a byte order mark or of no text; save the file as UTF-8'
                         )
                     raise ConfigError(
                         f'{path}:{line}:{column}: byte 0x{ord(odd[0]) - 0xDC00:02X} is not UTF-8; '
                         'save the file as UTF-8 (in a spreadsheet: "CSV UTF-8")'
                     )
-                yield found
+                yield found.lstrip('\ufeff') if line == 1 else found  # some write it twice
     except IsADirectoryError:
         raise DeviceMissing(f'{path}: a folder, not a file') from None
     except OSError as error:
@@ -214,7 +225,8 @@ def _reader(lines: Iterable[str], delimiter: str):
 
 def _is_left_out(cells: Sequence[str]) -> bool:
     text = next((c.strip() for c in cells), '')
-    return not any(c.strip() for c in cells) or text.startswith(('#', '\\'))
+    comment = text.startswith(('#', '\\')) and not _ERROR.match(text)
+    return comment or not any(c.strip() for c in cells)
 
 
 def _name(cell: str) -> str:

@@ -518,7 +518,9 @@ def from_points(
                 f'the points lie almost in one line in {where}: take corners of the table'
             )
     first, _ = cv2.findHomography(xy, flat)
-    if first is None:
+    places = np.column_stack([xy, np.ones(len(xy))])
+    # all points, and the middle of the table, lie before the camera
+    if first is None or not (places @ first[2] * first[2, 2] > 0).all():
         raise ConfigError('no camera can see these points so: check their order')
     scale = np.abs(first.ravel()[:8]) + 1e-6 * np.abs(first).max()
 
