@@ -16,7 +16,7 @@ from typing import Any
 
 from eol_ros import folders
 from eol_ros import scene as scenes
-from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest
+from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest, printable
 from eol_ros.ros import installed, network
 from eol_ros.scene import Scene
 from eol_ros.settings import TableSettings
@@ -71,7 +71,8 @@ def run(args):
         return DeviceMissing.exit_code if missing or absent else 0
     for warning in warnings:
         print(f'eol check: {warning}', file=sys.stderr)
-    print(f'{scene.path}: {scene.name}, {len(scene.nodes)} nodes, network {scene.network}')
+    name = printable(scene.name)
+    print(f'{scene.path}: {name}, {len(scene.nodes)} nodes, network {scene.network}')
     for name, settings in scene.nodes.items():
         changed = [
             f'{f.name}={getattr(settings, f.name)!r}'
