@@ -322,7 +322,7 @@ ONCE = {  # places that are read once, from front to back
 
 
 @pytest.mark.parametrize('place', [p for p in PLACES if p not in ('run', 'preset', 'cover')])
-def test_a_pipe_is_read_as_its_file_or_refused(good, bounded, tmp_path, monkeypatch, capfd, place):
+def test_a_pipe_is_read_as_its_file_or_refused(good, tmp_path, monkeypatch, capfd, place):
     name, line = PLACES[place]
     monkeypatch.setenv('EOL_CONFIG', str(tmp_path / 'config'))
     monkeypatch.chdir(tmp_path)
@@ -337,7 +337,6 @@ def test_a_pipe_is_read_as_its_file_or_refused(good, bounded, tmp_path, monkeypa
         capfd.readouterr()
         return cli.main([w.replace('G/', f'{good}/') for w in words])
 
-    bounded(SPARE)
     threading.Thread(target=write).start()
     found = code(f'/dev/fd/{reading}')
     error = said(capfd.readouterr().err)

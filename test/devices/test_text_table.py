@@ -114,6 +114,7 @@ def test_what_is_no_text_is_one_line_with_its_place(tmp_path, name, data, told):
         ('l.txt', '0.5\t1700000000\tx\n', ':1:2: end .* must lie in'),
         ('a.moved.csv', '0.5,25,1\n', ':1:2: x .* must lie in 0..1'),
         ('s.txt', '0x10\n', ':1:1: 0x10 is not a time'),
+        ('s.txt', '1,2.png\n', ':1:1: 1,2.png is not a time'),
         ('t.csv', 'time_s,grain\n0,1e300\n', ":2:2: grain '1e300' must lie in"),
         ('t.csv', 'time_s,grain\n0,9223372036854775808\n', ':2:2: grain .* must lie in'),
         ('t.csv', 'time_s,grain,block\n0,1,40000\n', ':2:3: block .* must lie in'),

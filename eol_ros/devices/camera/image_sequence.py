@@ -93,9 +93,8 @@ def read_stamps(path: str) -> np.ndarray:
     last: float = -math.inf  # in the unit of the file: whole numbers keep all their digits
     in_ns = False
     for row in text_table.rows(path, ('stamp',), ('stamp',), fits=bool):
-        word = row.cells['stamp'].partition('#')[0].strip()
-        if word.count(',') == 1:
-            word = word.replace(',', '.')
+        cell = row.cells['stamp'].partition('#')[0].strip()
+        word = cell.replace(',', '.') if cell.count(',') == 1 else cell
         whole = word.lstrip('+-').isdecimal()
         try:
             value: float = int(word) if whole and len(word) < 30 else float(word)
@@ -118,7 +117,7 @@ def read_stamps(path: str) -> np.ndarray:
             in_ns, last = whole, value
             times.append(value * unit_s)
             continue
-        raise row.wrong('stamp', f'{word} {wrong}')
+        raise row.wrong('stamp', f'{cell} {wrong}')
     return np.array(times)
 
 
