@@ -342,6 +342,9 @@ def _draw(result: dict, folder: Path) -> None:
             curves = by_scene.setdefault(r['scene'], {})
             point = (r['ms'] / r['seconds'], max(r['error_m'], FLOOR_M), 0.0, '')
             curves.setdefault(r['method'].rstrip('-.0123456789e '), []).append(point)
+        if 'own_ms' in r:
+            point = (r['own_ms'] / r['seconds'], max(r['own_error_m'], FLOOR_M), 0.0, '')
+            by_scene[r['scene']]['ours beside peers'] = [point]
     if by_scene:
         plots.draw(
             folder / 'physics_error.png', by_scene, 'ms per simulated second', 'largest error, m'
