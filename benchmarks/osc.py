@@ -2,9 +2,9 @@
 """eol bench osc: what a thousand OSC packets a second cost the node `osc`, out and in.
 
 The node runs in a process of its own over real DDS; this process sends the packets, publishes the
-slips and stands for the nodes that answer. `out`: slips. `setting`: one fader. `settings`: eight
-faders in turn. `call`: requests, of which the node lets 256 wait. Share of a core of the process
-of `osc`, user and system time, the share while nothing comes told apart.
+slips and stands for the nodes that answer. `out`: slips, twenty of an image. `setting`: one fader.
+`settings`: eight faders in turn. `call`: requests, of which the node lets 256 wait. Share of a core
+of the process of `osc`, user and system time, the share while nothing comes told apart.
 """
 
 import argparse
@@ -82,7 +82,7 @@ def measure(args: argparse.Namespace) -> dict[str, float]:
 
 
 def _givers(
-    slip: Callable[[], None], sock: socket.socket, port: int
+    slip: Callable[[int], None], sock: socket.socket, port: int
 ) -> dict[str, Callable[[int], Any]]:
     from eol_ros.devices.osc import encode
 
@@ -99,7 +99,7 @@ def _givers(
         return give
 
     return {
-        'out': lambda number: slip(),
+        'out': lambda number: slip(number // CHUNK),
         'setting': fader(1),
         'settings': fader(len(FADERS)),
         'call': lambda number: send('/eol/call/sleep/montage'),
@@ -107,8 +107,8 @@ def _givers(
 
 
 @contextlib.contextmanager
-def _graph(process: subprocess.Popen) -> Iterator[tuple[Callable[[], None], list[str]]]:
-    """Yield what publishes a slip, and the kinds of all requests that have come."""
+def _graph(process: subprocess.Popen) -> Iterator[tuple[Callable[[int], None], list[str]]]:
+    """Yield what publishes a slip of an image, and the kinds of all requests that have come."""
     import rclpy
     from eol_msgs.msg import Slip
     from rclpy.executors import SingleThreadedExecutor
@@ -141,9 +141,12 @@ def _graph(process: subprocess.Popen) -> Iterator[tuple[Callable[[], None], list
     thread = threading.Thread(target=spin, daemon=True)
     thread.start()
 
-    def slip() -> None:
+    stamps: dict[int, int] = {}
+
+    def slip(image: int) -> None:
         message = Slip(block=3, kind=1, speed=0.5)
-        message.header.stamp = message.onset = to_msg(now_ns())
+        stamp = stamps.setdefault(image, now_ns())
+        message.header.stamp = message.onset = to_msg(stamp)
         slips.publish(message)
 
     try:

@@ -27,6 +27,7 @@ from eol_ros.streams.requests import SET, Asked
 from eol_ros.streams.work_state import States
 
 LOOK_S = 0.02
+FULL = 400  # messages of a bundle, some 30 KB: UDP carries 64 KB
 MOST_OPEN = 256  # requests that wait for their answers
 WARN_S, WARNED = 60.0, 20  # one warning an address, of so many addresses
 
@@ -36,6 +37,7 @@ class OscNode(EolNode):
 
     NAME = 'osc'
     MAPS_TIME = True
+    REST_S = 0.002
 
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
@@ -51,6 +53,8 @@ class OscNode(EolNode):
         self.to = names if self.outs else {}
         self.there = {*self.scene.nodes, *self.scene.elsewhere}
         self.sent = self.refused = 0
+        # by time and targets: what goes out together
+        self.leaving: dict[tuple[int, ...], tuple[list[UdpOut], list[bytes]]] = {}
         self.warned: dict[str, float] = {}  # addresses, and when
         self.input = OscIn(s.port, s.peers, s.peer_rate_hz) if s.port else None
         if self.input:
@@ -112,11 +116,23 @@ class OscNode(EolNode):
             self.transmit(self.outs, unix_ns, [(self.to[name], *line) for line in lines])
 
     def transmit(self, outs: list[UdpOut], unix_ns: int, messages: list) -> None:
-        packet = bundle(TimeTag.of(unix_ns), [encode(*message) for message in messages])
-        for out in outs:
-            out.send(packet)
+        """Let messages go out with all others of this time that arrive with them, in one bundle."""
+        if not self.leaving and self.executor is not None:
+            self.executor.create_task(self.flush)
+        _, waiting = self.leaving.setdefault((unix_ns, *map(id, outs)), (outs, []))
+        waiting += [encode(*message) for message in messages]
+        if len(waiting) > FULL:
+            self.flush()
         self.sent += len(messages)
         self.health.tick(len(messages))
+
+    def flush(self) -> None:
+        """Send what waits, a bundle for each time."""
+        leaving, self.leaving = self.leaving, {}
+        for (unix_ns, *_), (outs, messages) in leaving.items():
+            packet = bundle(TimeTag.of(unix_ns), messages)
+            for out in outs:
+                out.send(packet)
 
     def tell(self, name: str, message) -> None:
         self.send(name, [osc.ROWS[name].of(message)], to_ns(message.header.stamp))
@@ -311,6 +327,7 @@ class OscNode(EolNode):
     def close(self) -> None:
         if self.tuio or self.tuio2:  # no block is known any more
             self.send_tokens(self.now_ns(), np.full((self.table.cells, 3), np.nan))
+        self.flush()
         for end in (*self.all, self.input):
             if end:
                 end.close()

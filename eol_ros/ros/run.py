@@ -110,6 +110,7 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
     # None is how an import is refused, which the stubs do not know
     sys.modules['rosidl_generator_py.generate_py_impl'] = None  # type: ignore[assignment]
     import rclpy
+    from rclpy.task import Future
 
     with ros(ros_args) as (executor, nodes):
         logger = rclpy.logging.get_logger(names[0])
@@ -124,10 +125,15 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
         for node in nodes:
             executor.add_node(node)
         look_s = 0.0
+        rest_s = min((node.REST_S for node in nodes), default=0.0)
         while not stop:
             thread_faults.check()
             try:
+                began_s = time.monotonic()
                 executor.spin_once(timeout_sec=LOOK_S)
+                if time.monotonic() - began_s < rest_s:  # messages come in a burst
+                    time.sleep(rest_s)
+                    executor.spin_until_future_complete(Future(), 0.0)
             except EolError:
                 raise
             except Exception as error:

@@ -48,8 +48,10 @@ class Ear:
         self.port = self._socket.getsockname()[1]
         self.address = f'127.0.0.1:{self.port}'
         self.tags = []
+        self.flush = lambda: None  # what a node has to send, where no executor does it
 
     def take(self):
+        self.flush()
         found = []
         while True:
             try:
@@ -87,6 +89,7 @@ def node(ros, ear):
         scene = Scene('here', defaults('osc', *nodes))
         settings = {'send_to': (ear.address,), 'rate_hz': 240.0} | settings
         made.append(OscNode(OscSettings(**settings), scene=scene))
+        ear.flush = made[-1].flush
         return made[-1]
 
     yield make
@@ -160,7 +163,7 @@ def test_poses_of_blocks_that_have_moved(node, ear):
     names = [address for address, *_ in found]
     assert names == ['/eol/block'] * 25 + ['/eol/tracking', '/eol/stress']
     assert found[-2][1:] == (TRACKING, 25) and found[-1][1:] == pytest.approx([0.0] * 25, abs=1e-6)
-    assert ear.tags[0] == TimeTag.of(first.stamp_ns)
+    assert ear.tags == [TimeTag.of(first.stamp_ns)]  # one bundle
     second = blocks(one.table)
     second.rows['x'][3] += 0.01
     second.rows['x'][4] += 0.0004  # noise
@@ -174,6 +177,28 @@ def test_poses_of_blocks_that_have_moved(node, ear):
     time.sleep(0.01)
     one.on_blocks(blocks(one.table, state=2))  # lost: nobody knows where any block is
     assert [words[0] for words in ear.take()] == ['/eol/tracking', '/eol/stress']
+
+
+def test_a_bundle_holds_what_udp_carries(node, ear, monkeypatch):
+    monkeypatch.setattr(module, 'FULL', 2)
+    one, at = node(send=('slip',)), now_ns()
+    for block in range(4):
+        one.tell('slip', stamped(Slip(block=block), at, at))
+    assert [words[1] for words in ear.take()] == [0, 1, 2, 3]
+    assert ear.tags == [TimeTag.of(at)] * 2
+
+
+def test_messages_leave_by_themselves(ros, ear):
+    scene = Scene('here', defaults('osc', 'motion'))
+    one = OscNode(OscSettings(send_to=(ear.address,), send=('slip',)), scene=scene)
+    motion = Other('motion')
+    slips, heard = motion.publisher('slips'), []
+    with Nodes(one, motion) as nodes:
+        nodes.meet()
+        for block in range(5):
+            slips.publish(stamped(Slip(block=block, kind=1), now_ns(), now_ns()))
+        nodes.until(lambda: heard.extend(ear.take()) or len(heard) == 5)
+    assert [words[1] for words in heard] == list(range(5))
 
 
 def test_a_scene_says_what_is_sent_and_where(node, ear):
