@@ -191,7 +191,7 @@ CONTENTS = {
     'binary': lambda good: np.random.default_rng(2).bytes(5000),
     'page': lambda good: b'<!DOCTYPE html>\n<html><body>404 Not Found</body></html>\n',
     'JSON': lambda good: b'{"version": 1, "grains": NaN, "data": {"0": [1e400]}}',
-    'nested': lambda good: 3000 * b'[',
+    'nested': lambda good: 1200 * b'[',
     'anchors': lambda good: ANCHORS.encode(),
     'UTF-16': lambda good: 'nodes: {}\n'.encode('utf-16'),
     'long line': lambda good: 300_000 * b'x',
