@@ -61,6 +61,23 @@ def test_the_last_word_of_a_work_that_was_stopped_stays(serve, browser):
     complaints(browser)  # of the lost connection
 
 
+def test_a_table_that_starts_is_not_said_to_be_absent(serve, browser):
+    server = serve()
+    visit(browser, f'http://127.0.0.1:{server.port}', '/table')
+    words = 'document.getElementById("words").textContent'
+    until_page(
+        browser,
+        f'performance.now() > 4000 && {words} === "There is no virtual table in this scene."',
+    )
+    server.hub.put('notices', notices.work(said('starting')), sticky='work')
+    until_page(
+        browser, f'{words} === "" && document.getElementById("work").textContent === "starting"'
+    )
+    server.hub.put('notices', notices.work(said('awake')), sticky='work')
+    until_page(browser, f'{words} !== ""')
+    complaints(browser)  # of covers that nobody gave
+
+
 def test_about_says_that_sound_is_heard_only_while_it_is(serve, browser):
     server = serve()
     visit(browser, f'http://127.0.0.1:{server.port}', '/about')
