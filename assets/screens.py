@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every page at every size, in both languages and in each state of the work, on sheets to look at.
 
-    python -m assets.screens            about five minutes; writes build/screens/STATE-LANGUAGE.png
+    python -m assets.screens            about six minutes; writes build/screens/STATE-LANGUAGE.png
 
 A row of a sheet is a page, a column a size. What a machine can see is printed, with exit code 1:
 small text, small controls on a touch screen, text that is cut off, a page wider than its screen.
@@ -39,6 +39,7 @@ SIZES = (1920, 1080), (1440, 800), (1280, 720), (820, 1180), (390, 844), (360, 7
 TOUCH_PX = 820  # screens up to this width are touched
 LANGUAGES = ('en', 'zh-Hant')
 STATES = {  # with the requests that lead there from the one before
+    'starting': [],  # the panel alone: it waits for the others
     'awake': ['wake', 'unmute'],
     'test': ['test'],
     'muted': ['mute'],
@@ -93,13 +94,18 @@ def main(argv: list[str] | None = None) -> int:
         try:
             browser = start_browser(Path(folder) / 'profile')
             ending.callback(browser.quit)
-            address = begin(Path(folder), ending)
-            for state, language in track(list(itertools.product(args.states, LANGUAGES)), 'sheets'):
-                lead_to(address, state)
-                sheet = [
-                    np.hstack(list(row_of(browser, address, path, state, language, wrong)))
-                    for path in PAGES
-                ]
+            address = ''
+            states = sorted(args.states, key=list(STATES).index)
+            for state, language in track(list(itertools.product(states, LANGUAGES)), 'sheets'):
+                if state != 'starting':
+                    address = address or begin(Path(folder), ending)
+                    lead_to(address, state)
+                sheet = []
+                for path in PAGES:
+                    with contextlib.ExitStack() as alone:
+                        at = address or begin(Path(folder), alone, only_panel=True)
+                        row = row_of(browser, at, path, state, language, wrong)
+                        sheet.append(np.hstack(list(row)))
                 cv2.imwrite(str(args.output / f'{state}-{language}.png'), np.vstack(sheet))
         except EolError as error:
             print(f'no screens: {error}', file=sys.stderr)
@@ -110,23 +116,25 @@ def main(argv: list[str] | None = None) -> int:
     return bool(wrong)
 
 
-def begin(folder: Path, ending: contextlib.ExitStack) -> str:
-    """Start a rehearsal that nobody touches; return the address of its panel."""
+def begin(folder: Path, ending: contextlib.ExitStack, only_panel: bool = False) -> str:
+    """Start a rehearsal that nobody touches, or its panel; return the address of its panel."""
     with socket.socket() as probe:
         probe.bind(('127.0.0.1', 0))
         port = probe.getsockname()[1]
     scene = folder / 'screens.yaml'
     nodes = {'panel': {'port': port}, 'recorder': 'off', 'sound': {'card_needed': False}}
     scene.write_text(json.dumps({'scene': 'screens', 'include': 'rehearsal', 'nodes': nodes}))
+    module = ['eol_ros.nodes.panel', '--scene'] if only_panel else ['eol_ros.bringup']
     work = subprocess.Popen(
-        [sys.executable, '-m', 'eol_ros.bringup', str(scene)], cwd=folder,
+        [sys.executable, '-m', *module, str(scene)], cwd=folder,
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         env=os.environ | {'EOL_STATE': str(folder / 'state')},
     )  # fmt: skip
     ending.callback(work.wait, 60)
     ending.callback(work.send_signal, signal.SIGINT)
-    address, end = f'http://127.0.0.1:{port}', time.monotonic() + 120
-    while not healthy(address) >= {'tracker', 'sound', 'montage'}:
+    address, end = f'http://127.0.0.1:{port}', time.monotonic() + 300  # it may compile first
+    awaited = {'panel'} if only_panel else {'tracker', 'sound', 'montage'}
+    while not healthy(address) >= awaited:
         if work.poll() is not None or time.monotonic() > end:
             raise EolError('the rehearsal did not start: try `eol run rehearsal`')
         time.sleep(0.5)
@@ -147,17 +155,19 @@ def row_of(
     browser: Any, address: str, path: str, state: str, language: str, wrong: dict[str, set[str]]
 ) -> Iterator[np.ndarray]:
     """Yield a page at each size, as pictures of one height; note what is wrong with it."""
+    browser.get(address + path)
+    browser.execute_script(f"localStorage.setItem('language', '{language}')")
+    browser.refresh()
+    wait(browser, f"eol.link.viewer && document.querySelector('{READY[path]}')")
     for width, height in SIZES:
         touch = width <= TOUCH_PX
         metrics = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': touch}
         browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', metrics)
         browser.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': touch})
-        browser.get(address + path)
-        browser.execute_script(f"localStorage.setItem('language', '{language}')")
-        if browser.execute_script('return document.documentElement.lang') != language:
-            browser.refresh()
-        wait(browser, f"document.querySelector('{READY[path]}')")
-        time.sleep(0.7)  # pictures and figures come
+        time.sleep(0.7)  # it is laid out and painted again
+        code = browser.execute_script('return eol.link.work.code')
+        if state == 'starting' and code != state:
+            raise EolError(f'the work was to be starting and is {code!r}')
         for what, names in browser.execute_script(
             LOOK, 14 if path == '/table' else 12, touch
         ).items():
