@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from eol_ros.core.physics.drive import NONE, VELOCITY
 from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, Run, cut_short, sample_times
 from eol_ros.core.physics.scene import Scene
@@ -12,17 +13,16 @@ DEFAULT_STEP_S = 1e-4
 
 
 def choose_path(scene: Scene) -> str:
-    """Return the path for a scene: exact for motion along x on linear springs, else event."""
+    """Return the path for a scene: exact where `along_x`, else event."""
     return 'exact' if along_x(scene) else 'event'
 
 
 def along_x(scene: Scene) -> bool:
-    """Return True if springs are linear and nothing ever moves or pulls along y."""
-    if scene.geometric or scene.rotation is not None:
+    """Return True if a rim at constant speed pulls along x alone, by linear springs."""
+    if scene.geometric or scene.rotation is not None or scene.drive.kind not in (NONE, VELOCITY):
         return False
-    return scene.dim1 or bool(
-        scene.drive.along_x and not np.any(scene.u0[:, 1]) and not np.any(scene.v0[:, 1])
-    )
+    aside = np.any(scene.u0[:, 1]) or np.any(scene.v0[:, 1]) or scene.drive.par[1]
+    return scene.dim1 or not aside
 
 
 def simulate(
@@ -105,7 +105,8 @@ def _solved(
     if path == 'exact':
         if not along_x(scene):
             raise UsageError(
-                'path exact: this scene has geometric springs or moves along y; use event'
+                'path exact: for linear springs that a rim at constant speed pulls along x; '
+                'use event'
             )
         from eol_ros.lab.exact.solver import solve as solve_exact
 
@@ -113,7 +114,8 @@ def _solved(
     if path == 'event':
         if scene.weakening_speed > 0:
             raise UsageError(
-                'path event: friction that weakens with speed is on exact and stepping'
+                'path event: friction that weakens with speed is on stepping, and on exact for '
+                'a rim at constant speed'
             )
         from eol_ros.core.physics.event import solver as event
 

@@ -119,15 +119,6 @@ class Drive(NamedTuple):
             raise ConfigError(f'drive par of {kind} wants {", ".join(names)}')
         return cls.make(kind, *values)
 
-    @property
-    def along_x(self) -> bool:
-        """True if the rim only ever moves along x."""
-        if self.kind == CIRCLE:
-            return not (self.par[0] * self.par[1] or self.par[2] * self.par[3])
-        if self.kind == POSES:
-            return not np.any(self.cubics[:, 1:])
-        return self.kind == NONE or self.par[1] == 0.0
-
     def pose(self, t: float | np.ndarray) -> np.ndarray:
         """Return (x, y, phi) at `t`, shape t.shape + (3,)."""
         t = np.asarray(t, float)

@@ -27,7 +27,7 @@ class Lone(NamedTuple):
 @njit(cache=True, inner=True)
 def lone_slip(i, sign, u, v, t, speed, at):
     """Return (motion, time until it stops or inf) of block i that alone slides."""
-    force = force_now(i, u, at, speed * t, 0.0, 0.0)
+    force = force_now(i, u, at, speed * t)
     stiff = at.k_sum[i]
     w = math.sqrt(stiff * at.inverse[i])
     e = sign * (force - sign * at.friction[i]) / stiff
@@ -59,19 +59,12 @@ def lone_state(motion, s):
 
 
 @njit(cache=True, inner=True)
-def lone_ledger(i, motion, s, x, t, speed, u, at, energy):
-    """Add the drive work and the friction heat (J) of the slip of block i up to s."""
-    energy[1] += at.friction[i] * abs(x)
-    if speed == 0.0:
-        return
+def lone_path(motion, s):
+    """Return the integral of the motion up to s."""
     angle = motion.w * s
     half = math.sin(0.5 * angle)
     path = motion.e * (s - math.sin(angle) / motion.w) + 0.5 * motion.b * s * s
-    path += motion.q * 2.0 * half * half / motion.w**2
-    for j in range(at.n):
-        if at.drive[j, 0] != 0.0:
-            energy[0] += speed * at.drive[j, 0] * (s * (speed * (t + 0.5 * s) - u[j]))
-    energy[0] -= speed * at.drive[i, 0] * motion.side * path
+    return motion.side * (path + motion.q * 2.0 * half * half / motion.w**2)
 
 
 class Modes(NamedTuple):
@@ -136,7 +129,7 @@ def modes_of(m, u, v, t, speed, h, at, la):
         i = la.slots[c]
         for j in range(m):
             s[c, j] = -la.dense[c, j] * root[c] * root[j]
-        force = force_now(i, u, at, speed * t, 0.0, 0.0) - la.sign[c] * la.friction[c]
+        force = force_now(i, u, at, speed * t) - la.sign[c] * la.friction[c]
         p[c] = force * root[c]
         r[c] = at.drive[i, 0] * speed * root[c]
         y[c] = 0.0

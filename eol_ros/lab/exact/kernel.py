@@ -6,13 +6,13 @@ import math
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.physics.drive import NONE, VELOCITY
+from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.numerics import ON_LIMIT
-from eol_ros.core.physics.series import UNCOUNTED, add_exactly, drive_series
+from eol_ros.core.physics.series import UNCOUNTED, add_exactly
 from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT
 from eol_ros.lab.exact.closed_form import (
     clear_of_limits,
-    lone_ledger,
+    lone_path,
     lone_slip,
     lone_state,
     march,
@@ -25,6 +25,7 @@ from eol_ros.lab.exact.taylor import (
     Lanes,
     bounds,
     break_root,
+    drive_work,
     fill_lanes,
     force_now,
     ledger_step,
@@ -49,35 +50,27 @@ def make_lanes(n: int, order: int) -> Lanes:
     side = min(DENSE, wide)
     return Lanes._make([
         np.full(n, -1, np.int64), np.empty(n, np.int64), np.zeros((order + 2, wide)),
-        np.zeros((order + 2, wide)), *[np.zeros(wide) for _ in range(4)], np.zeros((3, wide)),
-        np.zeros((side, side)), *[np.zeros(wide) for _ in range(3)],
+        np.zeros((order + 2, wide)), *[np.zeros(wide) for _ in range(5)], np.zeros((side, side)),
+        *[np.zeros(wide) for _ in range(3)],
     ])  # fmt: skip
 
 
 @njit(cache=True, inner=True)
-def modes_ledger(mo, m, h, t, speed, u, at, la, x, d, a, energy):
+def modes_ledger(mo, m, h, t, speed, u, at, la, x, d, paths, energy):
     """Add the drive work and the friction heat (J) of a step h by modes to `energy`."""
-    modes_state(mo, h, m, x, d, a)
+    modes_state(mo, h, m, x, d, paths)
     for c in range(m):
         energy[1] += la.friction[c] * abs(x[c])
-    if speed == 0.0:
-        return
-    # where the blocks are in the mean of the step, from the integrals of their modes
-    for c in range(m):
-        a[c] = 0.0
-    for k in range(m):
+        paths[c] = 0.0
+    for k in range(m if speed != 0.0 else 0):
         path = modes_path(mo, k, h)
         for c in range(m):
-            a[c] += mo.root[c] * mo.shape[c, k] * path
-    for i in range(at.n):
-        if at.drive[i, 0] != 0.0:
-            c = la.slot[i]
-            moved = a[c] if c >= 0 else 0.0
-            energy[0] += speed * at.drive[i, 0] * (h * (speed * (t + 0.5 * h) - u[i]) - moved)
+            paths[c] += mo.root[c] * mo.shape[c, k] * path
+    energy[0] += drive_work(h, t, speed, u, paths, at, la)
 
 
 @njit(**PART)
-def watch_stuck(t, u, speed, plain, at, cx, cc, cs, slot, stale, watch, due, watched, forces):
+def watch_stuck(t, u, speed, at, slot, stale, watch, due, watched, forces):
     """Write which stuck blocks to watch, and their forces; return how many, and when one is due.
 
     What is not watched is pulled at a constant rate: it breaks at `due`. Only what is `stale` is
@@ -90,14 +83,13 @@ def watch_stuck(t, u, speed, plain, at, cx, cc, cs, slot, stale, watch, due, wat
             continue
         if stale[i]:
             stale[i] = False
-            pulled = at.drive[i, 0] != 0.0 or at.drive[i, 1] != 0.0 or at.drive[i, 2] != 0.0
-            watch[i] = not plain and pulled
+            watch[i] = False
             for e in range(at.lo[i], at.lo[i + 1]):
                 if slot[at.near[e]] >= 0:
                     watch[i] = True
             due[i] = np.inf
             if not watch[i]:
-                f = force_now(i, u, at, cx[0], cc[0], cs[0])
+                f = force_now(i, u, at, speed * t)
                 rate = at.drive[i, 0] * speed
                 if rate > 0.0:
                     due[i] = t + max(0.0, (at.static[i] - f) / rate)
@@ -105,7 +97,7 @@ def watch_stuck(t, u, speed, plain, at, cx, cc, cs, slot, stale, watch, due, wat
                     due[i] = t + max(0.0, (-at.static[i] - f) / rate)
         if watch[i]:
             watched[count] = i
-            forces[count] = force_now(i, u, at, cx[0], cc[0], cs[0])
+            forces[count] = force_now(i, u, at, speed * t)
             count += 1
         elif due[i] < next_due:
             next_due = due[i]
@@ -113,7 +105,7 @@ def watch_stuck(t, u, speed, plain, at, cx, cc, cs, slot, stale, watch, due, wat
 
 
 @njit(**PART)
-def first_event(order, used, h, m, count, sign, watched, forces, at, la, cx, cc, cs, work):
+def first_event(order, h, m, count, sign, watched, forces, speed, at, la, work):
     """Return (h, kind, block, found): the first stop (2) or break (3) within the step h.
 
     Kind 0 ends the step before it is sure that anything happens.
@@ -134,17 +126,14 @@ def first_event(order, used, h, m, count, sign, watched, forces, at, la, cx, cc,
             h, kind, block, found = x, 2 if hit else 0, la.slots[c], True
     for p in range(count):
         j, share = watched[p], h / top
-        push = 0.0
-        for k in range(used, 0, -1):
-            pull = at.drive[j, 0] * cx[k] + at.drive[j, 1] * cc[k]
-            push = (push + abs(pull - at.drive[j, 2] * cs[k])) * top
+        push = abs(at.drive[j, 0] * speed) * top
         for e in range(at.lo[j], at.lo[j + 1]):
             c = la.slot[at.near[e]]
             if c >= 0:
                 push += at.k_near[e] * la.swing[c]
         if abs(forces[p]) + share * push < at.static[j] * (1.0 - ON_LIMIT):
             continue
-        x, hit = break_root(j, forces[p], order, at, cx, cc, cs, used, h, la, work)
+        x, hit = break_root(j, forces[p], order, at, speed, h, la, work)
         if hit or x < h:
             h, kind, block, found = x, 3 if hit else 0, j, True
     return h, kind, block, found
@@ -188,8 +177,7 @@ def begin(v, sign, at, la):
 
 @njit(**PART)
 def series_step(
-    order, m, mp, used, small, t, h, ends, plain, u, v, count, sign, watched, forces, at, la, cx,
-    cc, cs, work,
+    order, m, mp, small, t, h, ends, speed, u, v, count, sign, watched, forces, at, la, work,
 ):  # fmt: skip
     """Write the series of what slides; return (h, ends, kind, block) of the step they hold for.
 
@@ -197,21 +185,17 @@ def series_step(
     """
     near = h
     if m > 0:
-        segment_series(order, m, mp, u, v, at, cx, cc, cs, used, la)
+        segment_series(order, m, mp, u, v, at, speed * t, speed, la)
         near = reach_of(order, mp, la.a, small, h)
         if at.weakening > 0.0:
             near = weakening_reach(order, m, la.a, at.weakening, near)
-    if not plain and used == order:
-        most = max(abs(cx[order]), abs(cs[order]), abs(cc[order]))
-        if most > 0.0:
-            near = min(near, (small / most) ** (1.0 / order))
     if near < h:
         h, ends = near, False
     kind_of, who, top = 0, -1, h
     if top > 0.0 and (m > 0 or count > 0):
         bounds(order, mp, h, la)
         h, kind, block, found = first_event(
-            order, used, h, m, count, sign, watched, forces, at, la, cx, cc, cs, work
+            order, h, m, count, sign, watched, forces, speed, at, la, work
         )
         if found:
             ends, kind_of, who = False, kind, block
@@ -221,11 +205,13 @@ def series_step(
 
 
 @njit(**PART)
-def go_alone(who, motion, h, stops, t, speed, u, v, at, ledger, energy):
+def go_alone(who, motion, h, stops, t, speed, u, v, at, la, ledger, energy):
     """Move the one block that slides by a step."""
     x, d = lone_state(motion, h)
     if ledger:
-        lone_ledger(who, motion, h, x, t, speed, u, at, energy)
+        energy[1] += at.friction[who] * abs(x)
+        la.tail[0] = lone_path(motion, h)
+        energy[0] += drive_work(h, t, speed, u, la.tail, at, la)
     u[who] += x
     v[who] = 0.0 if stops else d
 
@@ -241,7 +227,7 @@ def go_by_modes(modes, m, h, u, v, la, x_out, d_out, a_out):
 
 
 @njit(**PART)
-def break_overloaded(now, events, m, u, sign, stale, at, log, la, cx, cc, cs):
+def break_overloaded(t, now, events, m, u, speed, sign, stale, at, log, la):
     """Let blocks slide whose force is beyond the limit; return (events, slots in use).
 
     Events are -1 where the log is full.
@@ -249,7 +235,7 @@ def break_overloaded(now, events, m, u, sign, stale, at, log, la, cx, cc, cs):
     for i in range(at.n):
         if la.slot[i] >= 0 or not stale[i]:
             continue
-        f = force_now(i, u, at, cx[0], cc[0], cs[0])
+        f = force_now(i, u, at, speed * t)
         if abs(f) > at.static[i] * (1.0 + ON_LIMIT):
             sign[i] = np.sign(f)
             la.slot[i] = m
@@ -266,7 +252,7 @@ def break_overloaded(now, events, m, u, sign, stale, at, log, la, cx, cc, cs):
 
 @njit(**PART)
 def happen(
-    t, now, kind, who, events, m, u, v, sign, watch, due, stale, at, log, la, cx, cc, cs
+    t, now, kind, who, events, m, u, v, speed, sign, watch, due, stale, at, log, la
 ):  # fmt: skip
     """Stop and break what is due at `t`, in the order of the blocks.
 
@@ -274,7 +260,7 @@ def happen(
     whether a lane is to be filled again). `now` is the time that is written.
     """
     slot, slots = la.slot, la.slots
-    before, fastest = m, abs(cx[1])
+    before, fastest = m, abs(speed)
     for c in range(m):
         fastest = max(fastest, abs(v[slots[c]]))
     changed = refill = False
@@ -291,7 +277,7 @@ def happen(
             if not halts:
                 continue
             v[i] = 0.0
-            f = force_now(i, u, at, cx[0], cc[0], cs[0])
+            f = force_now(i, u, at, speed * t)
             if abs(f) > at.static[i] * (1.0 + ON_LIMIT):
                 sign[i] = np.sign(f)  # reverses: its speed is zero for no time at all
                 refill = True
@@ -309,7 +295,7 @@ def happen(
                         continue
                 elif due[i] > t + ON_LIMIT * max(1.0, t):
                     continue
-            f = force_now(i, u, at, cx[0], cc[0], cs[0])
+            f = force_now(i, u, at, speed * t)
             if not breaks and abs(f) < at.static[i] * (1.0 - ON_LIMIT):
                 if watch[i]:
                     continue
@@ -341,20 +327,17 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
     sign = np.zeros(n)
     wide = len(la.sign)
     x_out, d_out, a_out = np.zeros(wide), np.zeros(wide), np.zeros(wide)
-    cx, cy = np.zeros(order + 2), np.zeros(order + 2)
-    cc, cs = np.zeros(order + 2), np.zeros(order + 2)
     work = np.zeros(order + 2)
     due = np.full(n, np.inf)  # when a stuck block without sliding neighbours breaks
-    plain = rim.kind in (VELOCITY, NONE)
     speed = rim.par[0] if rim.kind == VELOCITY else 0.0
-    closed = plain and at.weakening <= 0.0
+    closed = at.weakening <= 0.0
     watch = np.zeros(n, np.bool_)  # stuck, and the force on it is not linear in time
     stale = np.ones(n, np.bool_)
     watched, forces = np.empty(n, np.int64), np.empty(n)
     # times and places are local, so that they do not lose digits in a long run: the rim and all
     # blocks are set back together, by a time that is a power of two, and `base` remembers
     t, rest, base, back = 0.0, 0.0, 0.0, np.inf
-    if plain and speed != 0.0:
+    if speed != 0.0:
         back = 2.0 ** math.ceil(math.log2(max(FAR * small / abs(speed), 1e-9)))
     end = t_end
     events = steps = sampled = since = 0
@@ -367,15 +350,10 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
             end = t_end - base
             u -= speed * back
             due -= back
-        reach, used = drive_series(
-            rim.kind, rim.par, rim.knots, rim.cubics, t, order, cx, cy, cc, cs, work
-        )
         if check:
             check = False
             before = m
-            events, m = break_overloaded(
-                base + t, events, m, u, sign, stale, at, log, la, cx, cc, cs
-            )
+            events, m = break_overloaded(t, base + t, events, m, u, speed, sign, stale, at, log, la)
             if events < 0:
                 return EVENT_LIMIT, base + t, len(log.t), steps, base
             refill = refill or m > before
@@ -384,11 +362,8 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
             refill = False
             since = 0
             fill_lanes(m, mp, at, sign, la)
-        count, next_due = watch_stuck(
-            t, u, speed, plain, at, cx, cc, cs, slot, stale, watch, due, watched, forces
-        )
-        h = min(end - t, reach)
-        ends = h == end - t
+        count, next_due = watch_stuck(t, u, speed, at, slot, stale, watch, due, watched, forces)
+        h, ends = end - t, True
         if next_due - t < h:
             h, ends = max(next_due - t, 0.0), False
         kind_of, who, by = 0, -1, BY_SERIES
@@ -414,8 +389,8 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
             since = 0
         if by == BY_SERIES:
             h, ends, kind_of, who = series_step(
-                order, m, mp, used, small, t, h, ends, plain, u, v, count, sign, watched, forces,
-                at, la, cx, cc, cs, work,
+                order, m, mp, small, t, h, ends, speed, u, v, count, sign, watched, forces, at, la,
+                work,
             )  # fmt: skip
             if not h >= 0.0:
                 return NOT_FINITE, base + t, events, steps, base
@@ -441,14 +416,14 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
                     grid.v[sampled, slots[c]] = d_out[c]
             sampled += 1
         if by == BY_ONE:
-            go_alone(who, motion, h, kind_of == 2, t, speed, u, v, at, ledger, energy)
+            go_alone(who, motion, h, kind_of == 2, t, speed, u, v, at, la, ledger, energy)
         elif by == BY_MODES:
             if ledger:
                 modes_ledger(modes, m, h, t, speed, u, at, la, x_out, d_out, a_out, energy)
             go_by_modes(modes, m, h, u, v, la, x_out, d_out, a_out)
         else:
             if ledger:
-                ledger_step(order, m, at, u, cx, cc, cs, used, h, la, energy)
+                ledger_step(order, m, at, u, t, speed, h, la, a_out, energy)
             state_at(order, mp, h, la, x_out, d_out)
             for c in range(m):
                 u[slots[c]] = x_out[c]
@@ -466,10 +441,8 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
         if kind_of == 0 and not due_now:
             continue
         # the event, and whatever happens at the same instant, in the order of the blocks
-        drive_series(rim.kind, rim.par, rim.knots, rim.cubics, t, 3, cx, cy, cc, cs, work)
         events, m, changed, again = happen(
-            t, base + t, kind_of, who, events, m, u, v, sign, watch, due, stale, at, log,
-            la, cx, cc, cs,
+            t, base + t, kind_of, who, events, m, u, v, speed, sign, watch, due, stale, at, log, la
         )  # fmt: skip
         if events < 0:
             return EVENT_LIMIT, base + t, len(log.t), steps, base

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The exact path: motion along x with linear springs, event by event, to rounding."""
+"""The exact path: a constant pull along x on linear springs, event by event, to rounding."""
 
 import numpy as np
 

@@ -29,7 +29,7 @@ class Lanes(NamedTuple):
     inverse: np.ndarray
     friction: np.ndarray
     k_sum: np.ndarray
-    drive: np.ndarray  # (3, lanes)
+    pull: np.ndarray  # (lanes,) N/m, of the springs to the rim
     dense: np.ndarray  # (DENSE, DENSE)
     force: np.ndarray
     swing: np.ndarray
@@ -37,9 +37,9 @@ class Lanes(NamedTuple):
 
 
 @njit(cache=True, inner=True)
-def force_now(i, u, at, x, co, si):
-    """Return the spring force (N) on block i along x."""
-    f = at.drive[i, 0] * x + at.drive[i, 1] * co - at.drive[i, 2] * si - at.k_sum[i] * u[i]
+def force_now(i, u, at, x):
+    """Return the spring force (N) on block i along x, the rim being at x."""
+    f = at.drive[i, 0] * x - at.k_sum[i] * u[i]
     for e in range(at.lo[i], at.lo[i + 1]):
         f += at.k_near[e] * u[at.near[e]]
     return f
@@ -54,12 +54,10 @@ def fill_lanes(m, mp, at, sign, la):
         la.inverse[c] = at.inverse[i]
         la.friction[c] = at.friction[i]
         la.k_sum[c] = at.k_sum[i]
-        for q in range(3):
-            la.drive[q, c] = at.drive[i, q]
+        la.pull[c] = at.drive[i, 0]
     for c in range(m, mp):
         la.inverse[c] = la.friction[c] = la.k_sum[c] = la.sign[c] = 0.0
-        la.drive[0, c] = la.drive[1, c] = la.drive[2, c] = 0.0
-        la.a[0, c] = la.a[1, c] = 0.0
+        la.pull[c] = la.a[0, c] = la.a[1, c] = 0.0
     if m <= DENSE:
         for c in range(m):
             for j in range(mp):
@@ -73,13 +71,13 @@ def fill_lanes(m, mp, at, sign, la):
 
 
 @njit(cache=True, inner=True, fastmath=FAST)
-def segment_series(order, m, mp, u, v, at, cx, cc, cs, used, la):
+def segment_series(order, m, mp, u, v, at, x, speed, la):
     """Write the displacement series la.a[k, c] of the m sliding blocks (mp with the padding)."""
-    a, w, speed = la.a, la.force, at.weakening
+    a, w, weak = la.a, la.force, at.weakening
     for c in range(m):
         i = la.slots[c]
         a[0, c], a[1, c] = u[i], v[i]
-        w[c] = force_now(i, u, at, cx[0], cc[0], cs[0])
+        w[c] = force_now(i, u, at, x)
     for c in range(m, mp):
         w[c] = 0.0
     for k in range(order - 1):
@@ -88,9 +86,8 @@ def segment_series(order, m, mp, u, v, at, cx, cc, cs, used, la):
                 for c in range(mp):
                     w[c] = 0.0
                 for j in range(m):
-                    x = a[k, j]
                     for c in range(mp):
-                        w[c] += la.dense[j, c] * x
+                        w[c] += la.dense[j, c] * a[k, j]
             else:
                 for c in range(m):
                     i = la.slots[c]
@@ -100,19 +97,18 @@ def segment_series(order, m, mp, u, v, at, cx, cc, cs, used, la):
                         if j >= 0:
                             f += at.k_near[e] * a[k, j]
                     w[c] = f
-            if k <= used:
-                x, co, si = cx[k], cc[k], cs[k]
+            if k == 1:
                 for c in range(mp):
-                    w[c] += la.drive[0, c] * x + la.drive[1, c] * co - la.drive[2, c] * si
-        if speed > 0.0:
+                    w[c] += la.pull[c] * speed
+        if weak > 0.0:
             for c in range(m):
                 if k == 0:
-                    la.r[0, c] = 1.0 / (1.0 + la.sign[c] * a[1, c] / speed)
+                    la.r[0, c] = 1.0 / (1.0 + la.sign[c] * a[1, c] / weak)
                 else:
                     total = 0.0
                     for j in range(1, k + 1):
                         total += (j + 1) * a[j + 1, c] * la.r[k - j, c]
-                    la.r[k, c] = -total * la.sign[c] / speed * la.r[0, c]
+                    la.r[k, c] = -total * la.sign[c] / weak * la.r[0, c]
                 w[c] -= la.sign[c] * la.friction[c] * la.r[k, c]
         elif k == 0:
             for c in range(mp):
@@ -196,12 +192,10 @@ def stop_root(order, a, c, sign, h, work):
 
 
 @njit(cache=True, inner=True)
-def break_root(j, force, order, at, cx, cc, cs, used, h, la, work):
+def break_root(j, force, order, at, speed, h, la, work):
     """Return (x, found): when the force on the stuck block j next reaches its limit."""
     for k in range(1, order + 1):
-        work[k] = 0.0
-        if k <= used:
-            work[k] = at.drive[j, 0] * cx[k] + at.drive[j, 1] * cc[k] - at.drive[j, 2] * cs[k]
+        work[k] = at.drive[j, 0] * speed if k == 1 else 0.0
     for e in range(at.lo[j], at.lo[j + 1]):
         s = la.slot[at.near[e]]
         if s >= 0:
@@ -224,40 +218,35 @@ def break_root(j, force, order, at, cx, cc, cs, used, h, la, work):
 
 
 @njit(cache=True, inner=True)
-def ledger_step(order, m, at, u, cx, cc, cs, used, h, la, energy):
-    """Add the drive work and the friction heat (J) of a step h to `energy`."""
-    a, speed = la.a, at.weakening
-    if speed <= 0.0:
-        for c in range(m):
-            x = 0.0
-            for k in range(order, 0, -1):
-                x = (x + a[k, c]) * h
+def drive_work(h, t, speed, u, paths, at, la):
+    """Return the work (J) of the rim in a step h.
+
+    paths (lanes,): integrals over the step of how far each lane has moved.
+    """
+    work = 0.0
+    for i in range(at.n if speed != 0.0 else 0):
+        if at.drive[i, 0] != 0.0:
+            path = paths[la.slot[i]] if la.slot[i] >= 0 else 0.0
+            work += speed * at.drive[i, 0] * (h * (speed * (t + 0.5 * h) - u[i]) - path)
+    return work
+
+
+@njit(cache=True, inner=True)
+def ledger_step(order, m, at, u, t, speed, h, la, paths, energy):
+    """Add the drive work and the friction heat (J) of a step h to `energy`; paths is scratch."""
+    a, weak = la.a, at.weakening
+    for c in range(m):
+        x = paths[c] = 0.0
+        for k in range(order, 0, -1):
+            x = (x + a[k, c]) * h
+            paths[c] = (paths[c] + a[k, c] / (k + 1)) * h
+        paths[c] *= h
+        if weak <= 0.0:
             energy[1] += la.friction[c] * abs(x)
-    for g in range(len(GAUSS_X)):
-        s = GAUSS_X[g] * h
-        if speed > 0.0:
-            for c in range(m):
-                d = 0.0
-                for k in range(order, 0, -1):
-                    d = d * s + k * a[k, c]
-                energy[1] += h * GAUSS_W[g] * la.friction[c] * abs(d) / (1.0 + abs(d) / speed)
-        if used == 0:
             continue
-        x, xr, co, cor, si, sir = cx[used], 0.0, cc[used], 0.0, cs[used], 0.0
-        for k in range(used - 1, -1, -1):
-            xr, cor, sir = xr * s + x, cor * s + co, sir * s + si
-            x, co, si = x * s + cx[k], co * s + cc[k], si * s + cs[k]
-        power = 0.0
-        for e in range(len(at.k)):
-            if at.second[e] < at.n:
-                continue
-            i = at.first[e]
-            ax, ay = at.anchors[at.second[e] - at.n, 0], at.anchors[at.second[e] - at.n, 1]
-            c = la.slot[i]
-            here = u[i]
-            if c >= 0:
-                here = a[order, c]
-                for k in range(order - 1, -1, -1):
-                    here = here * s + a[k, c]
-            power += at.k[e] * (x + co * ax - si * ay - here) * (xr + cor * ax - sir * ay)
-        energy[0] += h * GAUSS_W[g] * power
+        for g in range(len(GAUSS_X)):
+            d = 0.0
+            for k in range(order, 0, -1):
+                d = d * (GAUSS_X[g] * h) + k * a[k, c]
+            energy[1] += h * GAUSS_W[g] * la.friction[c] * abs(d) / (1.0 + abs(d) / weak)
+    energy[0] += drive_work(h, t, speed, u, paths, at, la)
