@@ -20,3 +20,9 @@ spring_ends, neighbours = TABLE.spring_ends, TABLE.neighbours
 def rest_lattice() -> np.ndarray:
     """Return the places of the blocks at rest, (25, 2) m, to be changed at will."""
     return TABLE.rest.copy()
+
+
+def turned(xy, angle):
+    """Return places (n, 2) turned about the centre, anticlockwise."""
+    c, s = np.cos(angle), np.sin(angle)
+    return xy @ np.array([[c, s], [-s, c]])

@@ -13,13 +13,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import optimize
 
 from eol_ros.core.science.powerlaw import Fit, inefficiency
 
 ALTERNATIVES = ('exponential', 'stretched exponential', 'log-normal', 'cut-off power law')
 LEVEL = 0.1
 STRETCH = (0.05, 3.0)
-GOLDEN = (math.sqrt(5) - 1) / 2
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def compare(numbers: np.ndarray, power: Fit) -> list[Alternative]:
     widened = inefficiency(np.log(inside))
     found = []
     for name, density in (
-        ('exponential', _family(support[:, None], np.zeros(len(support)), counts)),
+        ('exponential', _family(support[:, None], np.zeros(len(support)), counts)[0]),
         ('stretched exponential', _stretched(support, counts)),
     ):
         gain = own - density
@@ -86,8 +86,10 @@ def _density(log_weight: np.ndarray) -> np.ndarray:
     return log_weight - top - math.log(np.exp(log_weight - top).sum())
 
 
-def _family(features: np.ndarray, base: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Log density of greatest likelihood of exp(base + features @ theta), (k,): Newton, damped."""
+def _family(
+    features: np.ndarray, base: np.ndarray, counts: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Log density (k,) of greatest likelihood of exp(base + features @ theta), and theta."""
     middle, scale = features.mean(axis=0), features.std(axis=0)
     features = (features - middle) / scale
     mean = counts @ features / counts.sum()
@@ -112,29 +114,26 @@ def _family(features: np.ndarray, base: np.ndarray, counts: np.ndarray) -> np.nd
         theta, density, reached = tried, made, value
         if done:
             break
-    return density
+    return density, theta / scale
 
 
 def _stretched(support: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """x^(k - 1) exp(-lambda x^k), k by golden section in its logarithm."""
+    """x^(k - 1) exp(-lambda x^k)."""
     logs = np.log(support)
 
-    def made(stretch: float) -> np.ndarray:
-        return _family(support[:, None] ** stretch, (stretch - 1) * logs, counts)
+    def made(log_k: float) -> np.ndarray:
+        k = math.exp(log_k)
+        return _family(support[:, None] ** k, (k - 1) * logs, counts)[0]
 
-    low, high = map(math.log, STRETCH)
-    while high - low > 1e-3:
-        one, two = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-        if counts @ made(math.exp(one)) > counts @ made(math.exp(two)):
-            high = two
-        else:
-            low = one
-    return made(math.exp((low + high) / 2))
+    bounds = tuple(map(math.log, STRETCH))
+    best = optimize.minimize_scalar(
+        lambda log_k: -counts @ made(log_k), bounds=bounds, method='bounded',
+        options={'xatol': 1e-4},
+    )  # fmt: skip
+    return made(best.x)
 
 
 def _bent(logs: np.ndarray, second: np.ndarray, counts: np.ndarray, own: np.ndarray) -> np.ndarray:
     """exp(a log x + b second) with b <= 0; the power law itself where b would be above zero."""
-    density = _family(np.stack([logs, second], axis=1), np.zeros(len(logs)), counts)
-    x = np.stack([np.ones(len(logs)), logs, second], axis=1)
-    bend = np.linalg.lstsq(x, density, rcond=None)[0][2]
-    return density if bend <= 0 else own
+    density, theta = _family(np.stack([logs, second], axis=1), np.zeros(len(logs)), counts)
+    return density if theta[1] <= 0 else own

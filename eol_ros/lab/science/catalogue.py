@@ -351,10 +351,7 @@ def omori(onsets_s: np.ndarray, sizes: np.ndarray, end_s: float, mains: int = 10
 
 def _integral(length: np.ndarray, height: float, c: float, p: float) -> np.ndarray:
     """Integral of height (1 + t / c)^-p from 0 to each length."""
-    x = np.log1p(length / c)
-    if abs(p - 1) < 1e-9:
-        return height * c * x
-    return height * c * np.expm1((1 - p) * x) / (1 - p)
+    return height * c * special.boxcox1p(length / c, 1 - p)
 
 
 def _curvature_error(loss: Callable[[np.ndarray], float], at: np.ndarray, which: int) -> float:

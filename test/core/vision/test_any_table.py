@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from support.paper import turned
 from support.tables import LARGE, OBLONG, RING, SMALL, TABLES
 
 from eol_ros.core.motion.motion import Motion
@@ -15,11 +16,6 @@ from eol_ros.core.vision.tracker import Tracker
 from eol_ros.settings import MotionSettings, TrackerSettings
 
 PERIOD_S = 1 / 60
-
-
-def turned(xy, angle):
-    c, s = np.cos(angle), np.sin(angle)
-    return xy @ np.array([[c, s], [-s, c]])
 
 
 class Film:

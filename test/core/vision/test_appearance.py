@@ -8,7 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from support.paper import BLOCK_SIDE_M, rest_lattice
+from support.paper import BLOCK_SIDE_M, rest_lattice, turned
 from support.relief import films
 from support.vision_bound import position_bound_px
 
@@ -42,11 +42,6 @@ def read_only(image):
     return image
 
 
-def turned(angle, shift=(0.0, 0.0)):
-    c, s = math.cos(angle), math.sin(angle)
-    return REST @ np.array([[c, s], [-s, c]]) + shift
-
-
 @pytest.mark.parametrize(
     ('name', 'most_mm', 'mirror'),
     [
@@ -75,8 +70,8 @@ def test_printed_covers_lie_where_they_were_put(name, most_mm, mirror):
     assert all(f.seen.all() for f in found)
     off = np.array([f.world for f in found]) - film.shot.poses[:, :2]
     assert np.sqrt((off**2).sum(axis=2).mean()) < most_mm * 1e-3
-    turned = np.array([f.yaw for f in found]) - film.shot.poses[:, 2]
-    assert np.abs(np.angle(np.exp(4j * turned)) / 4).max() < math.radians(0.8)
+    yaw = np.array([f.yaw for f in found]) - film.shot.poses[:, 2]
+    assert np.abs(np.angle(np.exp(4j * yaw)) / 4).max() < math.radians(0.8)
 
 
 def lit(image, camera, at, beside_px, level=160, width_px=16.0):
@@ -219,7 +214,7 @@ def test_a_wide_start_ends_at_the_same_place():
 def test_the_lattice_is_found_in_one_image_at_every_angle(level, angle):
     camera = clutter_calibration(level)
     renderer = Renderer(RenderOptions(noise='L3', clutter=level), camera, 5)
-    at = turned(angle, (0.05, -0.08)) + np.random.default_rng(4).normal(0, 0.008, (25, 2))
+    at = turned(REST, angle) + [0.05, -0.08] + np.random.default_rng(4).normal(0, 0.008, (25, 2))
     image = read_only(renderer.render(*at.T, np.full(25, angle), 3))
     lattice = find.find_lattice(image, camera.packed(), camera.table, 20.0)
     away = np.hypot(*(lattice.nodes[:, None, :2] - at[None]).T).min(axis=0)
@@ -269,13 +264,13 @@ def test_a_quarter_turn_in_the_dark_is_told_by_the_covers(quarters):
     images = []
     for k in range(120):
         angle = quarters * math.pi / 2 * (k > 70)
-        at = turned(angle)
+        at = turned(REST, angle)
         image = renderer.render(*at.T, np.full(25, angle), k)
         images.append(textured(image, renderer.calibration, at, angle))
     images[50:71] = [dark] * 21
     found = followed(images, renderer.calibration)
     assert found['seen'][76:].all()
-    true = turned(quarters * math.pi / 2)
+    true = turned(REST, quarters * math.pi / 2)
     assert np.hypot(found['x'] - true[:, 0], found['y'] - true[:, 1])[76:].max() < 1e-3
     np.testing.assert_allclose(
         np.angle(np.exp(1j * (found['yaw'][76:] - quarters * math.pi / 2))), 0, atol=0.02
@@ -339,7 +334,7 @@ def test_what_was_learned_is_known_to_the_next_tracker_in_its_first_image():
     camera = renderer.calibration
 
     def image(k, angle):
-        at = turned(angle)
+        at = turned(REST, angle)
         drawn = renderer.render(*at.T, np.full(25, angle), k)
         return textured(drawn, camera, at, angle)
 
@@ -353,7 +348,7 @@ def test_what_was_learned_is_known_to_the_next_tracker_in_its_first_image():
         angle = quarters * math.pi / 2
         found = after.update(1.0, image(40 + quarters, angle))
         assert found.seen.all() and not found.symmetry_ambiguous
-        assert np.abs(found.world - turned(angle)).max() < 1e-3
+        assert np.abs(found.world - turned(REST, angle)).max() < 1e-3
 
 
 @pytest.mark.parametrize('spoil', ['short', 'nan', 'negative'])

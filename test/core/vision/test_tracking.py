@@ -3,7 +3,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from support.paper import rest_lattice
+from support.paper import rest_lattice, turned
 from support.relief import films
 
 from eol_ros.core.vision.appearance import find, register
@@ -19,11 +19,6 @@ from eol_ros.core.vision.tracker import Tracker
 from eol_ros.settings import TrackerSettings
 
 pytestmark = pytest.mark.slow
-
-
-def turned(xy, angle):
-    c, s = np.cos(angle), np.sin(angle)
-    return xy @ np.array([[c, s], [-s, c]])
 
 
 @pytest.fixture(scope='module')

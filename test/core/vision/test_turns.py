@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from support.paper import rest_lattice
+from support.paper import rest_lattice, turned
 from support.tables import OBLONG
 
 from eol_ros.core.table import Table
@@ -12,11 +12,6 @@ pytestmark = pytest.mark.slow
 
 TABLE = Table()
 TURNED, UNTURNED = TABLE.turned_ids, TABLE.unturned_ids
-
-
-def turned(xy, angle):
-    c, s = np.cos(angle), np.sin(angle)
-    return xy @ np.array([[c, s], [-s, c]])
 
 
 def test_tables_of_turned_ids_agree():
