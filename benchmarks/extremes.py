@@ -22,7 +22,6 @@ from benchmarks import extreme_parts
 from benchmarks import physics_peers as peers
 from benchmarks.extreme_scenes import Case, cases
 from benchmarks.machine import tell
-from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, Run, sample_times
 from eol_ros.core.physics.scene import Scene, from_mapping
 from eol_ros.errors import UsageError
@@ -150,13 +149,13 @@ def _measured(case: Case, with_peers: bool) -> dict[str, Any]:
     given = case.build()
     stretch = case.stretch_s or given['T']
     scene = from_mapping(given | {'T': stretch})
-    model, limits = Model.of(scene), Limits()
+    limits = Limits()
     sample_s = max(stretch / SAMPLES, 1e-12)
     times = sample_times(stretch, sample_s)
 
     def ours() -> Run:
         return choose.simulate(
-            scene, sample_s, tolerance=case.tolerance, limits=limits, ledger=False, model=model
+            scene, sample_s, tolerance=case.tolerance, limits=limits, ledger=False
         )
 
     found: dict[str, Any] = {'against': case.oracle, 'stretch_s': stretch}

@@ -20,7 +20,6 @@ from benchmarks import plots
 from benchmarks.machine import tell
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.event import solver as event
-from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, sample_times
 from eol_ros.core.physics.rotation import solver as rotation
 from eol_ros.core.physics.scene import Scene, from_mapping
@@ -71,11 +70,11 @@ def error_of(u: np.ndarray, reference: np.ndarray) -> float:
     return float(np.abs(u[: len(reference)] - reference[: len(u)]).max())
 
 
-def reference_of(scene: Scene, model: Model, times: np.ndarray) -> np.ndarray:
+def reference_of(scene: Scene, times: np.ndarray) -> np.ndarray:
     """Return displacements to compare with: another order, or a much tighter tolerance."""
     if choose.along_x(scene):
-        return exact.solve(scene, model, times, LIMITS, False, order=20).u
-    return event.solve(scene, model, times, LIMITS, False, 1e-14).u
+        return exact.solve(scene, times, LIMITS, False, order=20).u
+    return event.solve(scene, times, LIMITS, False, 1e-14).u
 
 
 def _row(
@@ -100,8 +99,8 @@ def _row(
 def own_rows(name: str, quick: bool) -> list[dict]:
     """Return the rows of one named scene on every path of ours."""
     scene = from_mapping(presets.scene(name))
-    model, times = Model.of(scene), sample_times(scene.duration_s, 0.1)
-    truth = reference_of(scene, model, times)
+    times = sample_times(scene.duration_s, 0.1)
+    truth = reference_of(scene, times)
     stretch = SCIPY_S.get(name, OTHERS_S)
     early = times[times <= stretch * (1 + 1e-12)]
     witness = ORACLES['SciPy DOP853, events'](scene, early)
@@ -112,20 +111,20 @@ def own_rows(name: str, quick: bool) -> list[dict]:
         rows.append(_row(name, method, cpu_s(solve, repeat), truth, witness, stretch))
 
     if choose.along_x(scene):
-        add('exact', lambda: exact.solve(scene, model, times, LIMITS, False), 20)
+        add('exact', lambda: exact.solve(scene, times, LIMITS, False), 20)
     for tolerance in (1e-6, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12):
         if name == 'S6a':
             break  # the event path resolves the stiff mode: minutes, where the exact path has modes
         add(
             f'event {tolerance:g}',
-            lambda tol=tolerance: event.solve(scene, model, times, LIMITS, False, tol),
+            lambda tol=tolerance: event.solve(scene, times, LIMITS, False, tol),
             5,
         )
     for step_s in (1e-3, 1e-4) if quick else (1e-3, 1e-4, 1e-5):
-        if np.sqrt(8 * model.k.max() / model.mass.min()) * step_s < 1.8:
+        if np.sqrt(8 * scene.lattice.k.max() / scene.mass.min()) * step_s < 1.8:
             add(
                 f'stepping {step_s:g}',
-                lambda h=step_s: stepping.solve(scene, model, times, LIMITS, h),
+                lambda h=step_s: stepping.solve(scene, times, LIMITS, h),
                 1,
             )
     return rows
@@ -142,16 +141,16 @@ def peer_row(name: str, method: str, solve: Callable, seconds: float) -> dict:
         return row | {'status': f'{module} is not installed'}
     given = presets.scene(name.removesuffix(' equal')) | {'T': seconds}
     scene = from_mapping(given | EQUAL if name.endswith(' equal') else given)
-    model, times = Model.of(scene), sample_times(seconds, 0.1)
-    truth = reference_of(scene, model, times)
+    times = sample_times(seconds, 0.1)
+    truth = reference_of(scene, times)
     u, took = cpu_s(lambda: solve(scene, times), 1)
     if len(u) < len(times):
         return row | {'status': f'gave up at {times[len(u) - 1]:g} s', 'ms': took * 1e3}
     if choose.along_x(scene):
-        ours, own = cpu_s(lambda: exact.solve(scene, model, times, LIMITS, False), 10)
+        ours, own = cpu_s(lambda: exact.solve(scene, times, LIMITS, False), 10)
     else:
         tolerance = 1e-6 if name.endswith(' equal') else 1e-11
-        ours, own = cpu_s(lambda: event.solve(scene, model, times, LIMITS, False, tolerance), 3)
+        ours, own = cpu_s(lambda: event.solve(scene, times, LIMITS, False, tolerance), 3)
     return row | {
         'status': 'ok',
         'ms': took * 1e3,
@@ -194,12 +193,12 @@ def rotation_rows() -> list[dict]:
     rows = []
     for name in ('S4L', 'S4G'):
         scene = from_mapping(presets.scene(name) | {'rotation': {'side': 0.084}})
-        model, times = Model.of(scene), sample_times(scene.duration_s, 0.1)
-        truth = rotation.solve(scene, model, times, LIMITS, False, 1e-14).u
+        times = sample_times(scene.duration_s, 0.1)
+        truth = rotation.solve(scene, times, LIMITS, False, 1e-14).u
         early = times[times <= ROTATION_S * (1 + 1e-12)]
         witness, _, _ = physics_rotating.solve(scene, early)
         for tolerance in (1e-6, 1e-8, 1e-10, 1e-12):
-            solve = functools.partial(rotation.solve, scene, model, times, LIMITS, True, tolerance)
+            solve = functools.partial(rotation.solve, scene, times, LIMITS, True, tolerance)
             timed = cpu_s(solve, 3)
             row = _row(
                 f'{name} rotation', f'event {tolerance:g}', timed, truth, witness, ROTATION_S
@@ -225,25 +224,24 @@ def convergence_rows() -> list[dict]:
     for name, plain in track(list(CONVERGENCE.items()), 'convergence'):
         scene = from_mapping(plain)
         rotating = from_mapping(plain | {'rotation': {'side': Table().block_side_m}})
-        model, rotating_model = Model.of(scene), Model.of(rotating)
         times = np.linspace(0.0, scene.duration_s, 11)
         truth = scipy_solver.scipy_run(scene, times, 1e-13, 1e-8, 1e-6)[0]
         truth_rotating = physics_rotating.solve(rotating, times, 1e-13)[0]
-        shortest = 1.8 / np.sqrt(8 * model.k.max() / model.mass.min())
+        shortest = 1.8 / np.sqrt(8 * scene.lattice.k.max() / scene.mass.min())
         tolerances = [10.0**-k for k in range(3, 13)]
         methods: dict[str, tuple[Callable, np.ndarray, list[float]]] = {
             'event': (
-                lambda tol, s=scene, m=model, t=times: event.solve(s, m, t, LIMITS, False, tol),
+                lambda tol, s=scene, t=times: event.solve(s, t, LIMITS, False, tol),
                 truth, tolerances,
             ),
             'event with rotation': (
-                lambda tol, s=rotating, m=rotating_model, t=times: rotation.solve(
-                    s, m, t, LIMITS, False, tol
+                lambda tol, s=rotating, t=times: rotation.solve(
+                    s, t, LIMITS, False, tol
                 ),
                 truth_rotating, tolerances,
             ),
             'stepping': (
-                lambda h, s=scene, m=model, t=times: stepping.solve(s, m, t, LIMITS, h),
+                lambda h, s=scene, t=times: stepping.solve(s, t, LIMITS, h),
                 truth, [shortest / 2**k for k in range(8)],
             ),
         }  # fmt: skip

@@ -7,7 +7,6 @@ Every peer gets the scene as it is, and what it lacks is said where it is emulat
 import numpy as np
 from support.witness import spring_forces
 
-from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.scene import Scene
 
 
@@ -15,16 +14,16 @@ def mujoco(scene: Scene, times: np.ndarray, step_s: float, stiff: bool) -> np.nd
     """MuJoCo: slide joints with frictionloss, tendons as springs; along x, mu_s = mu_k."""
     import mujoco as mj
 
-    model, lattice = Model.of(scene), Model.of(scene).lattice
+    lattice = scene.lattice
     soft = f'solreffriction="{2 * step_s} 1" solimpfriction="0.9999 0.99999 1e-6"' if stiff else ''
     bodies, tendons = [], []
     for i in range(scene.n):
         bodies.append(
             f'<body pos="0 {i} 0"><joint name="j{i}" type="slide" axis="1 0 0" '
-            f'stiffness="{lattice.drive[i, 0]}" frictionloss="{model.kinetic[i]}" {soft}/>'
-            f'<geom type="box" size=".04 .04 .04" mass="{model.mass[i]}"/></body>'
+            f'stiffness="{lattice.drive[i, 0]}" frictionloss="{scene.kinetic_force[i]}" {soft}/>'
+            f'<geom type="box" size=".04 .04 .04" mass="{scene.mass[i]}"/></body>'
         )
-    for i, j, k in zip(model.first, model.second, model.k, strict=True):
+    for i, j, k in zip(lattice.first, lattice.second, lattice.k, strict=True):
         if j < scene.n:
             tendons.append(
                 f'<fixed stiffness="{k}" springlength="0"><joint joint="j{i}" coef="1"/>'
@@ -38,7 +37,7 @@ def mujoco(scene: Scene, times: np.ndarray, step_s: float, stiff: bool) -> np.nd
     world = mj.MjModel.from_xml_string(xml)
     data = mj.MjData(world)
     data.qpos[:] = scene.u0[:, 0]
-    pull, out = lattice.drive[:, 0] * model.drive.par[0], np.zeros((len(times), scene.n, 2))
+    pull, out = lattice.drive[:, 0] * scene.drive.par[0], np.zeros((len(times), scene.n, 2))
     for sample in range(len(times)):
         while data.time < times[sample] - 0.5 * step_s:
             data.qfrc_applied[:] = pull * (data.time + 0.5 * step_s)
@@ -54,12 +53,11 @@ def mujoco_plane(scene: Scene, times: np.ndarray, step_s: float) -> np.ndarray:
     """
     import mujoco as mj
 
-    model = Model.of(scene)
-    mu = model.kinetic / (model.mass * scene.g)
+    mu = scene.kinetic_force / (scene.mass * scene.g)
     bodies = [
         f'<body pos="{2 * i} 0 .04"><joint type="slide" axis="1 0 0"/>'
         '<joint type="slide" axis="0 1 0"/><joint type="slide" axis="0 0 1"/>'
-        f'<geom type="sphere" size=".04" mass="{model.mass[i]}" friction="{mu[i]} 0 0" '
+        f'<geom type="sphere" size=".04" mass="{scene.mass[i]}" friction="{mu[i]} 0 0" '
         'condim="3" solref="0.004 1" solimp="0.99 0.999 1e-5"/></body>'
         for i in range(scene.n)
     ]
@@ -74,7 +72,7 @@ def mujoco_plane(scene: Scene, times: np.ndarray, step_s: float) -> np.ndarray:
     place[:, :2] = scene.u0
     for sample in range(len(times)):
         while data.time < times[sample] - 0.5 * step_s:
-            push[:, :2] = spring_forces(model, place[:, :2], data.time + 0.5 * step_s)
+            push[:, :2] = spring_forces(scene, place[:, :2], data.time + 0.5 * step_s)
             mj.mj_step(world, data)
         out[sample] = place[:, :2]
     return out
@@ -84,22 +82,21 @@ def pymunk(scene: Scene, times: np.ndarray, step_s: float) -> np.ndarray:
     """pymunk: a pivot of bounded force per block is its friction; mu_s = mu_k only."""
     import pymunk as pm
 
-    model = Model.of(scene)
     space = pm.Space()
     space.iterations = 50
     bodies = []
     for i in range(scene.n):
-        body = pm.Body(model.mass[i], float('inf'))
+        body = pm.Body(scene.mass[i], float('inf'))
         body.position = tuple(scene.u0[i])
         pivot = pm.PivotJoint(space.static_body, body, (0, 0), (0, 0))
-        pivot.max_bias, pivot.max_force = 0.0, model.kinetic[i]
+        pivot.max_bias, pivot.max_force = 0.0, scene.kinetic_force[i]
         space.add(body, pivot)
         bodies.append(body)
     out, t = np.zeros((len(times), scene.n, 2)), 0.0
     for sample in range(len(times)):
         while t < times[sample] - 0.5 * step_s:
             here = np.array([tuple(body.position) for body in bodies])
-            pull = spring_forces(model, here, t + 0.5 * step_s)
+            pull = spring_forces(scene, here, t + 0.5 * step_s)
             for body, f in zip(bodies, pull, strict=True):
                 body.force = tuple(f)
             space.step(step_s)

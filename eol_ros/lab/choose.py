@@ -4,7 +4,6 @@
 import numpy as np
 
 from eol_ros.core.physics.drive import NONE, VELOCITY
-from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits, Run, cut_short, sample_times
 from eol_ros.core.physics.scene import Scene
 from eol_ros.errors import UsageError
@@ -33,7 +32,6 @@ def simulate(
     step_s: float = DEFAULT_STEP_S,
     limits: Limits | None = None,
     ledger: bool = True,
-    model: Model | None = None,
 ) -> Run:
     """Solve the stick-slip motion of a scene.
 
@@ -53,8 +51,6 @@ def simulate(
         Most events and steps.
     ledger : bool
         Keep the energy ledger, at some cost in time.
-    model : Model, optional
-        Of `scene`, where it was made before.
 
     Returns
     -------
@@ -84,10 +80,9 @@ def simulate(
     >>> abs(run.energy.residual_J) < 1e-12
     True
     """
-    model = model or Model.of(scene)
     limits = limits or Limits()
     times = sample_times(scene.duration_s, sample_s)
-    given = scene, model, times, limits
+    given = scene, times, limits
     chosen = choose_path(scene) if path == 'auto' else path
     run = _solved(chosen, given, ledger, tolerance, step_s)
     return cut_short(run, scene.duration_s, limits)
@@ -95,7 +90,7 @@ def simulate(
 
 def _solved(
     path: str,
-    given: tuple[Scene, Model, np.ndarray, Limits],
+    given: tuple[Scene, np.ndarray, Limits],
     ledger: bool,
     tolerance: float | None,
     step_s: float,

@@ -57,7 +57,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from eol_ros import folders
-    from eol_ros.core.physics.model import Model
     from eol_ros.core.physics.result import Limits
     from eol_ros.devices.files import physics_file
     from eol_ros.errors import UsageError
@@ -74,14 +73,12 @@ def run(args: argparse.Namespace) -> int:
     if args.output:
         folders.check_writable(args.output, '--output')
     compile.ensure(['simulate'])
-    model = Model.of(scene)
     options = {
         'sample_s': args.sample,
         'path': args.path,
         'tolerance': args.tol,
         'step_s': args.step,
         'limits': Limits(args.max_events, args.max_steps),
-        'model': model,
     }
     with Progress('simulating'):
         result = choose.simulate(scene, ledger=True, **options)  # compiles, and keeps the ledger

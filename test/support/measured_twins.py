@@ -61,8 +61,10 @@ class Pulled:
         self.mass = Estimate(kilos + random.normal(0, SCALE_KG), SCALE_KG)
         self.natural_m, self._seconds = builders.NATURAL_M, seconds
         self._table = LiveTable(int(random.integers(2**31)), 0, self.coupling)
-        model = self._table._model
-        self.each = np.column_stack([model.static, model.kinetic]) / (kilos * builders.GRAVITY)
+        scene = self._table._scene
+        self.each = np.column_stack([scene.static_limit, scene.kinetic_force]) / (
+            kilos * builders.GRAVITY
+        )
         self._way = np.exp(2j * np.pi * random.uniform())
 
     def images(self) -> Iterator[Image]:

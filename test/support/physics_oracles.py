@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import Scene
 from eol_ros.lab.stepping import solver as stepping
@@ -24,10 +23,10 @@ def as_one(scene: Scene, times: np.ndarray) -> np.ndarray:
 
     Between slips it rests; a slip is m x'' = k (V t - x) - F_k from rest at k (V t - x) = F_s.
     """
-    model = Model.of(scene)
-    k, m = model.lattice.drive[0, 0], model.mass[0]
-    speed, w = float(np.hypot(*model.drive.par[:2])), np.sqrt(k / m)
-    static, kinetic = model.static[0], model.kinetic[0]
+    lattice = scene.lattice
+    k, m = lattice.drive[0, 0], lattice.mass[0]
+    speed, w = float(np.hypot(*scene.drive.par[:2])), np.sqrt(k / m)
+    static, kinetic = lattice.static[0], lattice.friction[0]
     slip = 2 / w * (np.pi - np.arctan2((static - kinetic) * w, k * speed))
     drop = 2 * (static - kinetic) / k
     period = drop / speed + slip
@@ -37,16 +36,16 @@ def as_one(scene: Scene, times: np.ndarray) -> np.ndarray:
     lag = (static - kinetic) / k
     moved = lag * (1 - np.cos(w * s)) + speed * s - speed / w * np.sin(w * s)
     x = np.where(after < 0, 0.0, cycle * (drop + speed * slip) + moved)
-    way = model.drive.par[:2] / speed
+    way = scene.drive.par[:2] / speed
     return np.broadcast_to((x[:, None] * way)[:, None], (len(times), scene.n, 2))
 
 
 def carried(scene: Scene, times: np.ndarray) -> np.ndarray:
     """Return u of one block that always slides: it swings about where the rim drags it."""
-    model = Model.of(scene)
-    k, speed = model.lattice.drive[0, 0], model.drive.par[0]
-    w = np.sqrt(k / model.mass[0])
-    lag = model.kinetic[0] / k
+    lattice = scene.lattice
+    k, speed = lattice.drive[0, 0], scene.drive.par[0]
+    w = np.sqrt(k / lattice.mass[0])
+    lag = lattice.friction[0] / k
     a, b = scene.u0[0, 0] + lag, (scene.v0[0, 0] - speed) / w
     # full periods are taken off in long double: the phase of 1e8 s has 10 digits before the point
     angle = np.fmod(times.astype(np.longdouble) * np.longdouble(w), 2 * np.longdouble(np.pi))
@@ -60,17 +59,17 @@ def modes_of_mpmath(scene: Scene, times: np.ndarray) -> np.ndarray:
     """Return u at the last of `times`, without friction and drive, by mpmath in 40 digits."""
     from mpmath import mp
 
-    model, n = Model.of(scene), scene.n
+    lattice, n = scene.lattice, scene.n
     digits, mp.dps = mp.dps, 40
     try:
         stiff = mp.zeros(n, n)
-        for i, j, k in zip(model.first, model.second, model.k, strict=True):
+        for i, j, k in zip(lattice.first, lattice.second, lattice.k, strict=True):
             stiff[int(i), int(i)] += mp.mpf(float(k))
             if j < n:
                 stiff[int(j), int(j)] += mp.mpf(float(k))
                 stiff[int(i), int(j)] -= mp.mpf(float(k))
                 stiff[int(j), int(i)] -= mp.mpf(float(k))
-        mass = [mp.sqrt(mp.mpf(float(m))) for m in model.mass]
+        mass = [mp.sqrt(mp.mpf(float(m))) for m in lattice.mass]
         for i in range(n):
             for j in range(n):
                 stiff[i, j] /= mass[i] * mass[j]
@@ -78,7 +77,7 @@ def modes_of_mpmath(scene: Scene, times: np.ndarray) -> np.ndarray:
         out = np.zeros((1, n, 2))
         t = mp.mpf(float(times[-1]))
         swing = [mp.cos(mp.sqrt(square) * t) for square in squares]
-        for axis in range(1 if model.rail else 2):
+        for axis in range(1 if lattice.rail else 2):
             start = [mass[i] * mp.mpf(float(scene.u0[i, axis])) for i in range(n)]
             parts = [sum(shapes[i, q] * start[i] for i in range(n)) for q in range(n)]
             for i in range(n):
@@ -108,9 +107,9 @@ def weakening_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
     """Return u by SciPy's DOP853 of one block whose friction weakens with its speed."""
     from scipy.integrate import solve_ivp
 
-    model = Model.of(scene)
-    k, m, speed = model.lattice.drive[0, 0], model.mass[0], model.drive.par[0]
-    static, kinetic, weak = model.static[0], model.kinetic[0], scene.weakening_speed
+    lattice = scene.lattice
+    k, m, speed = lattice.drive[0, 0], lattice.mass[0], scene.drive.par[0]
+    static, kinetic, weak = lattice.static[0], lattice.friction[0], scene.weakening_speed
     out = np.zeros((len(times), 1, 2))
     x, t, done = scene.u0[0, 0], 0.0, 0
     while done < len(times):
@@ -153,8 +152,7 @@ def steps_of_moreau(scene: Scene, times: np.ndarray) -> np.ndarray:
 
     Its error is in proportion to the step, so that of two lengths it is told and taken away.
     """
-    model = Model.of(scene)
-    whole, half = (stepping.solve(scene, model, times, Limits(), h).u for h in (4e-6, 2e-6))
+    whole, half = (stepping.solve(scene, times, Limits(), h).u for h in (4e-6, 2e-6))
     return 2 * half - whole
 
 

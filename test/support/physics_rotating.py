@@ -7,7 +7,6 @@ against V = (vx, vy, c omega), c the mean distance of a square's points from its
 
 import numpy as np
 
-from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.scene import Scene
 
 LEVER = (np.sqrt(2) + np.arcsinh(1)) / 6  # of the side, by integration over the square
@@ -19,38 +18,40 @@ class Springs:
 
     def __init__(self, scene: Scene):
         """Take what forces need."""
-        self.scene, self.model = scene, Model.of(scene)
+        self.scene, self.lattice = scene, scene.lattice
         spun = scene.rotation
         assert spun is not None
         self.lever = LEVER * spun.side_m
-        model = self.model
-        self.inner = model.second < model.n
+        lattice = self.lattice
+        self.inner = lattice.second < lattice.n
         self.mass = np.column_stack(
-            [model.mass, model.mass, model.mass * spun.side_m**2 / 6 / self.lever**2]
+            [lattice.mass, lattice.mass, lattice.mass * spun.side_m**2 / 6 / self.lever**2]
         )
         self.arm, self.arm_j = spun.arm, np.where(self.inner[:, None], spun.arm_j, 0.0)
 
     def pull(self, t: float, q: np.ndarray) -> np.ndarray:
         """Return force and torque / lever (n, 3) on blocks at q (n, 3): x, y, lever * yaw."""
-        model, inner = self.model, self.inner
+        lattice, inner = self.lattice, self.inner
         yaw = q[:, 2] / self.lever
-        own = _turned(self.arm, yaw[model.first])
-        there = np.where(inner, model.second, 0)
+        own = _turned(self.arm, yaw[lattice.first])
+        there = np.where(inner, lattice.second, 0)
         tip = _turned(self.arm_j, np.where(inner, yaw[there], 0.0))
-        led = self.scene.drive.displacement(t, model.anchors)
+        led = self.scene.drive.displacement(t, lattice.anchors)
         far = (
-            np.where(inner[:, None], q[there, :2], led[np.where(inner, 0, model.second - model.n)])
+            np.where(
+                inner[:, None], q[there, :2], led[np.where(inner, 0, lattice.second - lattice.n)]
+            )
             if len(led)
             else q[there, :2]
         )
-        moved = far + tip - self.arm_j - q[model.first, :2] - own + self.arm
-        if model.geometric:
-            d = moved + model.rest
-            f = d * (model.k * (1 - model.natural / np.hypot(*d.T)))[:, None]
+        moved = far + tip - self.arm_j - q[lattice.first, :2] - own + self.arm
+        if lattice.geometric:
+            d = moved + lattice.rest
+            f = d * (lattice.k * (1 - lattice.natural / np.hypot(*d.T)))[:, None]
         else:
-            f = moved * model.k[:, None]
-        total = np.zeros((model.n, 3))
-        for ends, arm, force in ((model.first, own, f), (there[inner], tip[inner], -f[inner])):
+            f = moved * lattice.k[:, None]
+        total = np.zeros((lattice.n, 3))
+        for ends, arm, force in ((lattice.first, own, f), (there[inner], tip[inner], -f[inner])):
             torque = arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]
             np.add.at(total, ends, np.column_stack([force, torque / self.lever]))
         return total
@@ -83,11 +84,12 @@ def solve(
     from scipy.integrate import solve_ivp
 
     springs = Springs(scene)
-    model, mass, n, spun = springs.model, springs.mass, scene.n, scene.rotation
+    lattice, mass, n, spun = springs.lattice, springs.mass, scene.n, scene.rotation
+    kinetic = lattice.friction
     q = np.column_stack([scene.u0, springs.lever * spun.yaw0])
     v = np.column_stack([scene.v0, springs.lever * spun.spin0])
     on, since, lead = (
-        np.any(v != 0, axis=1) | (model.static == 0),
+        np.any(v != 0, axis=1) | (lattice.static == 0),
         np.full(n, -1.0),
         np.zeros((n, 3)),
     )
@@ -101,29 +103,29 @@ def solve(
         v = y[3 * n :].reshape(-1, 3)
         size = np.linalg.norm(v, axis=1)[:, None]
         way = np.where(size > 1e-13, v / np.maximum(size, 1e-300), lead)
-        rate = (pull_of(t + s, y) - model.kinetic[:, None] * way) / mass
+        rate = (pull_of(t + s, y) - kinetic[:, None] * way) / mass
         return np.concatenate([np.where(on[:, None], x, 0.0).ravel() for x in (v, rate)])
 
     def breaks(s: float, y: np.ndarray) -> float:
-        far = model.static - np.linalg.norm(pull_of(t + s, y), axis=1)
+        far = lattice.static - np.linalg.norm(pull_of(t + s, y), axis=1)
         return float(far[~on].min(initial=1.0))
 
     def stops(s: float, y: np.ndarray) -> float:
         speed = np.linalg.norm(y[3 * n :].reshape(-1, 3), axis=1)
-        late = on & (model.kinetic > 0) & (t + s > since + ARM_S)
+        late = on & (kinetic > 0) & (t + s > since + ARM_S)
         return float((speed - CAPTURE_MPS)[late].min(initial=1.0))
 
     def set_off(pull: np.ndarray) -> None:
         size = np.linalg.norm(pull, axis=1)
-        for i in np.flatnonzero(~on & (size >= model.static * (1 - 1e-11)) & (since < t)):
+        for i in np.flatnonzero(~on & (size >= lattice.static * (1 - 1e-11)) & (since < t)):
             on[i], since[i] = True, t
-            lead[i] = _way(pull[i], mass[i], model.kinetic[i])
+            lead[i] = _way(pull[i], mass[i], kinetic[i])
             events.append((t, int(i), 1))
 
     breaks.terminal = stops.terminal = True
     breaks.direction = stops.direction = -1
     set_off(pull_of(0.0, y))
-    w = np.sqrt(8 * model.k.max() / mass.min())
+    w = np.sqrt(8 * lattice.k.max() / mass.min())
     while t < times[-1]:
         run = solve_ivp(
             slope, (0.0, times[-1] - t), y, 'DOP853', rtol=rtol, atol=rtol * 1e-3,
@@ -137,14 +139,14 @@ def solve(
         y, t = run.y[:, -1].copy(), end
         v, pull = y[3 * n :].reshape(-1, 3), pull_of(t, y)
         size, speed = np.linalg.norm(pull, axis=1), np.linalg.norm(v, axis=1)
-        slow = on & (speed <= CAPTURE_MPS * (1 + 1e-6)) & (t > since + ARM_S) & (model.kinetic > 0)
+        slow = on & (speed <= CAPTURE_MPS * (1 + 1e-6)) & (t > since + ARM_S) & (kinetic > 0)
         for i in np.flatnonzero(slow):
             v[i] = 0.0
-            if size[i] <= model.static[i]:
+            if size[i] <= lattice.static[i]:
                 on[i] = False
                 events.append((t, int(i), 0))
             else:
-                since[i], lead[i] = t, _way(pull[i], mass[i], model.kinetic[i])
+                since[i], lead[i] = t, _way(pull[i], mass[i], kinetic[i])
         set_off(pull)
     out[done:] = y[: 3 * n].reshape(-1, 3)
     return out[:, :, :2], out[:, :, 2] / springs.lever, events

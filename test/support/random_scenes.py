@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from eol_ros.core.physics import builders
-from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.result import sample_times
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.lab.choose import along_x, simulate
@@ -66,9 +65,9 @@ def judge(seed: int) -> Judged:
     stops = [(when, block) for when, block, start in events if not start]
     every = np.union1d(times, [when for when, _ in stops])
     check, again = scipy_run(scene, every, *CHECK)
-    model, place = Model.of(scene), np.searchsorted(every, [when for when, _ in stops])
+    place = np.searchsorted(every, [when for when, _ in stops])
     pulls = [
-        np.hypot(*spring_forces(model, check[k], when)[block]) / model.kinetic[block]
+        np.hypot(*spring_forces(scene, check[k], when)[block]) / scene.kinetic_force[block]
         for k, (when, block) in zip(place, stops, strict=True)
     ]
     doubtful = not along_x(scene) and max(pulls, default=0.0) > 1

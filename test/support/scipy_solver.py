@@ -5,7 +5,6 @@ import numpy as np
 from numba import njit
 
 from eol_ros.core.physics.drive import VELOCITY
-from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.scene import Scene
 from eol_ros.lab.stepping.moreau_jean import place_anchors, rim_pose, spring_forces
 
@@ -33,7 +32,7 @@ def scipy_run(
     """
     from scipy.integrate import solve_ivp
 
-    model, n = Model.of(scene), scene.n
+    lattice, n = scene.lattice, scene.n
     out, events = np.zeros((len(times), n, 2)), []
     y, t = np.concatenate([scene.u0.ravel(), scene.v0.ravel()]), 0.0
     on, since = np.any(scene.v0 != 0, axis=1), np.full(n, -1.0)
@@ -49,7 +48,7 @@ def scipy_run(
         return _slope(t + s, y, *given, on, lead)
 
     def breaks(s, y):
-        return (model.static - np.linalg.norm(force(t + s, y), axis=1))[~on].min(initial=1.0)
+        return (lattice.static - np.linalg.norm(force(t + s, y), axis=1))[~on].min(initial=1.0)
 
     def stops(s, y):
         speed = np.linalg.norm(y[2 * n :].reshape(-1, 2), axis=1)
@@ -59,16 +58,16 @@ def scipy_run(
         size = np.linalg.norm(pull, axis=1)
         near = 1e-11
         if broken:  # stiff springs pass their limit by more than that in the last digit of t
-            near = max(near, ((model.static - size) / model.static)[~on].min(initial=1.0))
-        for i in np.flatnonzero(~on & (size >= model.static * (1 - near)) & (since < t)):
+            near = max(near, ((lattice.static - size) / lattice.static)[~on].min(initial=1.0))
+        for i in np.flatnonzero(~on & (size >= lattice.static * (1 - near)) & (since < t)):
             on[i], since[i], lead[i] = True, t, pull[i] / size[i]
             events.append((t, int(i), 1))
 
     set_off(force(0.0, y))
     breaks.terminal = stops.terminal = True
     breaks.direction = stops.direction = -1
-    w = np.sqrt(8 * model.k.max() / model.mass.min())
-    fastest = max(np.hypot(*model.drive.par[:2]) if scene.drive.kind == VELOCITY else 0.1, 1e-30)
+    w = np.sqrt(8 * lattice.k.max() / lattice.mass.min())
+    fastest = max(np.hypot(*scene.drive.par[:2]) if scene.drive.kind == VELOCITY else 0.1, 1e-30)
     while t < times[-1]:
         run = solve_ivp(
             slope,
@@ -93,7 +92,7 @@ def scipy_run(
         for i in np.flatnonzero(on):
             if speed[i] <= capture_mps * (1 + 1e-6) and t > since[i] + arm_s:
                 v[i] = 0.0
-                if size[i] <= model.static[i]:
+                if size[i] <= lattice.static[i]:
                     on[i] = False
                     events.append((t, int(i), 0))
                 else:
@@ -155,11 +154,11 @@ def _slope(
 
 def _initial_values(scene: Scene, smooth: bool) -> tuple[np.ndarray, tuple]:
     """Return y(0) and the arguments of `_slope` after t and y, but for its last two; compiles."""
-    m = Model.of(scene)
+    m = scene.lattice
     start = np.concatenate([scene.u0.ravel(), scene.v0.ravel()])
     given = (
         smooth, m.n, m.first, m.second, m.k, m.natural, m.rest, m.anchors, m.geometric, m.mass,
-        m.static, m.kinetic, m.rail, *m.drive,
+        m.static, m.friction, m.rail, *scene.drive,
     )  # fmt: skip
     _slope(0.0, start, *given, *_all_slide(scene))
     return start, given

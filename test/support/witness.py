@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.lattice import spans
 from eol_ros.core.physics.result import Run
 from eol_ros.core.physics.scene import Scene
 
@@ -34,7 +34,7 @@ def gaps(scene: Scene, run: Run) -> Gaps:
     run: sampled some 50 times per period of the fastest vibration; with steps h the rule errs as
     h^4.
     """
-    model, t = Model.of(scene), run.t
+    lattice, t = scene.lattice, run.t
     rests = resting(run, scene)
     momentum = overload = 0.0
     steps = held = 0
@@ -57,36 +57,37 @@ def gaps(scene: Scene, run: Run) -> Gaps:
             (1 / 6, u[1], v[1], t[k + 1]),
         ):
             size = np.maximum(np.hypot(*speed.T), 1e-300)[:, None]
-            pull = spring_forces(model, place, now)
-            total += share * h * (pull - model.kinetic[:, None] * speed / size)
+            pull = spring_forces(scene, place, now)
+            total += share * h * (pull - lattice.friction[:, None] * speed / size)
         if scene.dim1:
             total[:, 1] = 0.0
-        miss = np.hypot(*(model.mass[:, None] * (v[1] - v[0]) - total).T)
+        miss = np.hypot(*(lattice.mass[:, None] * (v[1] - v[0]) - total).T)
         if on.any():
-            momentum = max(momentum, float((miss[on] / (h * model.kinetic[on])).max()))
-        pull = spring_forces(model, u[0], t[k])
+            momentum = max(momentum, float((miss[on] / (h * lattice.friction[on])).max()))
+        pull = spring_forces(scene, u[0], t[k])
         size = np.abs(pull[:, 0]) if scene.dim1 else np.hypot(*pull.T)
-        still = rests[k] & (model.static > 0)
+        still = rests[k] & (lattice.static > 0)
         if still.any():
-            overload = max(overload, float((size[still] / model.static[still]).max() - 1))
+            overload = max(overload, float((size[still] / lattice.static[still]).max() - 1))
         steps, held = steps + int(on.sum()), held + int(still.sum())
     return Gaps(momentum, overload, steps, held)
 
 
 def spring_forces(
-    model: Model, u: np.ndarray, t: float, yaw: np.ndarray | None = None
+    scene: Scene, u: np.ndarray, t: float, yaw: np.ndarray | None = None
 ) -> np.ndarray:
     """Return the spring force (n, 2) N on each block displaced by u (n, 2) and `yaw` (n,)."""
-    along = model._along(u, t, yaw)
-    if model.geometric:
-        along = along + model.rest
+    lattice = scene.lattice
+    along = spans(scene, u, scene.drive.displacement(t, lattice.anchors), yaw)
+    if lattice.geometric:
+        along = along + lattice.rest
         length = np.hypot(*along.T)
-        stretched = np.divide(model.natural, length, out=np.zeros_like(length), where=length > 0)
+        stretched = np.divide(lattice.natural, length, out=np.zeros_like(length), where=length > 0)
         along = (1 - stretched)[:, None] * along
-    pull, total = model.k[:, None] * along, np.zeros((model.n + len(model.anchors), 2))
-    np.add.at(total, model.first, pull)
-    np.subtract.at(total, model.second, pull)
-    return total[: model.n]
+    pull, total = lattice.k[:, None] * along, np.zeros((lattice.n + len(lattice.anchors), 2))
+    np.add.at(total, lattice.first, pull)
+    np.subtract.at(total, lattice.second, pull)
+    return total[: lattice.n]
 
 
 def resting(run: Run, scene: Scene) -> np.ndarray:

@@ -4,7 +4,7 @@
 import numpy as np
 
 from eol_ros.core import algebra
-from eol_ros.core.physics.model import Model
+from eol_ros.core.physics.lattice import spans
 from eol_ros.core.physics.result import Energy
 from eol_ros.core.physics.scene import Scene
 
@@ -13,24 +13,54 @@ GAUSS_X, GAUSS_W = algebra.gauss_legendre(10)  # for the powers of a step, on 0.
 GAUSS_X, GAUSS_W = 0.5 * (GAUSS_X + 1), 0.5 * GAUSS_W
 
 
-def length_scale(scene: Scene, model: Model) -> float:
+def length_scale(scene: Scene) -> float:
     """Return the displacement (m) at which a spring first balances friction, or the offsets."""
-    stiff = model.k.max(initial=0.0)
-    holding = model.static[model.static > 0]
+    static = scene.lattice.static
+    stiff = scene.lattice.k.max(initial=0.0)
+    holding = static[static > 0]
     hold = float(holding.min()) / stiff if stiff > 0 and len(holding) else 0.0
     return max(hold, float(np.abs(scene.u0).max()), 1e-12)
 
 
+def elastic_energy(scene: Scene, u: np.ndarray, t: float, yaw: np.ndarray | None = None) -> float:
+    """Return the energy (J) held in the springs; u (n, 2) m, yaw (n,) rad, at t."""
+    lattice = scene.lattice
+    d = spans(scene, u, scene.drive.displacement(t, lattice.anchors), yaw)
+    if not scene.geometric:
+        if scene.dim1:
+            d = d[:, :1]
+        return float(0.5 * np.sum(lattice.k[:, None] * d**2))
+    d = d + lattice.rest
+    return float(0.5 * np.sum(lattice.k * (np.hypot(d[:, 0], d[:, 1]) - lattice.natural) ** 2))
+
+
+def kinetic_energy(scene: Scene, v: np.ndarray, spin: np.ndarray | None = None) -> float:
+    """Return the energy (J) of motion for velocities v (n, 2) m/s, spin (n,) rad/s."""
+    energy = 0.5 * np.sum(scene.mass[:, None] * v**2)
+    if spin is not None and scene.rotation is not None:
+        energy += np.sum(scene.mass * scene.rotation.side_m**2 / 12 * spin**2)
+    return float(energy)
+
+
 def energy_ledger(
-    scene: Scene, model: Model, u: np.ndarray, v: np.ndarray, t: float, work_and_heat: np.ndarray
+    scene: Scene,
+    u: np.ndarray,
+    v: np.ndarray,
+    t: float,
+    work_and_heat: np.ndarray,
+    yaw: np.ndarray | None = None,
+    spin: np.ndarray | None = None,
 ) -> Energy:
     """Return the energy ledger, J, between the start and the state at t.
 
-    u, v: (n, 2), m and m/s. work_and_heat: (2,), J, of the drive and of friction.
+    u, v: (n, 2), m and m/s. work_and_heat: (2,), J, of the drive and of friction. yaw, spin: (n,)
+    rad and rad/s, where blocks rotate.
     """
+    rotation = scene.rotation
+    yaw0, spin0 = (rotation.yaw0, rotation.spin0) if rotation else (None, None)
     return Energy(
         float(work_and_heat[0]),
-        model.kinetic_energy(v) - model.kinetic_energy(scene.v0),
-        model.elastic_energy(u, t) - model.elastic_energy(scene.u0, 0.0),
+        kinetic_energy(scene, v, spin) - kinetic_energy(scene, scene.v0, spin0),
+        elastic_energy(scene, u, t, yaw) - elastic_energy(scene, scene.u0, 0.0, yaw0),
         float(work_and_heat[1]),
     )

@@ -8,11 +8,14 @@ length in the rest lattice between the points where they are fixed, `L0` their n
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from eol_ros.core.physics.drive import LARGEST, Drive, as_numbers, shown
+from eol_ros.core.physics.kernel_args import Lattice
+from eol_ros.core.physics.lattice import lattice_of
 from eol_ros.errors import ConfigError, nearest
 
 KEYS = (
@@ -94,6 +97,11 @@ class Scene:
     def kinetic_force(self) -> np.ndarray:
         """The friction (N) on each sliding block, shape (n,)."""
         return self.mu_k * self.mass * self.g
+
+    @cached_property
+    def lattice(self) -> Lattice:
+        """The same as the arrays that the kernels take."""
+        return lattice_of(self)
 
 
 def from_mapping(given: Mapping[str, Any]) -> Scene:

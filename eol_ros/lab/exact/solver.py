@@ -5,7 +5,6 @@ import numpy as np
 
 from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.kernel_args import Grid, empty_log
-from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.numerics import energy_ledger, length_scale
 from eol_ros.core.physics.result import Limits, Run, in_time
 from eol_ros.core.physics.scene import Scene
@@ -16,17 +15,15 @@ ORDER = 14
 TRUNCATION = 2e-17  # of the displacements' scale: below their rounding
 
 
-def solve(
-    scene: Scene, model: Model, times: np.ndarray, limits: Limits, ledger: bool, order: int = ORDER
-) -> Run:
+def solve(scene: Scene, times: np.ndarray, limits: Limits, ledger: bool, order: int = ORDER) -> Run:
     """Return the run of a scene whose blocks move along x only; y is held at its start.
 
     times: (p,) s, at which it is sampled. ledger: keep the energy ledger, which costs time. Where a
     limit cuts the run short, its `status` says so.
     """
     u, v = scene.u0[:, 0].copy(), scene.v0[:, 0].copy()
-    small = TRUNCATION * length_scale(scene, model)
-    grid = Grid(times, np.zeros((len(times), model.n)), np.zeros((len(times), model.n)))
+    small = TRUNCATION * length_scale(scene)
+    grid = Grid(times, np.zeros((len(times), scene.n)), np.zeros((len(times), scene.n)))
     log, work_and_heat = empty_log(limits.events), np.zeros(2)
     status, t, events, steps, base = kernel.run(
         u,
@@ -34,22 +31,22 @@ def solve(
         float(scene.duration_s),
         order,
         small,
-        model.lattice,
-        model.drive,
+        scene.lattice,
+        scene.drive,
         grid,
         log,
         limits.steps,
         work_and_heat,
         ledger,
-        kernel.make_lanes(model.n, order),
+        kernel.make_lanes(scene.n, order),
     )
-    if model.drive.kind == VELOCITY:
-        u += model.drive.par[0] * base
+    if scene.drive.kind == VELOCITY:
+        u += scene.drive.par[0] * base
     held = np.broadcast_to(scene.u0[:, 1], grid.u.shape)
     end = np.column_stack([u, scene.u0[:, 1]])
     u_out = np.stack([grid.u, held], axis=2)
     v_out = np.stack([grid.v, np.zeros_like(grid.v)], axis=2)
     run = Run('exact', WORDS[status], times, u_out, v_out, *in_time(log, events), steps, t)
     if ledger:
-        run.energy = energy_ledger(scene, model, end, np.column_stack([v, 0 * v]), t, work_and_heat)
+        run.energy = energy_ledger(scene, end, np.column_stack([v, 0 * v]), t, work_and_heat)
     return run

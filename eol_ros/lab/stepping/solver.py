@@ -4,7 +4,6 @@
 import numpy as np
 
 from eol_ros.core.physics.kernel_args import empty_log
-from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.numerics import energy_ledger
 from eol_ros.core.physics.result import Limits, Run, in_time
 from eol_ros.core.physics.scene import Scene
@@ -12,9 +11,9 @@ from eol_ros.core.physics.status import EVENT_LIMIT, NOT_FINITE, OK, STEP_LIMIT,
 from eol_ros.lab.stepping.moreau_jean import place_anchors, step_many
 
 
-def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s: float) -> Run:
+def solve(scene: Scene, times: np.ndarray, limits: Limits, step_s: float) -> Run:
     """Return the run of a scene in steps of `step_s` at most, whole between `times` (p,), s."""
-    m = model
+    m = scene.lattice
     ends = np.concatenate([scene.u0, np.zeros_like(m.anchors)])
     place_anchors(ends, m.n, m.anchors, *scene.drive.pose(0.0))
     v, force = scene.v0.copy(), np.zeros_like(ends)
@@ -33,7 +32,7 @@ def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s:
             break
         logged = step_many(
             ends, v, moving, force, work_and_heat, times[sample - 1], count, span / count,
-            m.lattice, m.drive, log, logged,
+            m, scene.drive, log, logged,
         )  # fmt: skip
         steps += count
         reached = sample
@@ -48,5 +47,5 @@ def solve(scene: Scene, model: Model, times: np.ndarray, limits: Limits, step_s:
     t = float(times[reached])
     samples = times[done], u_out[done], v_out[done]
     run = Run('stepping', WORDS[status], *samples, *in_time(log, logged), steps, t)
-    run.energy = energy_ledger(scene, m, ends[: m.n], v, t, work_and_heat)
+    run.energy = energy_ledger(scene, ends[: m.n], v, t, work_and_heat)
     return run

@@ -12,7 +12,6 @@ from support.witness import spring_forces
 from eol_ros.core.measure import springs
 from eol_ros.core.measure.estimate import Estimate
 from eol_ros.core.physics import builders
-from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.table import Table
 from eol_ros.errors import EolError
@@ -30,7 +29,7 @@ def pulled_by_model(u, yaw, k=1.0, table=Table()):
                        rotation={'side': table.block_side_m}, shape=table)
     )  # fmt: skip
     by_id = np.zeros((table.cells, 2))
-    by_id[table.ids] = spring_forces(Model.of(scene), u[table.ids], 0.0, yaw[table.ids])
+    by_id[table.ids] = spring_forces(scene, u[table.ids], 0.0, yaw[table.ids])
     return by_id
 
 

@@ -68,7 +68,7 @@ def test_same_seed_same_samples():
 
 def spring(table, way):
     length = np.hypot(*way)
-    return table._model.k[0] * (length - NATURAL_M) * way / length
+    return table._scene.between.k[0] * (length - NATURAL_M) * way / length
 
 
 def forces(table, u):
@@ -96,7 +96,7 @@ def test_samples_are_the_force_on_the_block_by_its_mass(exact):
         for s in found if trace is not None else ():
             if s.block not in inner or s.block in trace.event_block:
                 continue
-            mu = table._model.kinetic[s.block] / (BLOCK_MASS_KG * GRAVITY)
+            mu = table._scene.kinetic_force[s.block] / (BLOCK_MASS_KG * GRAVITY)
             for n in range(1, len(s.xy), 9):
                 time = s.first_s + n * s.period_s - begin_s
                 rows = np.searchsorted(trace.t, [time - s.period_s, time])
@@ -148,7 +148,11 @@ def test_a_slip_begins_and_ends_with_a_shock(exact):
                 continue
             if trace.event_start[own][0]:
                 starts += 1
-                drop = (table._model.static - table._model.kinetic)[s.block] / BLOCK_MASS_KG / MG
+                drop = (
+                    (table._scene.static_limit - table._scene.kinetic_force)[s.block]
+                    / BLOCK_MASS_KG
+                    / MG
+                )
                 assert np.hypot(*after[0]) == pytest.approx(drop, rel=0.05)
                 assert np.abs(before).max() < 10  # others' slips, through platform and springs
             else:

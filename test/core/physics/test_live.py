@@ -236,11 +236,11 @@ def test_blocks_rotate_as_the_solver_of_scenes_has_it():
         table.advance(i * IMAGE_S, t, pose, rate)
         rows.append(np.array([t, *pose]))
         rates.append(rate)
-    weight = BLOCK_MASS_KG * builders.GRAVITY
+    given, weight = table._scene, BLOCK_MASS_KG * builders.GRAVITY
     scene = from_mapping(
         builders.table(
             {'kind': 'none'}, seconds, k=Coupling().stiffness, mass=BLOCK_MASS_KG, geometric=True,
-            mu_s=list(table._model.static / weight), mu_k=list(table._model.kinetic / weight),
+            mu_s=list(given.static_limit / weight), mu_k=list(given.kinetic_force / weight),
             u0=start.tolist(), rotation={'side': BLOCK_SIDE_M},
         )
     )  # fmt: skip

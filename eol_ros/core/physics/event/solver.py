@@ -5,7 +5,6 @@ import numpy as np
 
 from eol_ros.core.physics.event import kernel
 from eol_ros.core.physics.kernel_args import Grid, empty_log
-from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.numerics import energy_ledger, length_scale
 from eol_ros.core.physics.result import Limits, Run, in_time
 from eol_ros.core.physics.scene import Scene
@@ -64,39 +63,32 @@ def rules_for(
     )
 
 
-def solve(
-    scene: Scene,
-    model: Model,
-    times: np.ndarray,
-    limits: Limits,
-    ledger: bool,
-    tolerance: float,
-) -> Run:
+def solve(scene: Scene, times: np.ndarray, limits: Limits, ledger: bool, tolerance: float) -> Run:
     """Return the run of a scene by power series between events, steps bound by `tolerance`.
 
     times: (p,) s, at which it is sampled. ledger: keep the energy ledger, which costs time. Where a
     limit cuts the run short, its `status` says so.
     """
     u, v = scene.u0.copy(), scene.v0.copy()
-    rules = rules_for(tolerance, length_scale(scene, model))
-    shape = (len(times), model.n, 2)
+    rules = rules_for(tolerance, length_scale(scene))
+    shape = (len(times), scene.n, 2)
     grid, log = Grid(times, np.zeros(shape), np.zeros(shape)), empty_log(limits.events)
     work_and_heat, counts = np.zeros(2), np.zeros(3, np.int64)
     status, t, events, steps = kernel.run(
         u,
         v,
-        np.zeros(model.n, bool),
+        np.zeros(scene.n, bool),
         float(scene.duration_s),
         rules,
-        model.lattice,
-        model.drive,
+        scene.lattice,
+        scene.drive,
         grid,
         log,
         limits.steps,
         work_and_heat,
         ledger,
         counts,
-        kernel.make_workspace(model.lattice, rules.order),
+        kernel.make_workspace(scene.lattice, rules.order),
     )
     run = Run('event', WORDS[status], times, grid.u, grid.v, *in_time(log, events), steps, t)
     if counts[1]:
@@ -107,7 +99,7 @@ def solve(
             'model knows no contact'
         )
     if ledger:
-        run.energy = energy_ledger(scene, model, u, v, t, work_and_heat)
+        run.energy = energy_ledger(scene, u, v, t, work_and_heat)
         if abs(run.energy.residual_J) > MISSED * max(
             1.0, abs(work_and_heat[0]), abs(work_and_heat[1])
         ):

@@ -5,9 +5,8 @@ import numpy as np
 
 from eol_ros.core.physics.event.solver import order_for, rules_for
 from eol_ros.core.physics.kernel_args import Grid, empty_log
-from eol_ros.core.physics.model import Model
-from eol_ros.core.physics.numerics import length_scale
-from eol_ros.core.physics.result import Energy, Limits, Run, in_time
+from eol_ros.core.physics.numerics import energy_ledger, length_scale
+from eol_ros.core.physics.result import Limits, Run, in_time
 from eol_ros.core.physics.rotation import kernel
 from eol_ros.core.physics.rotation.taylor import LEVER, RotationArgs
 from eol_ros.core.physics.scene import Scene
@@ -39,54 +38,35 @@ def start_of(scene: Scene, ra: RotationArgs) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def solve(
-    scene: Scene, model: Model, times: np.ndarray, limits: Limits, ledger: bool, tolerance: float
-) -> Run:
+def solve(scene: Scene, times: np.ndarray, limits: Limits, ledger: bool, tolerance: float) -> Run:
     """Return the run of a scene with rotation, sampled at `times` (p,), s."""
     ra = rotation_args(scene)
     q, v = start_of(scene, ra)
-    rules = rules_for(
-        tolerance, length_scale(scene, model), order_for(tolerance), floor_speed(tolerance)
-    )
-    shape = (len(times), model.n, 3)
+    rules = rules_for(tolerance, length_scale(scene), order_for(tolerance), floor_speed(tolerance))
+    shape = (len(times), scene.n, 3)
     grid, log = Grid(times, np.zeros(shape), np.zeros(shape)), empty_log(limits.events)
     work_and_heat = np.zeros(2)
     status, t, events, steps = kernel.run(
         q,
         v,
-        np.zeros(model.n, bool),
+        np.zeros(scene.n, bool),
         float(scene.duration_s),
         rules,
-        model.lattice,
+        scene.lattice,
         ra,
-        model.drive,
+        scene.drive,
         grid,
         log,
         limits.steps,
         work_and_heat,
         ledger,
-        kernel.make_workspace(model.lattice, ra, rules.order),
+        kernel.make_workspace(scene.lattice, ra, rules.order),
     )
     u, w = grid.u[:, :, :2].copy(), grid.v[:, :, :2].copy()
     run = Run('event', WORDS[status], times, u, w, *in_time(log, events), steps, t)
     run.yaw, run.spin = grid.u[:, :, 2] / ra.lever, grid.v[:, :, 2] / ra.lever
     if ledger:
-        run.energy = energy_ledger(scene, model, ra, q, v, t, work_and_heat)
+        run.energy = energy_ledger(
+            scene, q[:, :2], v[:, :2], t, work_and_heat, q[:, 2] / ra.lever, v[:, 2] / ra.lever
+        )
     return run
-
-
-def energy_ledger(
-    scene: Scene,
-    model: Model,
-    ra: RotationArgs,
-    q: np.ndarray,
-    v: np.ndarray,
-    t: float,
-    work_and_heat: np.ndarray,
-) -> Energy:
-    """Return the energy ledger between the start and the state q, v (n, 3) at t."""
-    q0, v0 = start_of(scene, ra)
-    kinetic = 0.5 * np.sum(ra.mass * (v**2 - v0**2))
-    elastic = model.elastic_energy(q[:, :2], t, q[:, 2] / ra.lever)
-    elastic -= model.elastic_energy(q0[:, :2], 0.0, q0[:, 2] / ra.lever)
-    return Energy(float(work_and_heat[0]), float(kinetic), float(elastic), float(work_and_heat[1]))

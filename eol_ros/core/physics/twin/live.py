@@ -11,8 +11,8 @@ from eol_ros.core.physics.drive import POSES, Drive
 from eol_ros.core.physics.event.kernel import make_workspace, run
 from eol_ros.core.physics.event.solver import rules_for
 from eol_ros.core.physics.kernel_args import Grid, Ledger, empty_log
-from eol_ros.core.physics.model import Model, rotated
-from eol_ros.core.physics.numerics import length_scale
+from eol_ros.core.physics.lattice import spans
+from eol_ros.core.physics.numerics import kinetic_energy, length_scale
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.physics.status import NOT_FINITE, OK
 from eol_ros.core.physics.twin import rim_springs
@@ -123,8 +123,8 @@ class LiveTable:
         coupling = coupling or Coupling()
         scene = from_mapping(scene_of(seed, coupling, {'kind': 'none'}, 0.0, table))
         self.table, self._frame = table, Frame.of(table)
-        self._model = Model.of(scene)
-        self._rules = rules_for(TOLERANCE, length_scale(scene, self._model))
+        self._scene = scene
+        self._rules = rules_for(TOLERANCE, length_scale(scene))
         self._rest = table.rest
         springs = scene.to_frame
         side = springs.rest / np.linalg.norm(springs.rest, axis=1)[:, None]
@@ -143,9 +143,9 @@ class LiveTable:
         if coupling.rotate:
             from eol_ros.core.physics.twin import rotating
 
-            self._rotating = rotating.Rotating(scene, self._model, samples)
+            self._rotating = rotating.Rotating(scene, samples)
         else:
-            self._workspace = make_workspace(self._model.lattice, self._rules.order)
+            self._workspace = make_workspace(scene.lattice, self._rules.order)
         self._sampled = np.linspace(0.0, 1.0, samples + 1)
         rows = (samples + 1, table.count, 2)
         self._path = np.zeros(samples + 1), np.zeros(rows), np.zeros(rows)
@@ -272,14 +272,13 @@ class LiveTable:
         if self._rotating:
             ledger = Ledger(self._log, self._work_and_heat, self._counts)
             return self._rotating.solve(u, v, moving, span, rim, self._grid, ledger, MOST_STEPS)
-        lattice = self._model.lattice
         status, _, events, _ = run(
             u,
             v,
             moving,
             span,
             self._rules,
-            lattice,
+            self._scene.lattice,
             rim,
             self._grid,
             self._log,
@@ -304,20 +303,16 @@ class LiveTable:
         )
 
     def _energy(self) -> float:
-        m = self._model
-        x, y, yaw = self.rim_pose
-        s, c = elementary.sin(yaw), -2 * elementary.sin(yaw / 2) ** 2
+        m = self._scene.lattice
+        x, y, phi = self.rim_pose
+        s, c = elementary.sin(phi), -2 * elementary.sin(phi / 2) ** 2
         ax, ay = m.anchors[:, 0], m.anchors[:, 1]
         led = np.stack([x + c * ax - s * ay, y + s * ax + c * ay], axis=1)
-        ends = np.concatenate([self._u, led])
-        d = ends[m.second] - ends[m.first] + m.rest
-        if self._rotating and m.rotation:
-            inner, own = m.second < m.n, self._rotating.yaw
-            d -= rotated(m.rotation.arm, own[m.first])
-            d[inner] += rotated(m.rotation.arm_j[inner], own[m.second[inner]])
+        rotating = self._rotating
+        yaw, spin = (rotating.yaw, rotating.spin) if rotating else (None, None)
+        d = spans(self._scene, self._u, led, yaw) + m.rest
         held = 0.5 * np.sum(m.k * (elementary.hypot(d[:, 0], d[:, 1]) - m.natural) ** 2)
-        spinning = self._rotating.energy() if self._rotating else 0.0
-        return float(held + m.kinetic_energy(self._v) + spinning)
+        return float(held + kinetic_energy(self._scene, self._v, spin))
 
     def _place(self) -> None:
         u = self._by_id(self._u)

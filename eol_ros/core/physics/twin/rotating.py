@@ -6,7 +6,6 @@ import numpy as np
 from eol_ros.core.physics.drive import Drive
 from eol_ros.core.physics.event.solver import rules_for
 from eol_ros.core.physics.kernel_args import Grid, Ledger
-from eol_ros.core.physics.model import Model
 from eol_ros.core.physics.numerics import length_scale
 from eol_ros.core.physics.rotation import kernel
 from eol_ros.core.physics.rotation.solver import floor_speed, rotation_args
@@ -41,16 +40,16 @@ class Rotating:
     where its spring to the rim is fixed, in the block's frame.
     """
 
-    def __init__(self, scene: Scene, model: Model, samples: int):
+    def __init__(self, scene: Scene, samples: int):
         assert scene.rotation is not None
-        self._model, self._args = model, rotation_args(scene)
+        self._lattice, self._args = scene.lattice, rotation_args(scene)
         self._rules = rules_for(
-            TOLERANCE, length_scale(scene, model), ORDER, floor_speed(TOLERANCE)
+            TOLERANCE, length_scale(scene), ORDER, floor_speed(TOLERANCE)
         )._replace(kick=KICK_MPS, weakest=WEAKEST)
-        self._workspace = kernel.make_workspace(model.lattice, self._args, ORDER)
+        self._workspace = kernel.make_workspace(self._lattice, self._args, ORDER)
         self.yaw, self.spin = scene.rotation.yaw0.copy(), scene.rotation.spin0.copy()
-        self._q, self._w = np.zeros((model.n, 3)), np.zeros((model.n, 3))
-        rows = (samples, model.n, 3)
+        self._q, self._w = np.zeros((scene.n, 3)), np.zeros((scene.n, 3))
+        rows = (samples, scene.n, 3)
         self._grid = Grid(np.zeros(samples), np.zeros(rows), np.zeros(rows))
 
     def solve(
@@ -81,7 +80,7 @@ class Rotating:
             moving,
             span,
             self._rules,
-            self._model.lattice,
+            self._lattice,
             self._args,
             rim,
             self._grid,
@@ -99,11 +98,6 @@ class Rotating:
         if events:
             ledger.counts[0] += int(ledger.log.start[:events].sum())
         return int(status), int(events)
-
-    def energy(self) -> float:
-        """Return the energy (J) of rotation."""
-        lever = self._args.lever
-        return float(0.5 * np.sum(self._args.mass[:, 2] * (lever * self.spin) ** 2))
 
     def stop(self) -> None:
         """Stop all where they are."""
