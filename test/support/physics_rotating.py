@@ -8,6 +8,7 @@ against V = (vx, vy, c omega), c the mean distance of a square's points from its
 import numpy as np
 
 from eol_ros.core.physics.scene import Scene
+from support.scipy_solver import Event, between_events
 
 LEVER = (np.sqrt(2) + np.arcsinh(1)) / 6  # of the side, by integration over the square
 CAPTURE_MPS, ARM_S = 1e-7, 1e-6
@@ -79,74 +80,27 @@ def _way(pull: np.ndarray, mass: np.ndarray, kinetic: float) -> np.ndarray:
 
 def solve(
     scene: Scene, times: np.ndarray, rtol: float = 1e-12
-) -> tuple[np.ndarray, np.ndarray, list[tuple[float, int, int]]]:
-    """Return u (k, n, 2), yaw (k, n) and events: when, which block, 1 a break or 0 a stop."""
-    from scipy.integrate import solve_ivp
-
-    springs = Springs(scene)
-    lattice, mass, n, spun = springs.lattice, springs.mass, scene.n, scene.rotation
-    kinetic = lattice.friction
+) -> tuple[np.ndarray, np.ndarray, list[Event]]:
+    """Return u (k, n, 2), yaw (k, n) and events."""
+    springs, kinetic, spun = Springs(scene), scene.kinetic_force, scene.rotation
+    mass, half = springs.mass, 3 * scene.n
     q = np.column_stack([scene.u0, springs.lever * spun.yaw0])
     v = np.column_stack([scene.v0, springs.lever * spun.spin0])
-    on, since, lead = (
-        np.any(v != 0, axis=1) | (lattice.static == 0),
-        np.full(n, -1.0),
-        np.zeros((n, 3)),
-    )
-    out, events = np.zeros((len(times), n, 3)), []
-    y, t, done = np.concatenate([q.ravel(), v.ravel()]), 0.0, 0
+    w = np.sqrt(8 * springs.lattice.k.max() / mass.min())
 
-    def pull_of(t: float, y: np.ndarray) -> np.ndarray:
-        return springs.pull(t, y[: 3 * n].reshape(-1, 3))
+    def pull(t: float, y: np.ndarray) -> np.ndarray:
+        return springs.pull(t, y[:half].reshape(-1, 3))
 
-    def slope(s: float, y: np.ndarray) -> np.ndarray:
-        v = y[3 * n :].reshape(-1, 3)
+    def slope(t: float, y: np.ndarray, on: np.ndarray, lead: np.ndarray) -> np.ndarray:
+        v = y[half:].reshape(-1, 3)
         size = np.linalg.norm(v, axis=1)[:, None]
         way = np.where(size > 1e-13, v / np.maximum(size, 1e-300), lead)
-        rate = (pull_of(t + s, y) - kinetic[:, None] * way) / mass
+        rate = (pull(t, y) - kinetic[:, None] * way) / mass
         return np.concatenate([np.where(on[:, None], x, 0.0).ravel() for x in (v, rate)])
 
-    def breaks(s: float, y: np.ndarray) -> float:
-        far = lattice.static - np.linalg.norm(pull_of(t + s, y), axis=1)
-        return float(far[~on].min(initial=1.0))
-
-    def stops(s: float, y: np.ndarray) -> float:
-        speed = np.linalg.norm(y[3 * n :].reshape(-1, 3), axis=1)
-        late = on & (kinetic > 0) & (t + s > since + ARM_S)
-        return float((speed - CAPTURE_MPS)[late].min(initial=1.0))
-
-    def set_off(pull: np.ndarray) -> None:
-        size = np.linalg.norm(pull, axis=1)
-        for i in np.flatnonzero(~on & (size >= lattice.static * (1 - 1e-11)) & (since < t)):
-            on[i], since[i] = True, t
-            lead[i] = _way(pull[i], mass[i], kinetic[i])
-            events.append((t, int(i), 1))
-
-    breaks.terminal = stops.terminal = True
-    breaks.direction = stops.direction = -1
-    set_off(pull_of(0.0, y))
-    w = np.sqrt(8 * lattice.k.max() / mass.min())
-    while t < times[-1]:
-        run = solve_ivp(
-            slope, (0.0, times[-1] - t), y, 'DOP853', rtol=rtol, atol=rtol * 1e-3,
-            dense_output=True, events=(breaks, stops), max_step=0.1 * np.pi / w,
-        )  # fmt: skip
-        end = t + run.t[-1]
-        while done < len(times) and times[done] <= end:
-            here = run.sol(times[done] - t) if end > t else y
-            out[done] = here[: 3 * n].reshape(-1, 3)
-            done += 1
-        y, t = run.y[:, -1].copy(), end
-        v, pull = y[3 * n :].reshape(-1, 3), pull_of(t, y)
-        size, speed = np.linalg.norm(pull, axis=1), np.linalg.norm(v, axis=1)
-        slow = on & (speed <= CAPTURE_MPS * (1 + 1e-6)) & (t > since + ARM_S) & (kinetic > 0)
-        for i in np.flatnonzero(slow):
-            v[i] = 0.0
-            if size[i] <= lattice.static[i]:
-                on[i] = False
-                events.append((t, int(i), 0))
-            else:
-                since[i], lead[i] = t, _way(pull[i], mass[i], kinetic[i])
-        set_off(pull)
-    out[done:] = y[: 3 * n].reshape(-1, 3)
+    out, events = between_events(
+        scene, np.concatenate([q.ravel(), v.ravel()]), times, rtol, CAPTURE_MPS, ARM_S,
+        slope=slope, pull=pull, way=lambda i, force: _way(force, mass[i], kinetic[i]),
+        longest=lambda on: 0.1 * np.pi / w,
+    )  # fmt: skip
     return out[:, :, :2], out[:, :, 2] / springs.lever, events

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes solved by SciPy between its own events: a witness, and a peer of the benchmarks."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numba import njit
 
@@ -11,6 +13,7 @@ from eol_ros.lab.stepping.moreau_jean import place_anchors, rim_pose, spring_for
 CAPTURE_MPS = 1e-6
 STUCK_M = 5e-4  # by which the rim moves in a step, where nothing slides
 ARM_S = 1e-5  # after a break a stop is looked for only once the block has gathered speed
+Event = tuple[float, int, int]  # when, which block, 1 a break or 0 a stop
 
 
 def scipy_events(scene: Scene, times: np.ndarray, rtol: float) -> np.ndarray:
@@ -24,81 +27,98 @@ def scipy_run(
     rtol: float,
     capture_mps: float = CAPTURE_MPS,
     arm_s: float = ARM_S,
-) -> tuple[np.ndarray, list[tuple[float, int, int]]]:
-    """Return what `scipy_events` does, and its events: when, which block, 1 a break or 0 a stop.
+) -> tuple[np.ndarray, list[Event]]:
+    """Return what `scipy_events` does, and its events.
 
-    Forces are compiled; steps, roots and what happens at them are SciPy's and NumPy's. A block
-    slower than `capture_mps` stops; the error of that goes as its square.
+    Forces are compiled. A block slower than `capture_mps` stops; the error of that goes as its
+    square.
+    """
+    start, given = _initial_values(scene, smooth=False)
+    forces, rail, drive = given[1:9], given[12], given[13:]
+    w = np.sqrt(8 * scene.lattice.k.max() / scene.mass.min())
+    fastest = max(np.hypot(*scene.drive.par[:2]) if scene.drive.kind == VELOCITY else 0.1, 1e-30)
+    return between_events(
+        scene, start, times, rtol, capture_mps, arm_s,
+        slope=lambda t, y, on, lead: _slope(t, y, *given, on, lead),
+        pull=lambda t, y: _pull(t, y, *forces, rail, *drive),
+        way=lambda i, pull: pull / np.linalg.norm(pull),
+        longest=lambda on: 0.1 * np.pi / w if on.any() else STUCK_M / fastest,
+    )  # fmt: skip
+
+
+def between_events(
+    scene: Scene,
+    y: np.ndarray,
+    times: np.ndarray,
+    rtol: float,
+    capture_mps: float,
+    arm_s: float,
+    *,
+    slope: Callable[[float, np.ndarray, np.ndarray, np.ndarray], np.ndarray],
+    pull: Callable[[float, np.ndarray], np.ndarray],
+    way: Callable[[int, np.ndarray], np.ndarray],
+    longest: Callable[[np.ndarray], float],
+) -> tuple[np.ndarray, list[Event]]:
+    """Return places (k, n, d) at `times` and events; steps and roots are SciPy's.
+
+    y: places and velocities (2 n d,) at first. slope(t, y, on, lead): their rates, where blocks
+    `on` (n,) slide, and leave rest along lead (n, d). pull(t, y): what springs do to each block,
+    (n, d). way(i, pull): along which block i leaves rest. longest(on): a step, s.
     """
     from scipy.integrate import solve_ivp
 
-    lattice, n = scene.lattice, scene.n
-    out, events = np.zeros((len(times), n, 2)), []
-    y, t = np.concatenate([scene.u0.ravel(), scene.v0.ravel()]), 0.0
-    on, since = np.any(scene.v0 != 0, axis=1), np.full(n, -1.0)
-    lead = np.zeros((n, 2))
-    done = 0
-    _, given = _initial_values(scene, smooth=False)
-    forces, rail, drive = given[1:9], given[12], given[13:]
+    n, half = scene.n, len(y) // 2
+    static, kinetic = scene.static_limit, scene.kinetic_force
+    places, v = y[:half].reshape(n, -1), y[half:].reshape(n, -1)
+    out, events = np.zeros((len(times), *places.shape)), []
+    on, since = np.any(v != 0, axis=1) | (static == 0), np.full(n, -1.0)
+    lead, t, done = np.zeros(places.shape), 0.0, 0
 
-    def force(s, y):
-        return _pull(s, y, *forces, rail, *drive)
-
-    def slope(s, y):  # s counts from the last event: t may be 1e9 s, of which digits are lost
-        return _slope(t + s, y, *given, on, lead)
+    def rates(s, y):  # s counts from the last event: t may be 1e9 s, of which digits are lost
+        return slope(t + s, y, on, lead)
 
     def breaks(s, y):
-        return (lattice.static - np.linalg.norm(force(t + s, y), axis=1))[~on].min(initial=1.0)
+        return (static - np.linalg.norm(pull(t + s, y), axis=1))[~on].min(initial=1.0)
 
     def stops(s, y):
-        speed = np.linalg.norm(y[2 * n :].reshape(-1, 2), axis=1)
-        return np.where(t + s > since + arm_s, speed - capture_mps, 1.0)[on].min(initial=1.0)
+        speed = np.linalg.norm(y[half:].reshape(n, -1), axis=1)
+        late = on & (kinetic > 0) & (t + s > since + arm_s)
+        return (speed - capture_mps)[late].min(initial=1.0)
 
-    def set_off(pull, broken=False):
-        size = np.linalg.norm(pull, axis=1)
+    def set_off(force, broken=False):
+        size = np.linalg.norm(force, axis=1)
         near = 1e-11
         if broken:  # stiff springs pass their limit by more than that in the last digit of t
-            near = max(near, ((lattice.static - size) / lattice.static)[~on].min(initial=1.0))
-        for i in np.flatnonzero(~on & (size >= lattice.static * (1 - near)) & (since < t)):
-            on[i], since[i], lead[i] = True, t, pull[i] / size[i]
+            near = max(near, (1 - size[~on] / static[~on]).min(initial=1.0))
+        for i in np.flatnonzero(~on & (size >= static * (1 - near)) & (since < t)):
+            on[i], since[i], lead[i] = True, t, way(i, force[i])
             events.append((t, int(i), 1))
 
-    set_off(force(0.0, y))
+    set_off(pull(0.0, y))
     breaks.terminal = stops.terminal = True
     breaks.direction = stops.direction = -1
-    w = np.sqrt(8 * lattice.k.max() / lattice.mass.min())
-    fastest = max(np.hypot(*scene.drive.par[:2]) if scene.drive.kind == VELOCITY else 0.1, 1e-30)
     while t < times[-1]:
         run = solve_ivp(
-            slope,
-            (0.0, times[-1] - t),
-            y,
-            'DOP853',
-            rtol=rtol,
-            atol=rtol * 1e-3,
-            dense_output=True,
-            events=(breaks, stops),
-            max_step=0.1 * np.pi / w if on.any() else STUCK_M / fastest,
-        )
+            rates, (0.0, times[-1] - t), y, 'DOP853', rtol=rtol, atol=rtol * 1e-3,
+            dense_output=True, events=(breaks, stops), max_step=longest(on),
+        )  # fmt: skip
         end = t + run.t[-1]
         while done < len(times) and times[done] <= end:
-            out[done] = (run.sol(times[done] - t) if end > t else y)[: 2 * n].reshape(-1, 2)
+            out[done] = (run.sol(times[done] - t) if end > t else y)[:half].reshape(n, -1)
             done += 1
         y, t = run.y[:, -1].copy(), end
-        v = y[2 * n :].reshape(-1, 2)
-        pull = force(t, y)
-        size = np.linalg.norm(pull, axis=1)
-        speed = np.linalg.norm(v, axis=1)
-        for i in np.flatnonzero(on):
-            if speed[i] <= capture_mps * (1 + 1e-6) and t > since[i] + arm_s:
-                v[i] = 0.0
-                if size[i] <= lattice.static[i]:
-                    on[i] = False
-                    events.append((t, int(i), 0))
-                else:
-                    since[i], lead[i] = t, pull[i] / size[i]
-        set_off(pull, len(run.t_events[0]) > 0)
-    out[done:] = y[: 2 * n].reshape(-1, 2)
+        v, force = y[half:].reshape(n, -1), pull(t, y)
+        size, speed = np.linalg.norm(force, axis=1), np.linalg.norm(v, axis=1)
+        slow = on & (speed <= capture_mps * (1 + 1e-6)) & (t > since + arm_s) & (kinetic > 0)
+        for i in np.flatnonzero(slow):
+            v[i] = 0.0
+            if size[i] <= static[i]:
+                on[i] = False
+                events.append((t, int(i), 0))
+            else:
+                since[i], lead[i] = t, way(i, force[i])
+        set_off(force, len(run.t_events[0]) > 0)
+    out[done:] = y[:half].reshape(n, -1)
     return out, events
 
 
