@@ -74,7 +74,8 @@ KEYS = {  # key: example, meaning (docs/reference/scene.md)
     'together': ('together: [[motion, leds]]', 'groups of nodes that share a process'),
     'elsewhere': (
         'elsewhere: [camera]',
-        'nodes of the graph that another program starts, such as a camera driver',
+        'nodes of the graph that other programs start or replace, such as a camera driver; write '
+        'each of them `off` under `nodes`; the program may be one of `programs`',
     ),
     'machines': (
         'machines: {show: {address: 10.0.0.1, nodes: [camera]}}',

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records every topic, as raw bytes, into an MCAP bag; a thread of its own writes."""
+"""Records the topics that bags keep, as raw bytes, into an MCAP bag; a thread of its own writes."""
 
 import math
 import sys
