@@ -395,10 +395,10 @@ class TrackerSettings:
 
 @dataclass(frozen=True)
 class MotionSettings:
-    stop_mps: float = live(0.001, 'speed below which a block is at rest', 'm/s', 0, 1)
-    stop_s: float = setting(
-        0.1, 'time over which the speed for stop_mps is measured', 's', 0.05, 0.25
+    stop_mps: float = live(
+        0.001, 'mean speed over stop_s below which a slip has ended', 'm/s', 0, 1
     )
+    stop_s: float = setting(0.1, 'averaging time of the speed for stop_mps', 's', 0.05, 0.25)
     baseline_s: float = setting(
         0.2,
         'averaging time of the rest position to which the start of a slip is compared',
