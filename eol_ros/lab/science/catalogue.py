@@ -92,7 +92,10 @@ def magnitude_law(
 ) -> MagnitudeLaw:
     """Fit the law of Gutenberg and Richter above completeness.
 
-    Errors and p-value are of as many independent magnitudes as tell as much (`inefficiency`).
+    A magnitude is log10 of the potency of a cascade, the sum of the distances of its slips.
+    Completeness is the middle of the fullest bin of 0.1, plus 0.2. b_value is Aki's estimate,
+    log10(e) / (mean magnitude - completeness). It is not the b = tau - 1 of areas. Errors and
+    p-value are those of the equivalent number of independent magnitudes (`inefficiency`).
 
     Parameters
     ----------
@@ -115,8 +118,8 @@ def magnitude_law(
 
     References
     ----------
-    K. Aki, Bull. Earthq. Res. Inst. 43 (1965) 237. N. J. van der Elst, J. Geophys. Res. 126 (2021)
-    e2020JB021027.
+    K. Aki, Bull. Earthq. Res. Inst. 43 (1965) 237. J. Woessner, S. Wiemer, Bull. Seism. Soc. Am. 95
+    (2005) 684. N. J. van der Elst, J. Geophys. Res. 126 (2021) e2020JB021027.
 
     Examples
     --------
