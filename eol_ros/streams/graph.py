@@ -113,7 +113,7 @@ _NODES = (
     NodeSpec('sound', settings.SoundSettings, requires='grain_triggers', real_time=SHORT,
              publishes=('sound_meter', 'sound_samples'), on_request=('grain_triggers', *_ANSWERS),
              subscribes=('grain_triggers', 'felt_triggers', 'corpus', 'requests'),
-             optional=('slips', 'node_states')),
+             optional=('slips', 'node_states', 'request_results')),
     NodeSpec('montage', settings.MontageSettings, requires='slips', nice=3,
              publishes=('wall',), on_request=_ANSWERS,
              subscribes=('slips', 'requests')),

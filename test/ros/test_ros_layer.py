@@ -282,7 +282,7 @@ def test_topic_table():
 
 @pytest.mark.parametrize('name', sorted(set(NODES) - {'replay', 'recorder'}))  # theirs depend
 def test_a_row_names_the_topics_that_the_node_uses(name):
-    named, used = set(), set()
+    named, used, heard = set(), set(), set()
     folder = Path(nodes.__file__).parent
     beside = folder.parent / 'ros' / f'{name}.py'
     paths = [folder / f'{name}.py', *folder.glob(f'{name}_*.py'), beside]
@@ -296,10 +296,13 @@ def test_a_row_names_the_topics_that_the_node_uses(name):
                     used |= {a.value for a in part.args if isinstance(a, ast.Constant)}
                 elif by == 'MainClock':
                     used.add('node_states')
+                elif by == 'on_results':
+                    heard.add('request_results')
     node = NODES[name]
     row = {*node.publishes, *node.on_request, *node.subscribes, *node.optional}
     of_every_node = {'requests', 'request_results'}
     assert used or row <= of_every_node
+    assert heard <= {*node.subscribes, *node.optional}
     assert used <= row <= named | used | of_every_node
 
 
