@@ -72,12 +72,12 @@ class Table(np.ndarray):
             [f'{spread}.{n}' for n in _inner(self[spread]).names or ()] if spread else []
         )
         for row in self:
-            left = list(itertools.chain.from_iterable(_cells(row[n]) for n in one))
+            left = list(itertools.chain.from_iterable(_cells(row[n], row.dtype[n]) for n in one))
             if not spread:
                 yield left
                 continue
             for item in row[spread]:
-                yield left + list(itertools.chain.from_iterable(_cells(v) for v in item))
+                yield left + _cells(item, item.dtype)
 
     def to_csv(self, path: str | Path) -> None:
         """Write `rows()` as CSV; times in s since the epoch with nine decimals.
@@ -524,15 +524,13 @@ def _titles(name: str, values: np.ndarray) -> list[str]:
     return [name]
 
 
-def _cells(value: Any) -> list:
-    if isinstance(value, np.void):
-        names = value.dtype.names or ()
-        return list(itertools.chain.from_iterable(_cells(value[name]) for name in names))
-    if isinstance(value, (np.datetime64, np.timedelta64)):
+def _cells(value: Any, dtype: np.dtype) -> list:
+    if dtype.names:
+        inner = (_cells(value[name], dtype[name]) for name in dtype.names)
+        return list(itertools.chain.from_iterable(inner))
+    if dtype.kind in 'mM':
         ns = int(value.astype('i8'))
         return [f'{ns // 10**9}.{ns % 10**9:09d}']
-    if isinstance(value, np.ndarray) and value.dtype == object:
-        return [' '.join(str(v) for v in value)]
     if isinstance(value, np.ndarray):
-        return value.tolist()
+        return [' '.join(map(str, value.tolist()))] if dtype.kind == 'O' else value.tolist()
     return [value.item() if isinstance(value, np.generic) else value]

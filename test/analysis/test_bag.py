@@ -129,6 +129,16 @@ def test_csv_has_a_row_for_each_of_an_array(tmp_path):
     assert rows[4]['wave[1]'] == '1.0'
 
 
+def test_csv_has_one_cell_for_arrays_of_many_lengths(tmp_path):
+    table = made(tmp_path / 'run', [things(i, wave=i % 3) for i in range(6)]).table('things')
+    table.to_csv(tmp_path / 'things.csv')
+    with open(tmp_path / 'things.csv', newline='') as file:
+        header, *rows = csv.reader(file)
+    assert {len(row) for row in rows} == {len(header)}
+    waves = [row[header.index('wave')] for row in rows]
+    assert sorted({len(wave.split()) for wave in waves}) == [0, 1, 2]
+
+
 def test_topic_names(tmp_path):
     bag = made(tmp_path / 'run', [things(0)])
     assert topic_names(bag, None) == ['/eol/things']
