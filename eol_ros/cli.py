@@ -84,7 +84,10 @@ LASTING = {
     'run', 'kiosk', 'mirror', 'echo', 'midi', 'replay', 'camera', 'board', 'measure', 'speakers',
     'listen', 'compile', 'status', 'bench', 'sweep', 'service',
 }  # fmt: skip
-DECODING = {'camera', 'listen'}  # of them, those that decode files
+# that decode sounds, images or films
+DECODING = {
+    'calibrate', 'camera', 'check', 'corpus', 'covers', 'listen', 'render', 'report', 'track',
+}  # fmt: skip
 
 
 def _overview() -> str:
@@ -278,7 +281,7 @@ def _watched(prog: str) -> Iterator[None]:
     """Bound the memory of a verb that ends by itself, and let it say what it does if it is long."""
     verb = prog.removeprefix('eol ')
     with contextlib.ExitStack() as stack:
-        if verb in VERBS and verb not in LASTING - DECODING:
+        if verb in DECODING:
             stack.enter_context(_libraries_unheard())
         if verb in VERBS and verb not in LASTING:
             stack.enter_context(memory.bounded())

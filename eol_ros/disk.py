@@ -148,7 +148,8 @@ def content(path: str | Path, most: int = MOST_TEXT) -> bytes:
 
 def check_file(path: str | Path) -> None:
     """Raise ConfigError for a pipe or a device, where more than one pass or place is read."""
-    if Path(path).exists() and not Path(path).is_file() and not Path(path).is_dir():
+    odd = Path(path).exists() and not Path(path).is_file() and not Path(path).is_dir()
+    if odd or str(path) == '-':
         raise ConfigError(f'{path}: a pipe or device; write it to a file, and name that')
 
 

@@ -346,6 +346,7 @@ def test_a_pipe_is_read_as_its_file_or_refused(good, tmp_path, monkeypatch, capf
         assert found == code(str(good / name)), error
     else:
         assert found == 78 and len(error) == 1 and 'a pipe or device; write it to' in error[0]
+        assert code('-') in (69, 78) and len(said(capfd.readouterr().err)) == 1
 
 
 CROSSED = b'10,10,-0.7,0.7\n1200,10,0.7,-0.7\n1200,700,0.7,0.7\n10,700,-0.7,-0.7\n'

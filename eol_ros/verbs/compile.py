@@ -91,12 +91,16 @@ def _percents(parts: Sequence[str]) -> Iterator[int]:
     shown = 0
     health = HealthPipe.inherited()
     try:
+        told = sys.stderr.fileno()  # descriptor 2 is closed to libraries in some verbs
+    except (OSError, AttributeError):
+        told = None
+    try:
         while waiting or running:
             while waiting and len(running) < max(len(os.sched_getaffinity(0)), 1):
                 part = waiting.pop(0)
                 command = [sys.executable, '-m', 'eol_ros', 'compile', '--here', '--parts', part]
                 child = subprocess.Popen(
-                    command, stdout=subprocess.PIPE, text=True, bufsize=1,
+                    command, stdout=subprocess.PIPE, stderr=told, text=True, bufsize=1,
                     preexec_fn=parent_death.following(),
                 )  # fmt: skip
                 assert child.stdout is not None

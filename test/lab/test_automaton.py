@@ -44,22 +44,23 @@ def table(events):
 
 
 @pytest.mark.parametrize(
-    ('side', 'alpha', 'count', 'seed'),
+    ('side', 'alpha', 'count', 'seed', 'levels'),
     [
-        (8, Fraction(1, 5), 400, 1),
-        (6, Fraction(1, 4), 150, 2),
-        (7, Fraction(3, 20), 300, 3),
-        (5, Fraction(2, 9), 300, 4),
-        (1, Fraction(1, 5), 5, 5),
-        (2, Fraction(0), 12, 6),
-        (10, Fraction(1, 10), 600, 7),
+        (8, Fraction(1, 5), 400, 1, 100_000),
+        (6, Fraction(1, 4), 150, 2, 100_000),
+        (7, Fraction(3, 20), 300, 3, 100_000),
+        (5, Fraction(2, 9), 300, 4, 100_000),
+        (1, Fraction(1, 5), 5, 5, 100_000),
+        (2, Fraction(0), 12, 6, 100_000),
+        (10, Fraction(1, 10), 600, 7, 100_000),
+        (6, Fraction(1, 5), 100, 8, 4),  # many equal sites
     ],
 )
-def test_exact_arithmetic_is_the_rule_event_for_event(side, alpha, count, seed):
-    start = np.random.default_rng(seed).integers(0, 100_000, (side, side))
-    expected, rest = by_the_rule(start * Fraction(1, 100_000), alpha, count)
-    automaton = ExactAutomaton(start, 100_000, alpha)
-    cut = count // 3  # in two runs, across the change of arithmetic
+def test_exact_arithmetic_is_the_rule_event_for_event(side, alpha, count, seed, levels):
+    start = np.random.default_rng(seed).integers(0, levels, (side, side))
+    expected, rest = by_the_rule(start * Fraction(1, levels), alpha, count)
+    automaton = ExactAutomaton(start, levels, alpha)
+    cut = count // 3  # in two runs
     found = np.vstack([table(automaton.run(cut)), table(automaton.run(count - cut))])
 
     np.testing.assert_array_equal(found, expected)

@@ -371,3 +371,18 @@ def test_late_grains_lead_to_a_latency_that_would_do(graph, tmp_path):
     node.set_parameters([Parameter('latency_max_s', value=1.0)])
     until(lambda: node.settings.latency_s >= enough_s)
     until(lambda: 'are late' not in node.health.text)
+
+
+def test_a_preset_is_saved_and_glided_to(graph, tmp_path, monkeypatch):
+    monkeypatch.setenv('EOL_STATE', str(tmp_path))
+    node, probe, turn, _ = graph
+    (tmp_path / 'presets').mkdir()
+    (tmp_path / 'presets' / 'quiet.yaml').write_text('nodes: {sound: {gain_db: -40.0}}\n')
+    begin_db = node.settings.gain_db
+    probe.ask('save_preset', preset='calm')
+    assert turn(lambda: (tmp_path / 'presets' / 'calm.yaml').is_file())
+    probe.ask('recall_preset', preset='quiet', over_s=0.5)
+    assert turn(lambda: -40 < node.settings.gain_db < begin_db)
+    assert turn(lambda: node.settings.gain_db == -40)
+    probe.ask('recall_preset', preset='calm', over_s=0.0)
+    assert turn(lambda: node.settings.gain_db == begin_db)

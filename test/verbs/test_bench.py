@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 BENCHMARK = """
 import subprocess, sys
@@ -49,25 +48,3 @@ def test_a_benchmark_that_is_terminated_ends_what_it_has_started(tmp_path):
 
     assert (it.returncode, said) == (0, 'eol bench waiting: stopped\n')
     assert not os.path.exists(f'/proc/{child}')
-
-
-RUNS_A_GRAPH = """
-import sys
-from pathlib import Path
-
-sys.path.append('test')
-from support.running import Graph
-
-graph = Graph(Path(sys.argv[1]), watched=())
-graph.wait_until_ok()
-print(*graph.pids(), flush=True)
-sys.stdin.read()
-"""
-
-
-def runs(pid):
-    """Whether a process is there that has not ended: a zombie has."""
-    try:
-        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] != 'Z'
-    except FileNotFoundError:
-        return False

@@ -164,10 +164,19 @@ def test_plan_takes_the_least_that_is_enough():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     'name, seconds',
-    [('S2', 7.0), ('S3L', 4.5), ('S5', 4.5), ('S3G', 2.2), ('S4L', 0.8), ('S4G', 0.9)],
-)
+    [
+        ('S2', 7.0), ('S3L', 4.5), ('S5', 4.5), ('S3G', 2.2), ('S4L', 0.8), ('S4G', 0.9),
+        ({'kind': 'circle_and_rotation', 'par': [0.1, 1.5, 0.2, 1.0]}, 4.0),
+        ({'kind': 'poses', 'par': [[0, 0, 0, 0], [1, 0.08, 0.02, 0.1], [4, 0.2, 0, -0.2]]}, 4.0),
+    ],
+)  # fmt: skip
 def test_scipy_event_code_agrees(name, seconds):
-    scene = from_mapping(presets.scene(name) | {'T': seconds})
+    """A name is that of a preset, a drive that of a train of five blocks."""
+    if isinstance(name, str):
+        values = presets.scene(name)
+    else:
+        values = builders.train(name, seconds, u0=builders.offsets(5, 0.005, 2, along_x=True))
+    scene = from_mapping(values | {'T': seconds})
     run = simulate(scene, tolerance=1e-13)
     u, events = scipy_solver.scipy_run(
         scene, run.t, 3e-13, physics_oracles.CAPTURE_MPS, physics_oracles.ARM_S
