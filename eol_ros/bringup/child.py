@@ -7,6 +7,8 @@ import os
 import resource
 import signal
 import subprocess
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from eol_ros import parent_death
@@ -19,6 +21,7 @@ from eol_ros.ros.inherited import AGAIN, HEALTH_FD, KEPT
 from eol_ros.said import said
 
 _LOG_LINES = ('[INFO]', '[WARN]', '[ERROR]', '[FATAL]', '[DEBUG]')
+OWN_LINES = 50  # a second that are logged of an own program
 CHUNKS = 16  # of 64 KB at a time: one child that never stops writing must not keep us from the rest
 
 
@@ -49,6 +52,8 @@ class Child:
         self._ports = Ports()
         self._rest = {'health': b'', 'output': b''}
         self._inside = self._raised = False  # in a log entry or a traceback; before its exception
+        self._second_s = -1.0  # in which lines of an own program are counted
+        self._lines_left = self._lines_lost = 0
 
     def start(self, now_s: float, again: bool = False) -> None:
         """Start it; `again` while the others run."""
@@ -59,23 +64,35 @@ class Child:
         environment = {
             **os.environ,
             **self.process.environment,
-            HEALTH_FD: str(health_in),
-            KEPT: json.dumps(self.kept),
-            **({AGAIN: '1'} if again else {}),
             'PYTHONUNBUFFERED': '1',  # so print() drops what does not fit; else it would raise
         }
+        passed = self.process.files
+        if not self.process.own:
+            passed = (health_in, *passed)
+            environment |= {HEALTH_FD: str(health_in), KEPT: json.dumps(self.kept)}
+            environment |= {AGAIN: '1'} if again else {}
         parent = os.getpid()
-        self.popen = subprocess.Popen(
-            self.process.command,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=output_in,
-            stderr=output_in,
-            pass_fds=(health_in, *self.process.files),
-            cwd=self.process.folder,
-            start_new_session=True,  # Ctrl-C reaches us alone; we stop the children in order
-            preexec_fn=lambda: _prepare(parent),
-        )
+
+        def begin(command: Sequence[str], folder: Path | None) -> subprocess.Popen[bytes]:
+            return subprocess.Popen(
+                command,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=output_in,
+                stderr=output_in,
+                pass_fds=passed,
+                cwd=folder,
+                start_new_session=True,  # Ctrl-C reaches us alone; we stop the children in order
+                preexec_fn=lambda: _prepare(parent),
+            )
+
+        try:
+            self.popen = begin(self.process.command, self.process.folder)
+        except OSError as error:
+            if not self.process.own:
+                raise
+            why = f'cannot start {error.filename}: {error.strerror}'
+            self.popen = begin(('/bin/sh', '-c', 'echo "$0"; exit 127', why), None)
         os.close(health_in)
         os.close(output_in)
         for fd in (health_out, output_out):
@@ -94,7 +111,7 @@ class Child:
 
     def comes_back(self, now_s: float) -> bool:
         """Tell whether it is about to be started again."""
-        due = self.start_at_s is not None and now_s >= self.start_at_s
+        due = self.start_at_s is not None and now_s >= self.start_at_s and not self.process.own
         return self.popen is None and due and self.policy.restarts > 0
 
     def settle(self) -> bool:
@@ -109,7 +126,7 @@ class Child:
 
     def hold_ports(self) -> None:
         """Take hold of what it reads in shared memory, which is marked when it has ended."""
-        if self.alive() and self.policy.beat_s is not None:
+        if self.alive() and (self.process.own or self.policy.beat_s is not None):
             assert self.popen is not None
             self._ports.look(self.popen.pid)
 
@@ -120,8 +137,13 @@ class Child:
     def signal(self, number: int) -> None:
         """Send a signal, if it still runs."""
         if self.popen is not None and self.popen.poll() is None:
-            with contextlib.suppress(ProcessLookupError):
-                self.popen.send_signal(number)
+            self._send(number)
+
+    def _send(self, number: int) -> None:
+        """Send it a signal; to an own program and all that it has started, such as of a shell."""
+        assert self.popen is not None
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            (os.killpg if self.process.own else os.kill)(self.popen.pid, number)
 
     def alive(self) -> bool:
         """Tell whether it runs."""
@@ -182,10 +204,23 @@ class Child:
             threads = processor.threads(self.popen.pid)
             self.silence.take(Look(now_s, threads, processor.disk_wait_s()))
 
-    def output(self) -> list[str]:
-        """Return the whole lines it has printed; empty ones are what a full pipe left of some."""
-        lines = self._lines('output', self.output_fd)
-        return [line.decode(errors='replace') for line in lines if line]
+    def output(self, now_s: float) -> list[str]:
+        """Return the whole lines it has printed; empty ones are what a full pipe left of some.
+
+        Of an own program OWN_LINES a second, and how many others there were.
+        """
+        lines = [s.decode(errors='replace') for s in self._lines('output', self.output_fd) if s]
+        if not self.process.own:
+            return lines
+        found = []
+        if not 0 <= now_s - self._second_s < 1:
+            if self._lines_lost:
+                found.append(f'{self._lines_lost} lines left out')
+            self._second_s, self._lines_left, self._lines_lost = now_s, OWN_LINES, 0
+        found += lines[: self._lines_left]
+        self._lines_lost += max(len(lines) - self._lines_left, 0)
+        self._lines_left = max(self._lines_left - len(lines), 0)
+        return found
 
     def for_people(self, line: str) -> bool:
         """Tell whether a line belongs on the terminal: no log, of a traceback its exception alone.
@@ -217,6 +252,8 @@ class Child:
     def reap(self) -> int:
         """Take the exit code, tell those who write to it that it is gone, and close the pipes."""
         assert self.popen is not None
+        if self.process.own:
+            self._send(signal.SIGKILL)  # what it has started and left
         self.code = self.popen.wait()
         self._ports.end()
         for fd in (self.health_fd, self.output_fd):

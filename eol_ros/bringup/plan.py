@@ -10,7 +10,7 @@ from pathlib import Path
 
 from eol_ros import compiled
 from eol_ros.bringup.ros_args import RosArgs
-from eol_ros.errors import ConfigError, UsageError, nearest
+from eol_ros.errors import UsageError, nearest
 from eol_ros.ros import network
 from eol_ros.scene import Scene, machine_node
 from eol_ros.streams.graph import NAMESPACE, NODES
@@ -139,22 +139,19 @@ def processes(
     if scene.domain is not None:
         environment['ROS_DOMAIN_ID'] = str(scene.domain)
     for name, words in scene.programs.items():
-        command = (found_program(words[0], folder), *words[1:])
+        command = (found_program(words[0], folder) or words[0], *words[1:])
         found.append(Process((name,), command, environment, own=True, folder=folder))
     return found
 
 
-def found_program(word: str, folder: Path | None) -> str:
-    """Return where the program `word` is: `python` is that of eol_ros; raise ConfigError.
+def found_program(word: str, folder: Path | None) -> str | None:
+    """Return where the program `word` is, if it is there: `python` is that of eol_ros.
 
     folder: that of the scene file, where one named with a slash lies.
     """
     if word in ('python', 'python3'):
         return sys.executable
-    place = str((folder or Path()) / word) if '/' in word else word
-    if found := shutil.which(place):
-        return found
-    raise ConfigError(f'{word}: no such program; name it by its path, as seen from the scene file')
+    return shutil.which(str((folder or Path()) / word) if '/' in word else word)
 
 
 def _ros_args(

@@ -237,7 +237,7 @@ class Supervisor:
         compiler.start(self._clock())
         while compiler.alive() and not self._asked_to_stop:
             compiler.beats(self._clock())
-            self._hear(compiler)
+            self._hear(compiler, self._clock())
             if compiler.percent >= told + 10:
                 told = compiler.percent
                 self._note(f'compiling, {told} %')
@@ -248,13 +248,13 @@ class Supervisor:
             status.answer(self._server, self.describe())
             self._wait([compiler])
         compiler.signal(signal.SIGTERM)
-        self._hear(compiler)
+        self._hear(compiler, self._clock())
         if (code := compiler.reap()) and not self._asked_to_stop:
             self._note(f'compiling has failed (exit code {code}): the nodes do it themselves')
 
-    def _hear(self, child: Child) -> None:
+    def _hear(self, child: Child, now: float) -> None:
         """Log the output of a process, and print the lines meant for people."""
-        for line in child.output():
+        for line in child.output(now):
             shown = child.for_people(line) and not line.startswith('compiling, ')
             self._events.line(f'{child.process.name}: {line}', shown)
             if shown:
@@ -403,7 +403,7 @@ class Supervisor:
             self._told[row['node']] = (row['level'], row['text'])
             if row['level'] != told:
                 self._note(f'{row["node"]:9} {status.WORDS[row["level"]]}: {row["text"]}')
-        self._hear(child)
+        self._hear(child, now)
 
     def _ended(self, child: Child, now: float) -> int | None:
         self._listen(child, now)

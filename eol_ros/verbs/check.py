@@ -176,14 +176,21 @@ def _settings(scene: Scene) -> Iterator[Check]:
         yield 'sound.midi_map', lambda: _midi_map(sound.midi_map, hours.cues)
     if 'sacn' in scene.nodes:
         yield from _sacn(scene)
-    if scene.programs:
-        from eol_ros.bringup.plan import found_program
-
-        folder = scene.path.parent if scene.path else None
-        for name, words in scene.programs.items():
-            yield f'programs.{name}', functools.partial(found_program, words[0], folder)
+    for name, words in scene.programs.items():
+        yield f'programs.{name}', functools.partial(_program, words, scene.path)
     if tracker and leds:
         yield 'leds.blink_block', lambda: _same_blink(tracker, leds)
+
+
+def _program(words: tuple[str, ...], scene: Path | None) -> None:
+    from eol_ros.bringup.plan import found_program
+
+    folder = scene.parent if scene else Path()
+    if not found_program(words[0], folder):
+        raise ConfigError(f'{words[0]}: no such program; name it by its path from the scene file')
+    script = words[1] if len(words) > 1 and words[0].startswith('python') else '-'
+    if not script.startswith('-') and not (folder / script).is_file():
+        raise ConfigError(f'{script}: no such file; name it by its path from the scene file')
 
 
 def _refuse(what: str) -> None:

@@ -23,7 +23,9 @@ def add_arguments(parser):
     parser.add_argument(
         '--over', type=within(0, 3600), default=0.0, metavar='S', help='glide time of recall'
     )
-    parser.add_argument('--json', action='store_true', help='the answers to save and recall as JSON')
+    parser.add_argument(
+        '--json', action='store_true', help='the answers to save and recall as JSON'
+    )
     reach.add_arguments(parser)
 
 

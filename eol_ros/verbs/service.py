@@ -212,6 +212,8 @@ def _reaches_out(scene: scenes.Scene) -> bool:
 
     if scene.network != 'local' or scene.notify or {'projectors', 'sacn'} & set(scene.nodes):
         return True
+    if scene.programs:  # of which nobody knows what they do
+        return True
     panel, osc = scene.nodes.get('panel'), scene.nodes.get('osc')
     camera = scene.nodes.get('camera')
     if camera and camera.device.startswith('genicam:'):  # GigE Vision, perhaps
@@ -238,6 +240,8 @@ def writes(scene: scenes.Scene, home: Path, folder: Path) -> list[Path]:
     found += [folder / os.environ[name] for name in FOLDERS if os.environ.get(name)]
     recorder, sound = scene.settings('recorder'), scene.nodes.get('sound')
     found.append(folder / recorder.folder)
+    if scene.programs and scene.path:
+        found.append(scene.path.parent)  # in which they run
     if sound and sound.wav:
         found.append((folder / sound.wav).parent)
     if (tracker := scene.nodes.get('tracker')) is not None:

@@ -615,12 +615,20 @@ def test_the_others_go_on_without_what_cannot_start(start, tmp_path):
 def test_own_programs_are_restarted_and_never_end_the_run(start, tmp_path):
     marks = tmp_path / 'marks'
     failing = f"open({str(marks)!r}, 'a').write('x'); print('no table'); raise SystemExit(2)"
+    quiet = "import os, time; open('here', 'w'); time.sleep(600)"
+    (tmp_path / 'no_format').write_text('print(1)')
+    (tmp_path / 'no_format').chmod(0o755)
+    python = sys.executable
     programs = [
-        Process((name,), (sys.executable, '-c', script), {}, own=True, folder=tmp_path)
-        for name, script in (
-            ('quiet', "import os, time; open('here', 'w'); time.sleep(600)"),
-            ('once', "print('counted')"),
-            ('failing', failing),
+        Process((name,), command, {}, own=True, folder=tmp_path)
+        for name, command in (
+            ('quiet', (python, '-c', quiet)),
+            ('once', (python, '-c', "print('counted')")),
+            ('failing', (python, '-c', failing)),
+            ('absent', ('./absent',)),
+            ('odd', (str(tmp_path / 'no_format'),)),
+            ('shell', ('sh', '-c', 'sleep 600 & echo $! > child; wait')),
+            ('loud', (python, '-c', "print(*range(99_999), sep='\\n'); raise SystemExit(1)")),
         )
     ]
     # so fast that a node would have been silent for too long
@@ -638,6 +646,12 @@ def test_own_programs_are_restarted_and_never_end_the_run(start, tmp_path):
 
     attended(supervisor, work)
     assert (tmp_path / 'here').exists()
+    child = Path('/proc', (tmp_path / 'child').read_text().strip())
+    wait_until(lambda: not child.exists())
+    assert 'absent | cannot start ./absent: No such file or directory' in lines
+    assert any(line.startswith('odd | cannot start') for line in lines)
+    loud = [line for line in lines if line.startswith('loud | ')]
+    assert 'loud | 49' in loud and any('lines left out' in line for line in loud)
     assert {'once | counted', 'failing | no table', 'once has finished'} <= set(lines)
     assert any(line.startswith('failing has died (exit code 2)') for line in lines)
 

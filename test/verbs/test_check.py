@@ -237,6 +237,16 @@ def test_a_typo_hides_nothing_that_a_node_would_refuse(check):
         assert line.startswith(what)
 
 
+def test_an_own_program_or_its_script_that_is_missing(check, tmp_path):
+    (tmp_path / 'there.py').touch()
+    head = 'programs: {a: [./gone], b: [python, gone.py], c: [python, there.py], d: [python, -i]}\n'
+    code, _, words = check('  twin: {}\n', head=head)
+    assert code == 78
+    for name, missing in (('a', './gone: no such program'), ('b', 'gone.py: no such file')):
+        assert f'programs.{name}: {missing}; name it by its path' in words
+    assert 'programs.c' not in words and 'programs.d' not in words
+
+
 def test_each_mistake_shows_its_line_and_a_caret(check):
     words = check("  panel: {pin: 'geheim7', hos: 'geheim7'}  # 地 \n  twin: {夢: 1, fpss: 3}\n")[2]
     lines = words.splitlines()

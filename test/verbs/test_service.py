@@ -117,6 +117,7 @@ def test_what_is_open_to_the_network_is_not_shut_in(tmp_path):
     for head, node in (
         ('network: lan', 'tracker: {}'),
         ('notify: {webhook: "https://museum.at/hook"}', 'tracker: {}'),
+        ('programs: {post: [curl, museum.at]}', 'tracker: {}'),
         ('', 'projectors: {addresses: [10.0.0.5]}'),
         ('', 'osc: {peers: [10.0.0.7]}'),
         ('', 'osc: {tuio: ["10.0.0.7:3333"]}'),
@@ -147,6 +148,8 @@ def test_all_folders_that_a_scene_writes_to_can_be_written(tmp_path, monkeypatch
     assert found == {
         '/data/bags', '/data/sound', str(tmp_path), '/home/m/.cache', '/home/m/.local/state/eol_ros'
     }  # fmt: skip
+    path.write_text('programs: {count: [python, count.py]}\nnodes: {twin: {}}\n')
+    assert tmp_path in service.writes(scenes.load(path), Path('/home/m'), Path('/work'))
 
 
 @pytest.mark.parametrize(
