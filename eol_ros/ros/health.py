@@ -212,7 +212,7 @@ class Health:
             'args': args,
             'rate': round(self._rate, 2),
             'pid': os.getpid(),
-            'values': self.values,
+            'values': self.values.copy(),  # other threads add to them while it is sent
         }
 
     def _beat(self) -> None:
@@ -243,7 +243,7 @@ class Health:
         header = Header(stamp=to_msg(self._node.now_ns()))
         typed = {name: parameter_messages(status[name]) for name in ('args', 'values')}
         self._states.publish(NodeState(header=header, **(status | typed)))
-        values = {'rate_hz': status['rate'], 'pid': status['pid'], **self.values}
+        values = {'rate_hz': status['rate'], 'pid': status['pid'], **status['values']}
         row = DiagnosticStatus(
             # Who starts is not stale (REP 107): that is what others find of one who is silent.
             level=bytes([WARN if status['level'] == STARTING else status['level']]),

@@ -35,6 +35,7 @@ from eol_ros.ros.definitions import definition
 from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
+from eol_ros.ros.requests import parameter_messages
 from eol_ros.ros.run_record import about
 from eol_ros.ros.stamps import system_ns, to_ns
 from eol_ros.ros.topics import PUBLISHER_QOS, QOS, message_class
@@ -131,6 +132,22 @@ def test_health_goes_both_ways(ros, monkeypatch):
     row = seen[-1].status[0]
     assert (row.name, row.message) == ('eol: montage', 'no image on the right')
     assert any(kv.key == 'pairs' and kv.value == '24' for kv in row.values)
+
+
+def test_a_status_is_sent_whole_while_another_thread_adds_a_value(ros, monkeypatch):
+    node, sent = ProbeNode(MontageSettings()), []
+
+    def parameters_meanwhile(values):
+        for name in values:
+            node.health.values[f'late_{name}'] = 1
+            sent.append(name)
+        return parameter_messages(values)
+
+    monkeypatch.setattr('eol_ros.ros.health.parameter_messages', parameters_meanwhile)
+    node.health.report()
+    assert 'rejected' in sent and 'late_rejected' in node.health.values
+    assert 'late_rejected' not in sent
+    node.destroy_node()
 
 
 def test_silence_is_told(ros):
