@@ -520,11 +520,15 @@ def test_flashes_get_dimmer_over_the_fade_into_sleep_and_brighter_out_of_it(unto
     still.wait(4.0)
     assert lights.dark and not lights.glows
     *fading, asleep = told
-    assert asleep == (pytest.approx(3.0, abs=0.011), 0.8, False)  # a test then shines in full
+    assert asleep == (pytest.approx(3.0, abs=0.011), fading[-1][1], False)
     assert 25 < len(fading) < 33 and all(by_itself for *_, by_itself in fading)
     for at_s, peak, _ in fading:
         assert peak == pytest.approx(0.8 * (1 - at_s / 3), abs=0.01)
     assert lights.slip(4, still.clock.time_ns(), still.clock.time_ns()) is None
+    lights.test(still.clock.time_ns())
+    assert told[-1][1:] == (0.8, False)
+    lights.frames.due(still.clock.time_ns())
+    assert lights.frames.field.levels(0)[3] == pytest.approx(0.75 * 0.8, abs=0.01)
 
     told.clear()
     lights.asleep = False
@@ -534,6 +538,73 @@ def test_flashes_get_dimmer_over_the_fade_into_sleep_and_brighter_out_of_it(unto
     assert lights.dark and max(peak for _, peak, _ in told[:-1]) == pytest.approx(0.25, abs=0.03)
     lights.restart()
     assert told[-1][1:] == (0.8, True) and not lights.glows
+
+
+@pytest.mark.parametrize('look', [{'afterglow_s': 3.0}, {'look': 'wildfire'}])
+def test_nothing_lights_up_once_all_is_dark_and_wakes_with_no_old_light(untouched, look):
+    still = untouched(sleep_fade_s=5.0, **look)
+    lights, lit = still.lights, []
+    lights.board.light = lambda mask, stamp_us, share: lit.append(still.now_s)
+    lights.board.state = State('ready', '')
+    lights.asleep = True
+    slips = [(1.0, 20), (2.5, 6), (3.5, 6), (4.5, 0), (4.95, 12)]
+    for at_s, block in slips:
+        still.wait(at_s)
+        seen(lights, block, still.clock.time_ns())
+    assert lights.glows
+    still.wait(6.0)
+    assert lights.dark and not lights.glows
+    lights.asleep = False
+    still.wait(13.0)
+    assert len(lit) > len(slips) and max(lit) < 5.0
+
+
+def test_the_last_flash_before_all_is_dark_is_told_as_dim_as_it_shone(untouched):
+    still = untouched(sleep_fade_s=5.0)
+    lights, told = still.lights, []
+    lights.board.state = State('ready', '')
+    lights.asleep = True
+    still.wait(4.95)
+    stamp_ns = still.clock.time_ns()
+    seen(lights, 6, stamp_ns)
+    while not lights.dark:
+        told += lights.frame()
+        still.clock.steady_ns += 10_000_000
+    assert not any(one.white[6] for one in told)  # it waits for earlier slips
+    lights.board.light = lambda mask, stamp_us, share: 9
+    while lights.glows:
+        told += lights.frame()
+        still.clock.steady_ns += 10_000_000
+    levels = [one.white[6] for one in told]
+    assert 0 < max(levels) < 255 * 0.04
+
+
+@pytest.mark.parametrize('asleep', [False, True])
+def test_a_fade_that_is_set_after_the_turn_does_not_begin_it_again(untouched, asleep):
+    still = untouched()
+    lights, peaks = still.lights, []
+    lights.board.state = State('ready', '')
+    lights.asleep = not asleep
+    lights.asleep = asleep
+    still.wait(3.0)
+    lights.board.configure = lambda lighting, _detector: peaks.append(lighting.peak)
+    lights.set(LedsSettings(port='twin', sleep_fade_s=30.0))
+    lights.frame()
+    assert peaks == [255] and lights.dark is asleep and not lights.glows
+
+
+def test_settings_that_change_all_the_time_do_not_hold_up_a_fade(untouched):
+    still = untouched(sleep_fade_s=4.0)
+    lights = still.lights
+    lights.board.state = State('ready', '')
+    lights.asleep = True
+    for k in range(1, 50):
+        still.wait(k / 25)
+        lights.set(LedsSettings(port='twin', sleep_fade_s=4.0, decay_s=0.1 + k / 1000))
+    assert lights._awake == pytest.approx(0.5, abs=0.06)
+    lights.set(LedsSettings(port='twin', sleep_fade_s=1.0))  # from there, but faster
+    still.wait(2.6)
+    assert lights.dark
 
 
 def test_no_board_that_is_known_to_dim_is_told_to(fake, make_lights):

@@ -145,8 +145,9 @@ class Lights:
         self._lattice = protocol.Lattice(table.columns, block_falls(table), table.cells)
         self._limit = self._kept_limit({})  # as the board can keep it
         self._dims = s.port == 'twin'  # blocks and bridge know DimLight
-        self._asleep, self._awake = False, 1.0  # the share of the peak that new flashes have
-        self._turned_s, self._turned_from = 0.0, 1.0  # when it last turned, and the share then
+        self._asleep, self._awake = False, 1.0  # 0: it has fallen asleep
+        self._peak_share = 1.0  # that new flashes have; asleep it stays the last one
+        self._turned_s, self._turned_from = 0.0, 1.0  # when it last turned, and `_awake` then
         self.frames = self._new_frames()
         self._clock = StampWatch(SET_S, SET_S)
         self.twin: Any = None
@@ -197,20 +198,30 @@ class Lights:
         self._still_ns = 0
         self._fade()
 
-    def _fade(self) -> None:
-        """Dim new flashes on the way into sleep, or out of it, in steps that nobody sees."""
+    def _faded(self) -> float:
+        """Return what `_awake` is to be by now."""
         fade_s = self._settings.sleep_fade_s
         far = (time.monotonic_ns() * 1e-9 - self._turned_s) / fade_s if fade_s else 1.0
-        awake = min(max(self._turned_from + (-far if self._asleep else far), 0.0), 1.0)
+        return min(max(self._turned_from + (-far if self._asleep else far), 0.0), 1.0)
+
+    def _fade(self) -> None:
+        """Dim new flashes on the way into sleep, or out of it, in steps that nobody sees."""
+        awake = self._faded()
         if abs(awake - self._awake) >= (FADE_STEP if 0 < awake < 1 else 1e-9):
             self._awake = awake
-            self.frames.field.peak = self._peak
-            self._configure()
+            if self.dark:
+                self._running.clear()  # of slips during the fade
+            self._dim(awake or self._peak_share)
+
+    def _dim(self, peak_share: float) -> None:
+        self._peak_share = peak_share
+        self.frames.field.peak = self._peak
+        self._configure()
 
     @property
     def _peak(self) -> float:
-        """Of flashes; in full for the test of a work that is asleep."""
-        return self._settings.peak * (self._awake or 1.0)
+        """Of new flashes. Once dark, that of the last ones, whose frames may still be to come."""
+        return self._settings.peak * self._peak_share
 
     def close(self) -> None:
         """Let all go dark."""
@@ -250,7 +261,8 @@ class Lights:
             self.frames = self._new_frames()
 
     def set(self, settings: LedsSettings) -> None:
-        """Take new settings while running."""
+        """Take new settings while running. A fade goes on from where it is."""
+        self._turned_from, self._turned_s = self._faded(), time.monotonic_ns() * 1e-9
         self._settings = settings
         self.frames.field.decay_s, self.frames.field.peak = self._decay_s, self._peak
         self._configure()
@@ -366,7 +378,12 @@ class Lights:
                 self._light(0, block, at_ns=at_ns, spread=share)
 
     def test(self, stamp_ns: int) -> None:
-        """Light all blocks once, for the people who set up and asked for it at `stamp_ns`."""
+        """Light all blocks once, for the people who set up and asked for it at `stamp_ns`.
+
+        In full where all is dark.
+        """
+        if self.dark:
+            self._dim(1.0)
         self._light(0, *self.table.ids.tolist(), at_ns=self._at_ns(stamp_ns))
 
     def infrared(self, mask: int) -> list[Sent]:
