@@ -15,7 +15,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from eol_ros import scene as scenes
 from eol_ros import thread_faults
@@ -25,6 +25,9 @@ from eol_ros.ros import network
 from eol_ros.ros.inherited import HEALTH_FD
 from eol_ros.ros.session import ros
 from eol_ros.streams.graph import IMAGE_SOURCES, NODES
+
+if TYPE_CHECKING:
+    from rclpy.executors import Executor
 
 LOOK_S = 0.2  # period of the check for delayed timers
 END_S = 5  # time limit for a process with a failed thread to close its devices
@@ -95,6 +98,11 @@ def _log() -> str:
     return f'in {state_path() / "eol.log"}' if HEALTH_FD in os.environ else 'above'
 
 
+def run_waiting(executor: 'Executor') -> None:
+    """Run the callbacks that wait now; new ones may come as fast as these are done."""
+    executor.spin_until_future_complete(executor.create_task(lambda: None))  # behind them all
+
+
 def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int:
     stop = []
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -110,7 +118,6 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
     # None is how an import is refused, which the stubs do not know
     sys.modules['rosidl_generator_py.generate_py_impl'] = None  # type: ignore[assignment]
     import rclpy
-    from rclpy.task import Future
 
     with ros(ros_args) as (executor, nodes):
         logger = rclpy.logging.get_logger(names[0])
@@ -133,7 +140,7 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
                 executor.spin_once(timeout_sec=LOOK_S)
                 if time.monotonic() - began_s < rest_s:  # messages come in a burst
                     time.sleep(rest_s)
-                    executor.spin_until_future_complete(Future(), 0.0)
+                    run_waiting(executor)
             except EolError:
                 raise
             except Exception as error:

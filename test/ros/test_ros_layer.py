@@ -36,6 +36,7 @@ from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import parameter_messages
+from eol_ros.ros.run import run_waiting
 from eol_ros.ros.run_record import about
 from eol_ros.ros.stamps import system_ns, to_ns
 from eol_ros.ros.topics import PUBLISHER_QOS, QOS, message_class
@@ -281,6 +282,22 @@ def test_a_timer_that_is_called_several_times_at_once_is_not_put_off(ros):
     assert 0 < timer.time_until_next_call() <= 1_000_000_000
     executor.remove_node(node)
     node.destroy_node()
+
+
+@pytest.mark.timeout(60)
+def test_a_burst_ends_though_callbacks_never_do(ros):
+    """A node under a flood of messages must look whether it is to stop."""
+    executor, ran = EventsExecutor(), []
+
+    def again(number):
+        ran.append(number)
+        executor.create_task(again, number)
+
+    for number in range(50):
+        executor.create_task(again, number)
+    run_waiting(executor)
+    assert ran[:50] == list(range(50)) and len(ran) <= 100
+    executor.shutdown()
 
 
 def test_topic_table():
