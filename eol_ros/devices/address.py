@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where other machines are reached."""
 
+import contextlib
 import ipaddress
 from collections.abc import Iterable
 
 from eol_ros.errors import ConfigError
+
+BROADCAST = ipaddress.IPv4Address('255.255.255.255')
 
 
 def host_and_port(text: str) -> tuple[str, int] | None:
@@ -24,11 +27,14 @@ def target(text: str) -> tuple[str, int]:
 
 def own_address(text: str) -> str:
     """Return an IPv4 address of this machine, or ''; raise ConfigError where it is neither."""
-    try:
-        return text and str(ipaddress.IPv4Address(text))
-    except ValueError:
-        what = "give the IPv4 address of one of this machine's network cards, such as 10.0.0.1"
-        raise ConfigError(f'{text!r}: {what}') from None
+    if not text:
+        return ''
+    with contextlib.suppress(ValueError):
+        found = ipaddress.IPv4Address(text)
+        if not (found.is_multicast or found.is_unspecified or found == BROADCAST):
+            return str(found)
+    what = "give the IPv4 address of one of this machine's network cards, such as 10.0.0.1"
+    raise ConfigError(f'{text!r}: {what}')
 
 
 def networks(peers: Iterable[str]) -> list[ipaddress.IPv4Network]:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
+import errno
 import math
 import socket
+from typing import ClassVar
 
 import pytest
 from hypothesis import given
@@ -145,8 +147,56 @@ def test_the_network_card_that_sends_can_be_chosen():
         out.close()
     away = UdpOut(f'127.0.0.1:{port}', '192.0.2.9')
     assert away.trouble == f'127.0.0.1:{port} from 192.0.2.9: Cannot assign requested address'
-    with pytest.raises(ConfigError, match="'eth1': give the IPv4 address"):
-        UdpOut(f'127.0.0.1:{port}', 'eth1')
+    for wrong in ('eth1', '239.255.0.1', '255.255.255.255', '0.0.0.0', '::1'):
+        with pytest.raises(ConfigError, match=f"'{wrong}': give the IPv4 address"):
+            UdpOut(f'127.0.0.1:{port}', wrong)
+
+
+class Card(socket.socket):
+    """A socket on a network card that can be pulled out; it never works on that card again."""
+
+    made: ClassVar[list['Card']] = []
+    there = True
+
+    def __init__(self, *args):
+        super().__init__(*args)
+        self.made.append(self)
+        self.pulled, self.fault = not Card.there, errno.ENODEV
+
+    def setsockopt(self, level, option, value):
+        if option == socket.IP_MULTICAST_IF and self.pulled:
+            raise OSError(errno.ENODEV, 'No such device')
+        super().setsockopt(level, option, value)
+
+    def sendto(self, packet, address):
+        if self.pulled:
+            raise OSError(self.fault, 'No such device')
+        return super().sendto(packet, address)
+
+
+def test_a_network_card_may_be_pulled_out_and_come_back(monkeypatch):
+    monkeypatch.setattr(Card, 'made', [])
+    ear = OscIn(0)
+    monkeypatch.setattr(socket, 'socket', Card)
+    out = UdpOut(f'127.0.0.1:{ear.port}', '127.0.0.1')
+    monkeypatch.setattr(Card, 'there', False)
+    old = Card.made[-1]
+    for old.fault in (errno.EMSGSIZE, errno.ENODEV):  # only the second is one of the card
+        old.pulled = True
+        out.send(encode('/lost'))
+        assert out.trouble == f'127.0.0.1:{ear.port}: No such device'
+        assert (old.fileno() < 0) == (old.fault == errno.ENODEV)
+    tried = len(Card.made)
+    out.resolve()
+    wait_until(lambda: 'from' in out.trouble)
+    assert out.trouble == f'127.0.0.1:{ear.port} from 127.0.0.1: No such device'
+    assert len(Card.made) > tried and all(one.fileno() < 0 for one in Card.made)
+    monkeypatch.setattr(Card, 'there', True)
+    wait_until(lambda: out.resolve() or not out.trouble)
+    out.send(encode('/a'))
+    wait_until(lambda: ear.take(0.0, Warned()))
+    out.close()
+    ear.close()
 
 
 def test_peers_and_their_rate():
