@@ -32,7 +32,7 @@ class SacnNode(EolNode):
         targets = [target(line) for line in s.send_to] or [multicast(s.universe)]
         self.outs = [UdpOut(one, s.send_from) for one in targets]
         # the same after a restart, but different for each machine, graph and universe
-        cid = uuid.uuid5(machine_id(), f'{self.namespace} {s.universe}').bytes
+        cid = uuid.uuid5(self.machine_id(), f'{self.namespace} {s.universe}').bytes
         self.stream = Stream(cid, s.universe, s.first_channel, s.priority, bytes(cells))
         self.sent = 0
         self.rest = self.create_timer(LOOK_S, self.on_rest, autostart=False)
@@ -41,6 +41,14 @@ class SacnNode(EolNode):
         self.create_timer(1.0, self.report)
         self.create_timer(RESOLVE_S, self.resolve)
         self.report()
+
+    def machine_id(self) -> uuid.UUID:
+        try:
+            return machine_id()
+        except ConfigError as error:
+            what = 'after a restart, receivers take this machine for another source of sACN'
+            self.get_logger().warning(f'{error}; {what}')
+            return uuid.uuid4()
 
     def on_lights(self, message: LedCommand) -> None:
         self.stream.take(bytes(message.white), time.monotonic())

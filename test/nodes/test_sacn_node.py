@@ -93,6 +93,19 @@ def test_its_id_stays_and_is_that_of_the_machine_graph_and_universe(ros, tmp_pat
     assert len({first, cid('here', 2), cid('there')}) == 3
 
 
+def test_a_state_folder_may_refuse_the_id(ros, tmp_path, monkeypatch, capfd):
+    (tmp_path / 'file').touch()
+    monkeypatch.setenv('EOL_STATE', str(tmp_path / 'file' / 'state'))
+    ids = set()
+    for _ in range(2):
+        node = SacnNode(SacnSettings(('127.0.0.1:9',)), scene=LIT)
+        with Nodes(node):
+            ids.add(node.stream.end()[0][22:38])
+    assert len(ids) == 2
+    warnings = [line for line in capfd.readouterr().err.splitlines() if 'another source' in line]
+    assert len(warnings) == 2 and 'Not a directory; set EOL_STATE' in warnings[0]
+
+
 @pytest.mark.parametrize(
     ('leds', 'table', 'settings', 'why'),
     [

@@ -45,6 +45,7 @@ def museum(tmp_path, monkeypatch):
     left = {
         'museum/sounds/ice.wav': 'much', 'museum/bags/monday/kept.txt': '', 'state/eol.log': 'long',
         'state/staff-museum.json': '["10.0.0.7"]', 'config/key': PIN,
+        'state/machine-id': '1f0c',
     }  # fmt: skip
     for name, content in (files | left).items():
         path = tmp_path / name
