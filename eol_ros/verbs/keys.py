@@ -8,7 +8,6 @@ import sys
 from eol_ros.cli import within
 from eol_ros.disk import content
 from eol_ros.ros import wireguard
-from eol_ros.yaml_text import decoded
 
 HELP = (
     'Say who may reach the graph from other machines in a scene with `network: secure`: each by '
@@ -78,6 +77,8 @@ def run(args):
         _say(f'{args.name} is let in no longer. {_renew(keys)}')
     elif args.action == 'join':
         try:
+            from eol_ros.yaml_text import decoded
+
             text = decoded(content(args.file)).lstrip('\ufeff')
         except (OSError, UnicodeDecodeError) as error:
             why = getattr(error, 'strerror', 'not text in UTF-8')

@@ -32,6 +32,10 @@ def add_arguments(parser):
         metavar='N',
         help='read many bags with N processes (1)',
     )
+    parser.add_argument(
+        '--scheduler', metavar='tcp://HOST:8786',
+        help='read many bags on a Dask cluster, whose workers find them at the same paths',
+    )  # fmt: skip
     parser.add_argument('--all', action='store_true', help='all bags of a folder as one report')
     parser.add_argument(
         '-o', '--output', metavar='DIR', help='where it goes (default: report-NAME here)'
@@ -123,6 +127,8 @@ def _exhibition(args):
     from eol_ros.analysis import exhibition
     from eol_ros.verbs.progress import track
 
+    if args.workers is not None and args.scheduler:
+        raise UsageError('--workers counts processes of this machine: leave out --scheduler')
     for option in ('csv', 'retrack', 'measured'):
         if getattr(args, option):
             raise UsageError(f'--{option} is for one bag: name one, without --all')
@@ -142,14 +148,16 @@ def _exhibition(args):
 
 
 def _read(args, paths):
-    """Yield what is kept of each bag: read here, or by processes."""
+    """Yield what is kept of each bag: read here, by processes, or on a cluster."""
     from eol_ros.analysis import exhibition
     from eol_ros.lab.sweeps import crews
 
-    if args.workers in (None, 1):
+    if not args.scheduler and args.workers in (None, 1):
         yield from map(exhibition.digest, paths)
         return
-    crew = crews.Local(args.workers)
+    crew: crews.Crew = (
+        crews.Cluster(args.scheduler) if args.scheduler else crews.Local(args.workers)
+    )
     try:
         yield from exhibition.read(paths, crew)
     finally:

@@ -30,7 +30,7 @@ WORKERS = {
     'recorder': {'bag-writer': '', 'bag-housekeeper': '_repair'},
     'camera': {'reader': '', 'hand-over': 'on_image'},
     'tracker': {'preview': '_show'},
-    'leds': {'board': '_hear', 'radio': 'sent', 'fake': '_take'},
+    'leds': {'board': '_hear', 'radio': 'send', 'fake': '_take'},
     'sound': {'sound watch': 'on_card', 'wav sink': '_clock_offset'},
     'twin': {'camera': 'expose'},
     'replay': {'replay': '_nap'},

@@ -73,7 +73,7 @@ SCREENS = ['--screens', '800x600+0+0', '1024x768+800+0']
 def test_each_wall_on_its_screen_with_its_own_profile(
     tmp_path, panel, browser, capsys, swap, first
 ):
-    words = ['kiosk', '--url', panel, '--browser', str(browser), '--for', '0.6', *SCREENS, *swap]
+    words = ['kiosk', '--url', panel, '--browser', str(browser), '--for', '2', *SCREENS, *swap]
     assert main(words) == 0
     calls = [line.split() for line in (tmp_path / 'calls').read_text().splitlines()]
     assert len(calls) == 2

@@ -363,8 +363,8 @@ def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, 
             stop_s, now = 0.0, False
             if speed > 0.0:
                 stop_s, now = stop_of(i, speed, work, v, rules, at, ra.mass[i], jerk, work[3:])
-            if not (slow or (now and (sampled == len(grid.t) or t + stop_s <= grid.t[sampled]))):
-                continue  # or its way until then is sampled
+            if not (now or slow):
+                continue
             energy[1] += 0.5 * spin
             for p in range(3):
                 v[i, p] = 0.0
