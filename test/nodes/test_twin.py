@@ -93,7 +93,7 @@ def test_a_table_in_a_mirror_is_tracked_as_it_stands(graph):
     both = sorted(set(probe.truths) & set(probe.images))
     settings, seen, before = TrackerSettings(mirror=True), [], -np.inf
     for stamp in both:
-        if stamp - before > 0.2e9:  # a block has gone so far that it may be taken for its neighbour
+        if stamp - before > 0.1e9:  # a block has gone so far that it may be taken for its neighbour
             tracker = Tracker(settings, calibration_of(settings, Table()))
         before = stamp
         if probe.images[stamp] is None:
