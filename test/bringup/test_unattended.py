@@ -232,7 +232,7 @@ def test_no_way_to_print_waits_for_a_bringup_that_does_not_read(monkeypatch):
     try:
         wait_until(lambda: child.popen.poll() is not None, 30.0)
         assert child.beats(0.0)
-        assert set(child.output()[0]) == {'x'}
+        assert set(child.output(0.0)[0]) == {'x'}
     finally:
         child.signal(signal.SIGKILL)
         assert child.reap() == 0
@@ -242,7 +242,7 @@ def test_a_child_that_never_stops_printing_does_not_keep_bringup_reading():
     child = Child(Process(('loud',), (), {}))
     with open('/dev/zero', 'rb') as endless:
         child.output_fd = endless.fileno()
-        assert child.output() == []
+        assert child.output(0.0) == []
 
 
 def test_of_many_lines_the_newest_are_shown_and_the_others_counted(monkeypatch):
