@@ -18,8 +18,8 @@ class Infrared:
         s = node.settings
         self.node, self.lights, self.tell = node, lights, tell
         self.all = (1 << node.table.cells) - 1
+        self.dark = False
         self.relight = node.create_timer(DARKNESS_S, self.light, autostart=False)
-        self.unblink = node.create_timer(s.blink_off_s, self.light, autostart=False)
         if s.blink_block >= 0:
             node.create_timer(s.blink_period_s, lambda: self.blink(s.blink_block))
 
@@ -33,7 +33,8 @@ class Infrared:
         sent = self._switch(0)
         if sent is None:
             raise EolError(said('no_board', why=self.node.health.text))
-        self.relight.reset()
+        self.dark = True
+        self._light_in(DARKNESS_S)
         until_ns = sent.sent_ns + round(DARKNESS_S * NS) - FADE_NS
         from_ns = sent.sent_ns + FADE_NS
         values = {'until_ns': until_ns}
@@ -41,14 +42,18 @@ class Infrared:
 
     def blink(self, block: int) -> None:
         """Switch one block off for a moment, unless all are."""
-        if self.relight.is_canceled():
+        if not self.dark:
             self._switch(self.all & ~(1 << block))
-            self.unblink.reset()
+            self._light_in(self.node.settings.blink_off_s)
 
     def light(self) -> None:
         self.relight.cancel()
-        self.unblink.cancel()
+        self.dark = False
         self._switch(self.all)
+
+    def _light_in(self, wait_s: float) -> None:
+        self.relight.cancel()
+        self.node.resume(self.relight, wait_s)
 
     def _switch(self, mask: int) -> Sent | None:
         told = self.lights.infrared(mask)
