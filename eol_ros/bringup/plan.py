@@ -115,6 +115,7 @@ def processes(
     They stand in data order, but for the recorder: it begins before there is anything to miss.
     """
     grouped = {name: group for group in scene.together for name in group}
+    domain_id = {} if scene.domain is None else {'ROS_DOMAIN_ID': str(scene.domain)}
     done: set[str] = set()
     found = []
     for name in sorted(scene.nodes, key=lambda name: name != 'recorder'):
@@ -126,18 +127,15 @@ def processes(
         environment = {
             **_ENVIRONMENT,
             **network.environment(scene.network, images, 'replay' in nodes),
+            **domain_id,
         }
-        if scene.domain is not None:
-            environment['ROS_DOMAIN_ID'] = str(scene.domain)
         command = (sys.executable, '-m', 'eol_ros.nodes', *nodes, '--scene', str(file))
         command += tuple(_ros_args(scene, sim_time, nodes, ros_args))
         nice = min(NODES[node].nice for node in nodes)
         real_time = max(NODES[node].real_time for node in nodes) if scene.real_time else 0
         found.append(Process(tuple(nodes), command, environment, nice, real_time, tuple(inherit)))
     folder = scene.path.parent if scene.path else None
-    environment = network.environment(scene.network, False)
-    if scene.domain is not None:
-        environment['ROS_DOMAIN_ID'] = str(scene.domain)
+    environment = network.environment(scene.network, False) | domain_id
     for name, words in scene.programs.items():
         command = (found_program(words[0], folder) or words[0], *words[1:])
         found.append(Process((name,), command, environment, own=True, folder=folder))

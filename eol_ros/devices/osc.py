@@ -12,6 +12,7 @@ import struct
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
+from eol_ros.core.budget import Budget
 from eol_ros.devices.address import networks
 from eol_ros.errors import DeviceMissing, pip_install
 
@@ -127,7 +128,7 @@ class OscIn:
     def __init__(self, port: int, peers: Iterable[str] = (), rate_hz: float = 1000.0):
         self._networks = networks(peers)
         self._rate_hz = rate_hz
-        self._peers: dict[str, list[float]] = {}  # messages that each may send still, and from when
+        self._peers: dict[str, Budget] = {}  # of messages
         self.received = self.malformed = self.dropped = self.strangers = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -160,21 +161,22 @@ class OscIn:
         self, packet: bytes, host: str, now_s: float, warn: Callable[[str, str], None]
     ) -> list[tuple]:
         """Return what one packet of a host holds, as `take`."""
-        budget = self._budget(host, now_s)
+        budget = self._budget(host)
         if budget is None:
             self.strangers += 1
             warn(host, 'is not among the peers: its packets are dropped')
             return []
+        left = budget.left(now_s)
         try:
-            messages = decode(packet) if budget[0] >= 1 else []
+            messages = decode(packet) if left else []
         except ValueError as error:
             self.malformed += 1
-            budget[0] -= 1
+            budget.spend(1)
             warn(host, f'sent {len(packet)} bytes that are no OSC ({error})')
             return []
-        taken = messages[: int(budget[0])]
-        dropped = len(messages) - len(taken) if budget[0] >= 1 else 1  # a packet, not read
-        budget[0] -= len(taken)
+        taken = messages[:left]
+        dropped = len(messages) - len(taken) if left else 1  # a packet, not read
+        budget.spend(len(taken))
         self.received += len(taken)
         if dropped:
             self.dropped += dropped
@@ -188,8 +190,8 @@ class OscIn:
         except OSError:
             pass
 
-    def _budget(self, host: str, now_s: float) -> list[float] | None:
-        """Return what a host may send still, None for nothing ever: a token bucket of 1 s."""
+    def _budget(self, host: str) -> Budget | None:
+        """Return the budget of a host, None for one that may send nothing."""
         budget = self._peers.get(host)
         if budget is None:
             address = ipaddress.IPv4Address(host)
@@ -197,9 +199,7 @@ class OscIn:
                 return None
             if len(self._peers) >= KNOWN:
                 self._peers.clear()
-            budget = self._peers[host] = [self._rate_hz, now_s]
-        budget[0] = min(budget[0] + (now_s - budget[1]) * self._rate_hz, self._rate_hz)
-        budget[1] = now_s
+            budget = self._peers[host] = Budget(self._rate_hz)
         return budget
 
     def close(self) -> None:

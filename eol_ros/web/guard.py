@@ -98,27 +98,6 @@ def same_origin(origin: str | None, host: str) -> bool:
     return parts.scheme in ('http', 'https') and parts.netloc.lower() == host.lower() != ''
 
 
-class Budget:
-    """Allows `per_s` actions a second, and after a second without any that many at once.
-
-    >>> budget = Budget(2.0)
-    >>> [budget.take(now_s) for now_s in (0.0, 0.0, 0.0, 0.5)]
-    [True, True, False, True]
-    """
-
-    def __init__(self, per_s: float):
-        self._per_s = self._left = per_s
-        self._then_s = -math.inf
-
-    def take(self, now_s: float) -> bool:
-        """Return whether one more action is allowed."""
-        self._left = min(self._left + (now_s - self._then_s) * self._per_s, self._per_s)
-        self._then_s = now_s
-        allowed = self._left >= 1
-        self._left -= allowed
-        return allowed
-
-
 class PinGate:
     """Checks the PIN. An address waits longer after each wrong one: 2 s, 4 s ... a day.
 

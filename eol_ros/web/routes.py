@@ -13,6 +13,7 @@ from typing import Any
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
+from eol_ros.core.budget import Budget
 from eol_ros.core.table import Table
 from eol_ros.errors import EolError, UsageError
 from eol_ros.said import LANGUAGES, parts_of, said
@@ -63,7 +64,7 @@ class Routes:
             'lattice': wire.text(self.lattice).encode()
         }
         self.grain: Callable[[int], dict[str, Any] | None] = lambda number: None
-        self._grains = guard.Budget(GRAINS_PER_S)
+        self._grains = Budget(GRAINS_PER_S)
         self.metrics: Callable[[], bytes] = lambda: metrics.text({}, '')
         self.screens: dict[str, Any] = {}  # by name: corners and edges, kept by the panel
         self.skew_ms = 0.0

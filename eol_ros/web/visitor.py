@@ -5,6 +5,7 @@ import math
 import time
 from typing import Any
 
+from eol_ros.core.budget import Budget
 from eol_ros.web import guard, wire
 from eol_ros.web.hub import Viewer
 
@@ -20,7 +21,7 @@ class Visitor:
     def __init__(self, routes: Any, request: Any):
         self._routes, self._request = routes, request
         self._viewer: Viewer
-        self._budget = guard.Budget(MESSAGES_PER_S)
+        self._budget = Budget(MESSAGES_PER_S)
         self._pushing = False
         self._wants: frozenset[str] = frozenset()
         self.trusted = not routes.pin.needed

@@ -17,10 +17,11 @@ import aiohttp
 import pytest
 
 from eol_ros.core import terrain
+from eol_ros.core.budget import Budget
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.said import said
 from eol_ros.streams.requests import KINDS
-from eol_ros.web import guard, screens
+from eol_ros.web import screens
 from eol_ros.web.controls import CONTROLS
 from eol_ros.web.hub import FULL
 from eol_ros.web.routes import MAX_MESSAGE, describe
@@ -643,5 +644,5 @@ def test_sound_files_are_read_for_outlines_at_a_limited_rate(serve):
 
     assert set(codes) == {200, 429} and len(read) == len(codes) - 1
     assert 30 <= len(read) <= 30 + 30 * took_s
-    server.routes._grains = guard.Budget(1.0)
+    server.routes._grains = Budget(1.0)
     assert ask(server, '/grain/7')[0] == 200

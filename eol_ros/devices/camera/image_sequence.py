@@ -94,7 +94,7 @@ def read_stamps(path: str) -> np.ndarray:
     in_ns = False
     for row in text_table.rows(path, ('stamp',), ('stamp',), fits=bool):
         cell = row.cells['stamp'].partition('#')[0].strip()
-        word = cell.replace(',', '.') if cell.count(',') == 1 else cell
+        word = text_table.with_point(cell)
         whole = word.lstrip('+-').isdecimal()
         try:
             value: float = int(word) if whole and len(word) < 30 else float(word)

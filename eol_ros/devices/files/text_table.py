@@ -80,14 +80,17 @@ class Row:
 
 def number(text: str) -> float:
     """Return a number with a decimal point or comma; nan for anything else."""
-    text = text.strip().replace('\N{MINUS SIGN}', '-')
-    if text.count(',') == 1 and '.' not in text:
-        text = text.replace(',', '.')
+    text = with_point(text.strip().replace('\N{MINUS SIGN}', '-'))
     try:
         value = float(text) if '_' not in text else math.nan
     except ValueError:
         return math.nan
     return value if math.isfinite(value) else math.nan
+
+
+def with_point(text: str) -> str:
+    """Return the text of a number with a decimal point in place of a decimal comma."""
+    return text.replace(',', '.') if text.count(',') == 1 and '.' not in text else text
 
 
 def rows(
