@@ -280,8 +280,8 @@ def markdown(result: dict[str, Any]) -> str:
         ]
         for r in rows:
             against = r.get('against', 'none')
-            share = r['stretch_s'] / (r['t_reached'] or r['stretch_s']) if 'error_m' in r else None
-            covered = '-' if share is None else f'{share:.0%}'
+            share = r['stretch_s'] / r['t_reached'] if r['t_reached'] else 1.0  # of no time: all
+            covered = f'{share:.0%}' if 'error_m' in r else '-'
             peer = r.get('peer', NO_PEER)
             if 'peer_error_m' in r:
                 peer += f': {r["peer_error_m"]:.0e}; {r["peer_ms"]:.3g} ({r["own_ms"]:.2g})'

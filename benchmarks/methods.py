@@ -153,7 +153,7 @@ def onsets(seed: int, count: int = 400) -> Curve:
         'slip onset', 'simulation: 40 N/m, 20 µm noise, 60 images/s',
         'ms RMS', 'slip', '3 images',
         'threshold on images: period/sqrt(12) = 4.8 ms',
-        'slips that begin while the rim adds force faster than friction drops',
+        'a rim that adds force faster than friction drops',
     )  # fmt: skip
     noise = np.full(count, sigma)
     for after in (1, 2, 3, 4, 6, 10):
@@ -215,7 +215,7 @@ def calibration(seed: int) -> Curve:
     curve = Curve(
         'calibration from blocks', 'simulation: tilted camera, lens, blocks 4 mm off',
         'mm RMS', 'solution', '4 images', '4 mm/sqrt(25 n)',
-        'one image does not determine the lens; relief covers need heights',
+        'one image; relief covers need heights',
     )  # fmt: skip
     for count in (1, 2, 4, 8):
         views = [view(k) for k in range(count)]
@@ -250,7 +250,7 @@ def grain_layout(seed: int, n: int = 2048) -> Curve:
     curve = Curve(
         f'layout of {n} grains', 'exact assignment (SciPy)',
         '% excess distance', 'layout', 'parts of 2048',
-        'exact assignment, n^3', 'larger corpora are halved: see parts of 1024 in the plot',
+        'exact assignment, n^3', 'larger corpora are halved (parts of 1024)',
     )  # fmt: skip
     try:
         exact = moved(layout.even(places))
@@ -579,20 +579,28 @@ def table(result: dict[str, Any]) -> str:
 
 
 def markdown(result: dict[str, Any]) -> str:
-    """Return the rows of the table of docs/explanation/numerics/README.md."""
+    """Return the rows of the table of docs/explanation/numerics/README.md: what runs, best peer."""
     lines = []
     for name, curve in result.items():
-        ours, peers = (
-            '; '.join(
-                f'{label}: {error:.2g}{f"±{deviation:.1g}" if deviation else ""}, {ms:.2g} ms'
-                for label, ms, error, deviation in curve[rows]
-            )
-            for rows in ('points', 'peers')
+        default = curve['default']
+        ours = next(row for row in curve['points'] if row[0] == default)
+        peers = (
+            [row for row in curve['peers'] if default in row[0]]
+            or [row for row in curve['peers'] if default.split(', ')[-1] in row[0]]
+            or curve['peers']
         )
+        best = min(peers, key=lambda row: row[2], default=None)
         picture = f'../../img/method_{name.replace("-", "_")}.png'
         lines.append(
             f'| [`{name}`]({picture}) | {curve["reference"]} | {curve["n"]} |'
-            f' {curve["unit"]}, per {curve["per"]}; {curve["default"]} | {ours} | {peers or "-"} |'
+            f' {_error(ours)} {curve["unit"]} ({default}) | {ours[1]:.2g} ms per {curve["per"]} |'
+            f' {f"{best[0]}: {_error(best)}, {best[1]:.2g} ms" if best else "none"} |'
             f' {curve["limit"]} | {curve["breaks"]} |'
         )
     return '\n'.join(lines)
+
+
+def _error(row: tuple) -> str:
+    """Return the error of a point, with the deviation of one realisation."""
+    _, _, error, deviation = row
+    return f'{error:.2g}' + (f'±{deviation:.1g}' if deviation else '')

@@ -138,3 +138,5 @@ def test_a_row_says_what_share_of_the_run_its_error_covers_and_that_no_peer_ran(
     assert cells[4:] == ['0.3', '1e-09', 'a formula', '25%', 'none |']
     none = extremes.markdown({'rows': [{k: v for k, v in row.items() if k != 'error_m'}]})
     assert none.splitlines()[-1].split(' | ')[7] == '-'
+    at_once = extremes.markdown({'rows': [row | {'t_reached': 0.0, 'stretch_s': 0.0}]})
+    assert at_once.splitlines()[-1].split(' | ')[7] == '100%'
