@@ -31,7 +31,7 @@ class MainClock:
         self._machine = machine_node(here)
         self.followed = here != node.scene.main and not node.sim_time
         if self.followed:
-            node.subscribe('node_states', self.take)
+            node.on_states(self.take)
 
     def take(self, state: NodeState) -> None:
         """Learn the offset from the node `machine` of this machine."""
