@@ -35,7 +35,7 @@ from pathlib import Path
 from typing import Any
 
 from eol_ros import yaml_text
-from eol_ros.disk import content, readable
+from eol_ros.disk import check_file, content, readable
 from eol_ros.errors import FEW_NAMES, ConfigError, EolError, nearest
 from eol_ros.said import said
 from eol_ros.scene_secrets import SceneText, without
@@ -330,6 +330,11 @@ class Reader(yaml_text.Reader):
     def _path(self, item: Place, where: str, value: str, needed: bool) -> str:
         full = (Path(item.file).parent / Path(value).expanduser()).resolve()
         if full.exists():
+            if needed:
+                try:
+                    check_file(full)  # a node reads its files again after a restart
+                except ConfigError as error:
+                    self.wrong(item, where, str(error))
             return str(full)
         if needed:
             self.wrong(item, where, f'{value}: no such file or folder')

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import dataclasses
 import math
+import os
 import tempfile
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from eol_ros import cli
 from eol_ros import scene as scenes
 from eol_ros.errors import ConfigError
 from eol_ros.ros import presets
+from eol_ros.ros.parameters import checked
 from eol_ros.streams.graph import NODES
 
 FUZZ = Path(tempfile.mkdtemp(prefix='eol-fuzz-'))
@@ -41,6 +43,28 @@ def test_shipped_scenes_are_right(name):
     assert scene.nodes['recorder'].images == pictures.get(name, 'none')
     if 'twin' in scene.nodes:  # its visitors never leave
         assert scene.nodes['recorder'].images_max_gb <= 2 or name not in pictures
+
+
+FILES = [
+    (name, field)
+    for name, spec in NODES.items()
+    for field in dataclasses.fields(spec.settings)
+    if field.metadata.get('kind') == 'path'
+]
+
+
+@pytest.mark.parametrize(('node', 'field'), FILES, ids=lambda x: getattr(x, 'name', x))
+def test_a_setting_that_names_a_pipe_is_refused(tmp_path, node, field):
+    """Its node would read it for ever, and could not read it again."""
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    several = isinstance(field.default, tuple)
+    value = '[pipe]' if several else 'pipe'
+    found = mistakes(write(tmp_path, f'nodes: {{{node}: {{{field.name}: {value}}}}}\n'))
+    refused = f'{pipe}: a pipe or device; write it to a file, and name that'
+    assert refused in [what for *_, where, what in found if where == f'{node}.{field.name}']
+    with pytest.raises(ConfigError, match='a pipe or device'):
+        checked(NODES[node].settings, {field.name: [str(pipe)] if several else str(pipe)})
 
 
 def test_every_mistake_at_its_place(tmp_path):

@@ -4,6 +4,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
+from eol_ros.disk import check_file
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest
 from eol_ros.ros.session import Session
 from eol_ros.said import Said, said
@@ -41,6 +42,9 @@ def checked(settings: type, values: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in values.items():
         try:
             found[name] = check_value(fields[name], value)
+            if fields[name].metadata.get('kind') == 'path':
+                for path in found[name] if isinstance(value, (list, tuple)) else (found[name],):
+                    check_file(path)
         except ConfigError as error:
             raise ConfigError(said('of_node', node=name, why=error)) from None
     return found

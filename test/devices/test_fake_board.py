@@ -2,6 +2,7 @@
 """The software board; test_board.py and test_lights.py speak to it as the host does."""
 
 import math
+import os
 import subprocess
 import sys
 
@@ -12,7 +13,7 @@ from eol_ros.core import serial_protocol as p
 from eol_ros.core.light.bridge import Bridge
 from eol_ros.devices.board.board import Board
 from eol_ros.devices.board.fake import Arrival, FakeBoard, latency_s, obey
-from eol_ros.errors import UsageError
+from eol_ros.errors import ConfigError, UsageError
 
 
 @pytest.mark.parametrize('late_us', [0, 1500, 40_000])
@@ -22,6 +23,13 @@ def test_latency_is_right_over_the_wrap_of_the_stamp(late_us):
     arrival = Arrival((stamp_us + late_us) * 1000, 'Light', 0, stamp_us % 2**32)
 
     assert latency_s(arrival) == pytest.approx(late_us * 1e-6)
+
+
+def test_a_log_that_cannot_be_written_is_refused(tmp_path):
+    os.mkfifo(tmp_path / 'pipe')  # which nobody reads
+    for name, why in (('pipe', 'a pipe or device'), ('gone/log.csv', 'cannot be written')):
+        with pytest.raises(ConfigError, match=why):
+            FakeBoard(log_file=str(tmp_path / name))
 
 
 @pytest.fixture

@@ -32,7 +32,8 @@ from eol_ros.core.light.local import FIELD, FIELD_OF_VIEW, OFF
 from eol_ros.core.table import Table
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.devices.rounds import Rounds
-from eol_ros.errors import UsageError
+from eol_ros.disk import check_file
+from eol_ros.errors import UsageError, writing
 from eol_ros.said import said
 
 TABLE = said('simulated_table')  # the port of a bridge that a twin plays
@@ -93,8 +94,11 @@ class FakeBoard:
         log_file: str = '',
         table: Table = Table(),
     ):
-        self._file = open(log_file, 'w', buffering=1) if log_file else None  # noqa: SIM115
-        if self._file:
+        self._file = None
+        if log_file:
+            check_file(log_file)
+            with writing(log_file):
+                self._file = open(log_file, 'w', buffering=1)  # noqa: SIM115
             print(*Arrival._fields, sep=',', file=self._file)
         self.link, self.version, self.name = link, version, name
         self.log: deque[Arrival] = deque(maxlen=8192)

@@ -258,7 +258,7 @@ def _listed(folder: Path) -> list[Pair]:
     if not folder.is_dir():
         raise DeviceMissing(f'{folder}: no such folder of images')
     list_file = find(folder, LIST)
-    if not list_file.exists():
+    if not list_file.is_file():
         raise DeviceMissing(
             f'{folder}: no {LIST} in it; write one pair a line: left,right,caption,credit'
         )
