@@ -84,7 +84,7 @@ KEYS = {  # key: example, meaning (docs/reference/scene.md)
     'programs': (
         'programs: {count_slips: [python, count_slips.py]}',
         'own programs that start, restart and stop with the nodes: name and command, run in the '
-        'folder of the scene file',
+        'folder of the file that names it; `off` leaves out one of the included scene',
     ),
     'real_time': ('real_time: true', 'real-time priority for the nodes from camera to sound'),
     'notify': ('notify: {webhook: URL}', 'receivers of notifications of faults'),
@@ -148,6 +148,12 @@ class Scene:
     def machine_of(self, node: str) -> str:
         """Return the machine that runs `node`; '' where the scene names no machines."""
         return next((name for name, one in self.machines.items() if node in one.nodes), '')
+
+    def folder_of(self, program: str) -> Path | None:
+        """Return the folder in which an own program runs: that of the file that names it."""
+        if place := self.places.get(f'programs.{program}'):
+            return Path(place[0]).resolve().parent
+        return self.path.parent if self.path else None
 
     @property
     def main(self) -> str:
@@ -793,7 +799,10 @@ def _programs(reader: Reader, place: Place | None) -> dict[str, tuple[str, ...]]
         if not re.fullmatch('[a-z][a-z0-9_]*', name) or name in NODES:
             what = 'is not a name of small letters, digits and _ that no node has'
             reader.wrong(item, where, what)
-        if not isinstance(words, list) or not words or not all(isinstance(w, str) for w in words):
+        if _off(item):  # of an included scene
+            continue
+        listed = isinstance(words, list) and words
+        if not listed or not all(isinstance(w, str) and '\0' not in w for w in words):
             reader.wrong(item, where, 'not a command as a list of texts, such as [python, my.py]')
             continue
         reader.places[where] = item.file, item.line, item.column

@@ -213,6 +213,7 @@ def test_machines_say_what_runs_where(tmp_path):
         ('{tracker: [python, my.py]}', 'is not a name of small letters, digits and _ that no node'),
         ('{My: [python, my.py]}', 'is not a name of small letters, digits and _ that no node'),
         ('{my: python my.py}', 'not a command as a list of texts'),
+        ('{my: ["a\\0b"]}', 'not a command as a list of texts'),
         ('{my: [python, 3]}', 'not a command as a list of texts'),
         ('{my: []}', 'not a command as a list of texts'),
     ],

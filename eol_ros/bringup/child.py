@@ -17,6 +17,8 @@ from eol_ros.bringup.plan import Process
 from eol_ros.bringup.policy import QUIET_S, STARVED, Look, Policy, Silence
 from eol_ros.bringup.shared_memory import Ports
 from eol_ros.bringup.status import starting, state
+from eol_ros.disk import said as said_of
+from eol_ros.errors import printable
 from eol_ros.ros.inherited import AGAIN, HEALTH_FD, KEPT
 from eol_ros.said import said
 
@@ -59,8 +61,8 @@ class Child:
         """Start it; `again` while the others run."""
         health_out, health_in = os.pipe()
         output_out, output_in = os.pipe()
-        for fd in (health_in, output_in):  # while we are away it does not wait for us to read
-            os.set_blocking(fd, False)
+        for fd in (health_in,) if self.process.own else (health_in, output_in):
+            os.set_blocking(fd, False)  # while we are away it does not wait for us to read
         environment = {
             **os.environ,
             **self.process.environment,
@@ -88,10 +90,11 @@ class Child:
 
         try:
             self.popen = begin(self.process.command, self.process.folder)
-        except OSError as error:
+        except (OSError, ValueError) as error:  # the latter of words that the system cannot take
             if not self.process.own:
                 raise
-            why = f'cannot start {error.filename}: {error.strerror}'
+            what = getattr(error, 'filename', None) or self.process.command[0]
+            why = printable(f'cannot start {what}: {said_of(error)}')
             self.popen = begin(('/bin/sh', '-c', 'echo "$0"; exit 127', why), None)
         os.close(health_in)
         os.close(output_in)
@@ -217,7 +220,7 @@ class Child:
             if self._lines_lost:
                 found.append(f'{self._lines_lost} lines left out')
             self._second_s, self._lines_left, self._lines_lost = now_s, OWN_LINES, 0
-        found += lines[: self._lines_left]
+        found += map(printable, lines[: self._lines_left])
         self._lines_lost += max(len(lines) - self._lines_left, 0)
         self._lines_left = max(self._lines_left - len(lines), 0)
         return found

@@ -134,9 +134,9 @@ def processes(
         nice = min(NODES[node].nice for node in nodes)
         real_time = max(NODES[node].real_time for node in nodes) if scene.real_time else 0
         found.append(Process(tuple(nodes), command, environment, nice, real_time, tuple(inherit)))
-    folder = scene.path.parent if scene.path else None
     environment = network.environment(scene.network, False) | domain_id
     for name, words in scene.programs.items():
+        folder = scene.folder_of(name)
         command = (found_program(words[0], folder) or words[0], *words[1:])
         found.append(Process((name,), command, environment, own=True, folder=folder))
     return found
@@ -145,7 +145,7 @@ def processes(
 def found_program(word: str, folder: Path | None) -> str | None:
     """Return where the program `word` is, if it is there: `python` is that of eol_ros.
 
-    folder: that of the scene file, where one named with a slash lies.
+    folder: where one named with a slash lies.
     """
     if word in ('python', 'python3'):
         return sys.executable

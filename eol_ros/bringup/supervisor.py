@@ -282,7 +282,9 @@ class Supervisor:
         self._manager.beat()
         fds = [self._wake, self._server.fileno()]
         children = children or self.children
-        fds += [fd for c in children for fd in (c.health_fd, c.output_fd) if fd >= 0]
+        fds += [c.health_fd for c in children if c.health_fd >= 0]
+        # An own program that floods its output wakes nobody: it waits.
+        fds += [c.output_fd for c in children if c.output_fd >= 0 and not c.process.own]
         ready, _, _ = select.select(fds, [], [], 0.1)
         if self._wake in ready:
             os.read(self._wake, 4096)
@@ -304,7 +306,7 @@ class Supervisor:
                 self._settle(child)
         self._feed(now)
         if self.all_ok_s is None:
-            there = [child for child in self.children if not child.left_out]
+            there = [c for c in self.children if not (c.left_out or c.process.own)]
             rows = [row for child in there for row in child.status.values()]
             if len(rows) >= len(there) and all(row['level'] == 0 for row in rows):
                 self.all_ok_s = round(now - self._began_s, 2)

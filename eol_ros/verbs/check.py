@@ -177,16 +177,18 @@ def _settings(scene: Scene) -> Iterator[Check]:
     if 'sacn' in scene.nodes:
         yield from _sacn(scene)
     for name, words in scene.programs.items():
-        yield f'programs.{name}', functools.partial(_program, words, scene.path)
+        yield f'programs.{name}', functools.partial(_program, words, scene.folder_of(name))
     if tracker and leds:
         yield 'leds.blink_block', lambda: _same_blink(tracker, leds)
 
 
-def _program(words: tuple[str, ...], scene: Path | None) -> None:
+def _program(words: tuple[str, ...], folder: Path | None) -> None:
     from eol_ros.bringup.plan import found_program
 
-    folder = scene.parent if scene else Path()
+    folder = folder or Path()
     if not found_program(words[0], folder):
+        if (folder / words[0]).is_file():
+            raise ConfigError(f'{words[0]}: not executable; `chmod +x` it, and name it with a /')
         raise ConfigError(f'{words[0]}: no such program; name it by its path from the scene file')
     script = words[1] if len(words) > 1 and words[0].startswith('python') else '-'
     if not script.startswith('-') and not (folder / script).is_file():

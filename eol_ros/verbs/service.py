@@ -240,8 +240,7 @@ def writes(scene: scenes.Scene, home: Path, folder: Path) -> list[Path]:
     found += [folder / os.environ[name] for name in FOLDERS if os.environ.get(name)]
     recorder, sound = scene.settings('recorder'), scene.nodes.get('sound')
     found.append(folder / recorder.folder)
-    if scene.programs and scene.path:
-        found.append(scene.path.parent)  # in which they run
+    found += filter(None, map(scene.folder_of, scene.programs))
     if sound and sound.wav:
         found.append((folder / sound.wav).parent)
     if (tracker := scene.nodes.get('tracker')) is not None:

@@ -100,6 +100,11 @@ def test_own_programs_run_on_the_main_machine_in_the_folder_of_the_scene(tmp_pat
     assert counter.environment['ROS_DOMAIN_ID'] == '7'
     assert not any(p.own for p in plan.processes(parts[1], path))
     assert not plan.only(scene, ['twin']).programs
+    above = tmp_path / 'above' / 'a.yaml'
+    above.parent.mkdir()
+    above.write_text('include: ../s.yaml\nprograms: {counter: off}\n')
+    (kept,) = [p for p in plan.processes(scenes.load(above), above) if p.own]
+    assert (kept.name, kept.folder, kept.command) == ('mine', tmp_path, (str(mine),))
     mine.unlink()  # it may come later, as from a stick: only `eol check` refuses it
     assert plan.processes(parts[0], path)[-1].command == ('./mine',)
 

@@ -629,6 +629,9 @@ def test_own_programs_are_restarted_and_never_end_the_run(start, tmp_path):
             ('odd', (str(tmp_path / 'no_format'),)),
             ('shell', ('sh', '-c', 'sleep 600 & echo $! > child; wait')),
             ('loud', (python, '-c', "print(*range(99_999), sep='\\n'); raise SystemExit(1)")),
+            ('flood', ('yes',)),
+            ('binary', ('printf', r'\033[2J\000\377\n')),
+            ('nul', ('echo', 'a\0b')),
         )
     ]
     # so fast that a node would have been silent for too long
@@ -643,6 +646,8 @@ def test_own_programs_are_restarted_and_never_end_the_run(start, tmp_path):
         assert (rows['quiet']['level'], rows['quiet']['text']) == (0, 'runs')
         assert rows['once']['text'] == 'finished'
         assert supervisor.children[1].policy.restarts == 0
+        flood = next(c for c in supervisor.children if c.process.name == 'flood')
+        assert flood.alive() and flood.policy.restarts == 0  # it waits while its output is not read
 
     attended(supervisor, work)
     assert (tmp_path / 'here').exists()
@@ -652,8 +657,20 @@ def test_own_programs_are_restarted_and_never_end_the_run(start, tmp_path):
     assert any(line.startswith('odd | cannot start') for line in lines)
     loud = [line for line in lines if line.startswith('loud | ')]
     assert 'loud | 49' in loud and any('lines left out' in line for line in loud)
+    assert 'binary | \\x1b[2J\\x00\ufffd' in lines
+    assert any(line.startswith('nul | cannot start echo: ') for line in lines)
     assert {'once | counted', 'failing | no table', 'once has finished'} <= set(lines)
     assert any(line.startswith('failing has died (exit code 2)') for line in lines)
+
+
+def test_an_own_program_that_fails_keeps_no_node_from_being_settled(start):
+    supervisor, _ = start(process('twin', STEADY), Process(('mine',), ('false',), {}, own=True))
+    for one, level in zip(supervisor.children, (0, DOWN), strict=True):
+        name = one.process.name
+        one.start_at_s = None
+        one.status = {name: status.starting(name, said('starting')) | {'level': level}}
+    assert supervisor._step(0.0) is None
+    assert supervisor.all_ok_s is not None
 
 
 def test_a_run_without_a_node_ends_with_the_code_of_that_node(start):
