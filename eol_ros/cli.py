@@ -37,7 +37,6 @@ GROUPS = {
         'service': 'start at boot, watched by systemd',
         'notify': 'send a test message to those whom the scene tells of troubles',
         'keys': 'say who may reach the graph from other machines',
-        'mirror': 'let those with a read-only key hear the graph',
         'certificate': 'let browsers reach the panel over HTTPS',
         'backup': 'keep scene, calibration and what was learnt in one file',
         'restore': 'put back what a backup keeps',
@@ -81,7 +80,7 @@ GROUPS = {
 VERBS = {verb: text for group in GROUPS.values() for verb, text in group.items()}
 # that go on until they are stopped, or say themselves how far they are
 LASTING = {
-    'run', 'kiosk', 'mirror', 'echo', 'midi', 'replay', 'camera', 'board', 'measure', 'speakers',
+    'run', 'kiosk', 'echo', 'midi', 'replay', 'camera', 'board', 'measure', 'speakers',
     'listen', 'compile', 'status', 'bench', 'sweep', 'service',
 }  # fmt: skip
 # that decode sounds, images or films

@@ -175,8 +175,6 @@ def environment(network: str = 'local', images: bool = False, asks: bool = False
         # comes from elsewhere names both, for then that is how it finds its own machine's too.
         if reached := [peer.address for peer in keys.peers if peer.endpoint]:
             values['ROS_STATIC_PEERS'] = ';'.join(['127.0.0.1', *reached])
-        if keys.read_only():
-            values['ROS_DOMAIN_ID'] = str(wireguard.READ_ONLY_DOMAIN)
     if network != 'local':
         values['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
     kind = ('images' if images else 'small') + ('-asks' if asks else '')

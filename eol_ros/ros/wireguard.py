@@ -12,7 +12,6 @@ import socket
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from eol_ros import folders
 from eol_ros.disk import DISK
@@ -32,15 +31,6 @@ PostUp = nft 'add rule inet %i input iifname != {{ "%i", "lo" }} ip saddr {subne
 PostUp = nft 'add chain inet %i output {{ type filter hook output priority 0; }}'
 PostUp = nft 'add rule inet %i output oifname != {{ "%i", "lo" }} ip daddr {subnet} drop'
 """
-READ_ONLY_DOMAIN = 100  # of DDS, in which `eol mirror` copies the graph
-_DDS_PORTS = 7400 + 250 * READ_ONLY_DOMAIN  # DDSI-RTPS 2.5, 9.6.2.3: the first of a domain's 250
-# Who has an address of the upper half reaches the copies, and nothing else of this machine.
-# WireGuard takes from each key its own address alone.
-_READ_ONLY = """\
-PostUp = nft 'add rule inet %i input iifname "%i" ip saddr {part} udp dport {low}-{high} accept'
-PostUp = nft 'add rule inet %i input iifname "%i" ip saddr {part} drop'
-"""
-_LARGEST_PREFIX = 28  # a smaller subnet is not divided
 _NAME = re.compile(r'[\w][\w.-]{0,30}')
 
 
@@ -76,26 +66,10 @@ class Keys:
                 return False
         return True
 
-    def read_only(self, address: str = '') -> bool:
-        """Whether who has an address, this machine where none is given, may look alone."""
-        part = _read_only_part(ipaddress.ip_network(self.subnet))
-        return part is not None and ipaddress.ip_address(address or self.address) in part
-
     @property
     def how_up(self) -> str:
         """What a person does to bring it up."""
         return f'sudo wg-quick up {self.path}'
-
-
-def _read_only_part(net: Any) -> Any:
-    """Return the addresses of a subnet that may look and not touch; None where it has none."""
-    return None if net.prefixlen > _LARGEST_PREFIX else list(net.subnets())[1]
-
-
-def _read_only_rules(net: Any) -> str:
-    part = _read_only_part(net)
-    last = _DDS_PORTS + 249
-    return _READ_ONLY.format(part=part, low=_DDS_PORTS, high=last) if part else ''
 
 
 def place() -> Path:
@@ -155,20 +129,20 @@ def make(subnet: str = SUBNET, port: int = PORT) -> Keys:
     text = (
         '# Echoes of the Land: who may reach its graph. Written by `eol keys`, read by wg-quick.\n'
         f'[Interface]\nAddress = {net[1]}/{net.prefixlen}\nListenPort = {port}\n'
-        f'PrivateKey = {_wg("genkey")}\n{_GUARD.format(subnet=net)}{_read_only_rules(net)}'
+        f'PrivateKey = {_wg("genkey")}\n{_GUARD.format(subnet=net)}'
     )
     path = place()
     _write(path, text, new=True)
     return read(path)
 
 
-def add(name: str, endpoint: str, public: str = '', read_only: bool = False) -> tuple[Keys, str]:
+def add(name: str, endpoint: str, public: str = '') -> tuple[Keys, str]:
     """Let somebody in; return the keys, and the configuration for their machine.
 
     endpoint: `host` or `host:port` under which they reach this machine. public: their public key,
-    where they have made their keys themselves: then what they get holds no private one. read_only:
-    they hear what `eol mirror` copies, and reach nothing else. Raises ConfigError for a name that
-    is there already or cannot be one, and where no address is left.
+    where they have made their keys themselves: then what they get holds no private one.
+    Raises ConfigError for a name that is there already or cannot be one, and where no address is
+    left.
     """
     keys = read()
     text = keys.path.read_text('utf-8')
@@ -179,14 +153,9 @@ def add(name: str, endpoint: str, public: str = '', read_only: bool = False) -> 
     if public and not re.fullmatch(r'[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=', public):
         raise ConfigError(f'--public {public}: not a WireGuard key (44 characters)')
     net = ipaddress.ip_network(keys.subnet)
-    if read_only and not ((rules := _read_only_rules(net)) and rules in text):
-        raise ConfigError(
-            f'{keys.path}: has no rules for read-only keys, which need a subnet of /28 or larger '
-            'and a file of this version: move it away, then `eol keys make`'
-        )
     taken = {keys.address, *(peer.address for peer in keys.peers)}
     free = (str(a) for a in net.hosts() if str(a) not in taken)
-    address = next((a for a in free if keys.read_only(a) == read_only), '')
+    address = next(free, '')
     if not address:
         raise ConfigError(f'{keys.subnet}: all its addresses are given away')
     own = _fields(text.partition('[Peer]')[0])

@@ -18,7 +18,6 @@ HELP = (
 EXAMPLES = [
     'eol keys make',
     'eol keys add laptop --endpoint museum.local > laptop.conf',
-    'eol keys add visitor --endpoint museum.local --read-only > visitor.conf',
     'eol keys revoke laptop',
     'eol keys list',
     'eol keys join laptop.conf',
@@ -39,10 +38,6 @@ def add_arguments(parser):
     add.add_argument(
         '--endpoint', metavar='HOST[:PORT]', default=socket.gethostname(),
         help='under which they reach this machine (default: its name)',
-    )  # fmt: skip
-    add.add_argument(
-        '--read-only', action='store_true',
-        help='they may look and not touch: they reach what `eol mirror` copies, and nothing else',
     )  # fmt: skip
     add.add_argument('--public', metavar='KEY', default='', help='their key, where they made it')
     revoke = verbs.add_parser('revoke', help='let somebody in no longer')
@@ -66,11 +61,9 @@ def run(args):
         )
         _say(f'in /etc/wireguard. UDP port {args.port} must reach this machine.')
     elif args.action == 'add':
-        keys, theirs = wireguard.add(args.name, args.endpoint, args.public, args.read_only)
+        keys, theirs = wireguard.add(args.name, args.endpoint, args.public)
         print(theirs, end='')
         _say(f'{args.name} is let in as {keys.peers[-1].address}; what is printed here is secret.')
-        if args.read_only:
-            _say('They hear the graph while `eol mirror --secure` runs on this machine.')
         _say(_renew(keys))
     elif args.action == 'revoke':
         keys = wireguard.revoke(args.name)
@@ -92,8 +85,7 @@ def run(args):
         keys = wireguard.read()
         print(f'{keys.address:15}  this machine, {"up" if keys.up else "not up: " + keys.how_up}')
         for peer in keys.peers:
-            may = '  read-only' if keys.read_only(peer.address) else ''
-            print(f'{peer.address:15}  {peer.name}  {peer.public}{may}')
+            print(f'{peer.address:15}  {peer.name}  {peer.public}')
     return 0
 
 

@@ -50,7 +50,7 @@ from eol_ros.streams.requests import Asked
 
 SOURCE = Path(eol_ros.__file__).parent
 SAMPLE = SOURCE.parent / 'bags' / 'sample'
-VISITORS = {'echo.py', 'mirror.py', 'requests.py'}  # they are no nodes of the graph
+VISITORS = {'echo.py', 'requests.py'}  # they are no nodes of the graph
 READ = {('panel', 'calibration'), ('panel', 'node_states')}
 MAY_LACK = {'x', 'y', 'values'}  # of a corpus
 

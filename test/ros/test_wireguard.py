@@ -52,35 +52,6 @@ def test_both_ends_fit_together(folder, tmp_path, monkeypatch):
     assert ends[0]['AllowedIPs'] == '10.77.0.2/32' and ends[1]['AllowedIPs'] == '10.77.0.1/32'
 
 
-def test_a_read_only_key_has_an_address_that_the_rules_of_the_work_name(tmp_path, monkeypatch):
-    wireguard.make()
-    wireguard.add('laptop', 'museum')
-    keys, theirs = wireguard.add('visitor', 'museum', read_only=True)
-    text = keys.path.read_text()
-    assert [peer.address for peer in keys.peers] == ['10.77.0.2', '10.77.0.128']
-    assert [keys.read_only(peer.address) for peer in keys.peers] == [False, True]
-    accept, drop = re.findall(r"PostUp = nft '(.*10.77.0.128/25.*)'", text)
-    assert accept.endswith('ip saddr 10.77.0.128/25 udp dport 32400-32649 accept')
-    assert drop.endswith('ip saddr 10.77.0.128/25 drop')
-    assert 'ROS_DOMAIN_ID' not in network.environment('secure')
-    monkeypatch.setenv('EOL_CONFIG', str(tmp_path / 'visitor'))
-    wireguard.join(theirs)
-    assert network.environment('secure')['ROS_DOMAIN_ID'] == '100'
-
-
-def test_without_the_rules_no_key_is_read_only(folder):
-    """Neither in a subnet that is too small for them, nor in a file from before them."""
-    wireguard.make('192.168.250.0/29', 4000)
-    with pytest.raises(ConfigError, match='has no rules for read-only keys'):
-        wireguard.add('visitor', 'museum', read_only=True)
-    path = folder / 'eol0.conf'
-    path.unlink()
-    wireguard.make()
-    path.write_text(path.read_text().replace('32649', '32650'))
-    with pytest.raises(ConfigError, match='has no rules for read-only keys'):
-        wireguard.add('visitor', 'museum', read_only=True)
-
-
 def test_addresses_are_given_once_and_again_when_they_are_free():
     wireguard.make('192.168.250.0/29', 4000)
     for i in range(5):

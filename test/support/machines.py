@@ -131,14 +131,14 @@ class Machines:
             for name in self.names.values():
                 nft(name, 'delete', 'table', 'ip', 'loss')
 
-    def let_in(self, guest: str, folder: Path, *how: str) -> None:
+    def let_in(self, guest: str, folder: Path) -> None:
         """Give the work keys, let `guest` in, and bring both ends of the tunnel up."""
         require(['wg', 'wg-quick', 'nft'])
         for name in (self.work, guest):
             self.variables[name] = {'EOL_CONFIG': str(folder / name)}
         self.eol(self.work, 'keys', 'make')
         theirs = folder / f'{guest}.conf'
-        words = ['keys', 'add', guest, '--endpoint', self.address(self.work), *how]
+        words = ['keys', 'add', guest, '--endpoint', self.address(self.work)]
         theirs.write_text(self.eol(self.work, *words))
         self.eol(guest, 'keys', 'join', str(theirs))
         for name in (self.work, guest):
