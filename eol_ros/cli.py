@@ -65,7 +65,6 @@ GROUPS = {
         'measure': 'measure springs, friction and delay of light of your own table',
         'speakers': 'list the loudspeakers of a scene, and play noise from each',
         'corpus': 'cut a sound into grains and describe them',
-        'listen': 'record a microphone, sound by sound, into the corpus',
         'covers': 'cut a landscape into the covers of the blocks',
         'compile': 'compile the loops that a first run would wait for',
     },
@@ -81,11 +80,11 @@ VERBS = {verb: text for group in GROUPS.values() for verb, text in group.items()
 # that go on until they are stopped, or say themselves how far they are
 LASTING = {
     'run', 'kiosk', 'echo', 'midi', 'replay', 'camera', 'board', 'measure', 'speakers',
-    'listen', 'compile', 'status', 'bench', 'sweep', 'service',
+    'compile', 'status', 'bench', 'sweep', 'service',
 }  # fmt: skip
 # that decode sounds, images or films
 DECODING = {
-    'calibrate', 'camera', 'check', 'corpus', 'covers', 'listen', 'render', 'report', 'track',
+    'calibrate', 'camera', 'check', 'corpus', 'covers', 'render', 'report', 'track',
 }  # fmt: skip
 
 

@@ -351,7 +351,6 @@ FREE = {  # of these modules, with the reason
     'core/sound/binaural.py': 'headphones only: no digest',
     'core/sound/meter.py': 'levels for people',
     'core/sound/presets.py': 'what a preset becomes is recorded as settings',
-    'core/sound/takes.py': 'a level that decides where a take ends, which is a file from then on',
     'lab/automaton/ofc.py': 'powers of integers',
     'core/vision/appearance/squares.py': 'whole powers, which numba multiplies out',
     'core/vision/symmetry.py': 'erfc of the C library in a sum that a threshold decides',

@@ -449,6 +449,28 @@ def test_all_sounds_of_the_settings_are_in_one_corpus(two):
         corpus_build.ready(str(two[0].with_name('c.json')), options, 0)
 
 
+def test_a_sound_added_to_a_folder_is_described_alone(two, tmp_path, monkeypatch):
+    folder = tmp_path / 'voices'
+    folder.mkdir()
+    options, floe = Options(more_sounds=(str(folder),)), str(two[0])
+    before = build_cached(corpus_file.all_sounds(floe, options, 0), options)
+    times = corpus_file.times(floe, options, 0)
+    voice = two[1].rename(folder / 'voice.wav')
+    assert corpus_file.times(floe, options, 0) != times  # by which a running node sees it
+    described, cut = [], corpus_build._cut
+
+    def counted(heard, *words):
+        described.append(heard.path)
+        return cut(heard, *words)
+
+    monkeypatch.setattr(corpus_build, '_cut', counted)
+    after = build_cached(corpus_file.all_sounds(floe, options, 0), options)
+    assert described == [str(voice)] and len(after) > len(before)
+    floe_now = after.grains[after.grains['file'] == 0]
+    for name in ('start_s', 'centroid_mean_hz', 'rms_db'):
+        np.testing.assert_array_equal(floe_now[name], before.grains[name])
+
+
 @pytest.mark.parametrize(
     'options', [Options(more_descriptors=True), Options(x_axis='mfcc_2', y_axis='spectral_flux')]
 )

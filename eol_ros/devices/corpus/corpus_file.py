@@ -94,7 +94,7 @@ def all_sounds(sound: str, options: Options, seed: int) -> list[Path]:
         except DeviceMissing as error:
             errors.append(error)
             found.append(each)
-        except ConfigError as error:  # a folder without sounds: `eol listen` may fill it yet
+        except ConfigError as error:  # a folder without sounds: it may be filled yet
             errors.append(error)
     if errors and sound and not any(each.is_file() for each in found):
         raise errors[0]
