@@ -11,7 +11,7 @@ import math
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -20,7 +20,6 @@ from std_msgs.msg import Header
 
 from eol_ros.core.latency import Latency
 from eol_ros.core.round_watch import HUNG_S, STALLED_S, RoundWatch
-from eol_ros.ros.give_back import give_back
 from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.ros.requests import parameter_messages
 from eol_ros.ros.stamps import to_msg
@@ -32,11 +31,8 @@ if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
 
 PERIOD_S = 1.0
-DONE = object()
 STARTS = said('starting')
-SETTLED = 4, 10  # reports in a row that all is well, after which to give back memory
 REJECTED_TOLD_S = 60.0  # between two lines on messages that were rejected
-GIVE_S = 0.05  # between steps of that: no knock waits for more than one
 
 
 class Health:
@@ -53,7 +49,6 @@ class Health:
         self._diagnostics = node.publisher('/diagnostics')
         self.ticks = self._reported_ticks = 0
         self._rate = 0.0
-        self._well = 0
         self.rejected = 0  # messages that the node did not use, see `Intake`
         self._rejected_why, self._rejected_s, self._rejected_told_s = '', -math.inf, -math.inf
         self._expected: tuple[str, float] | None = None
@@ -62,8 +57,6 @@ class Health:
         self._last_tick_s, self._reported_s = self._now_s(), time.monotonic()
         self._pipe = HealthPipe.inherited()
         node.create_timer(PERIOD_S, self._beat)
-        self._giving: Iterator[None] = iter(())
-        self._gives = node.create_timer(GIVE_S, self._give, autostart=False)
 
     def tick(self, count: int = 1) -> None:
         """Count one unit of work; the rate in the status is of these."""
@@ -220,19 +213,11 @@ class Health:
         self._node.qos.look()
         self._tell_latencies()
         self.report()
-        self._well = self._well + 1 if self.level == OK else 0
-        if self._well in SETTLED:
-            self._giving = give_back()
-            self._node.resume(self._gives)
 
     def relay(self, status: dict[str, Any]) -> None:
         """Send bringup the status of a node of another machine."""
         if self._pipe is not None:
             self._pipe.send(status)
-
-    def _give(self) -> None:
-        if next(self._giving, DONE) is DONE:
-            self._gives.cancel()
 
     def report(self) -> None:
         """Send the status all ways."""
