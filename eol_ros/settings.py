@@ -333,15 +333,6 @@ class CameraSettings:
         'end of the exposure at which a GenICam camera stamps its images',
         choices=('start', 'end'),
     )
-    light_seen_s: float = setting(
-        0.0,
-        'delay between the command of a light and the stamp of the image that shows it, as '
-        'printed by `eol measure camera`; recorded only, not corrected; 0: not measured',
-        's',
-        -0.1,
-        1,
-    )
-    light_seen_error_s: float = setting(0.0, 'standard error of light_seen_s', 's', 0, 1)
     loop: bool = setting(True, 'start a video file again at its end')
     calibration: str = setting(
         '', 'calibration file published in camera_info; empty: none', kind='path'

@@ -8,12 +8,11 @@ import numpy as np
 
 from eol_ros.analysis.figures import BLUE, GREY, ORANGE
 from eol_ros.core.measure.friction import Friction
-from eol_ros.core.measure.light import Light
 from eol_ros.core.measure.springs import Springs
 from eol_ros.errors import ConfigError
 
 
-def save(path: str | Path, found: Springs | Friction | Light) -> None:
+def save(path: str | Path, found: Springs | Friction) -> None:
     """Write the figure of `found`, in the format that the name ends with."""
     import matplotlib
 
@@ -23,10 +22,8 @@ def save(path: str | Path, found: Springs | Friction | Light) -> None:
     picture, axes = pyplot.subplots(1, 2, figsize=(9, 3.6), layout='constrained')
     if isinstance(found, Springs):
         _springs(axes, found)
-    elif isinstance(found, Friction):
-        _friction(axes, found)
     else:
-        _light(axes, found)
+        _friction(axes, found)
     try:
         picture.savefig(path, dpi=110)
     except (OSError, ValueError) as error:
@@ -78,14 +75,3 @@ def _friction(axes: Any, found: Friction) -> None:
     left.set_title('each slip, the blocks (dashes), 95 % of the mean (bands)', fontsize=10)
     right.set(xlabel='time, s', ylabel='friction')
     right.legend(fontsize=8)
-
-
-def _light(axes: Any, found: Light) -> None:
-    left, right = axes
-    left.plot(1e3 * found.middles_s, '.', color=BLUE)
-    low, high = found.delay.interval(0.95)
-    left.axhspan(1e3 * low, 1e3 * high, color=BLUE, alpha=0.2, linewidth=0)
-    left.set(xlabel='blink', ylabel='delay by stamps, ms')
-    left.set_title('middle of the two images around each change, 95 % of the mean', fontsize=10)
-    right.hist(1e3 * found.heard_s, bins=20, color=ORANGE)
-    right.set(xlabel='from the command until its image has been tracked, ms', ylabel='blinks')

@@ -17,7 +17,7 @@ from eol_ros.verbs import reach
 
 HELP = (
     'Measure springs and friction of your own table with its camera, and write them into a\n'
-    'scene, whose twin then is that table; and how late the camera sees a light.\n'
+    'scene, whose twin then is that table.\n'
     'docs/guides/measure.md says what to prepare.'
 )
 EXAMPLES = [
@@ -25,7 +25,6 @@ EXAMPLES = [
     'eol measure springs --weights 300,600,900,600,300 --bag bags/2026-11-22 --picture fit.png',
     'eol measure friction my/rehearsal.yaml --mass 251',
     'eol measure friction --stiffness 81.3 --bag bags/2026-11-22',
-    'eol measure camera my/museum.yaml',
 ]
 SILENT_S = 5.0  # without a message: the graph does not run
 HINT_S = 40.0  # after which who waits is told why
@@ -33,16 +32,15 @@ TELL_S = 5.0  # from line to line of progress
 ENOUGH = 8  # slips of each inner block: more make nothing better, for blocks differ
 SCALE_KG = 6e-4  # of a kitchen scale that shows grams
 # Of a hundred twins, error in the median and at most (docs/guides/measure.md): good and usable.
-SPRINGS_PERCENT, FRICTION_PERCENT, LIGHT_MS = (0.7, 3.8), (3.2, 9.7), (1.1, 2.6)
+SPRINGS_PERCENT, FRICTION_PERCENT = (0.7, 3.8), (3.2, 9.7)
 
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('what', choices=['springs', 'friction', 'camera'], help='what to measure')
+    parser.add_argument('what', choices=['springs', 'friction'], help='what to measure')
     parser.add_argument(
         'scene', nargs='?', metavar='SCENE',
-        help='a scene file with a twin (camera: with a camera), into which the values go; its'
-        ' comments stay',
+        help='a scene file with a twin, into which the values go; its comments stay',
     )  # fmt: skip
     parser.add_argument(
         '--bag', metavar='BAG', help='a recording of it, in place of the running graph'
@@ -69,7 +67,7 @@ def add_arguments(parser):
     )  # fmt: skip
     parser.add_argument(
         '--seconds', type=within(5, 3600), default=90.0, metavar='S',
-        help='friction, camera: how long to look at most (default: 90)',
+        help='friction: how long to look at most (default: 90)',
     )  # fmt: skip
     parser.add_argument('--picture', metavar='P.png', help='figure of the fit; .svg and .pdf, too')
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
@@ -79,16 +77,13 @@ def add_arguments(parser):
 def run(args) -> int:
     """Guide, compute, tell, and write."""
     from eol_ros import scene_text
-    from eol_ros.settings import CameraSettings, TwinSettings
+    from eol_ros.settings import TwinSettings
 
-    measure = {'springs': _springs, 'friction': _friction, 'camera': _camera}[args.what]
-    node, settings = (
-        ('camera', CameraSettings()) if args.what == 'camera' else ('twin', TwinSettings())
-    )
-    scene = None
+    measure = {'springs': _springs, 'friction': _friction}[args.what]
+    settings, scene = TwinSettings(), None
     if args.scene:
-        loaded = scene_text.to_write(Path(args.scene), node)
-        settings, scene = loaded.nodes[node], Table.of(loaded.table)
+        loaded = scene_text.to_write(Path(args.scene), 'twin')
+        settings, scene = loaded.nodes['twin'], Table.of(loaded.table)
     args.table = _table(args, scene)
     values, about, picture = measure(args, settings)
     verdict = _verdict(args.what, values)
@@ -98,9 +93,9 @@ def run(args) -> int:
 
         measured.save(args.picture, picture)
     if args.scene:
-        scene_text.write(Path(args.scene), node, values)
+        scene_text.write(Path(args.scene), 'twin', values)
         said = ', '.join(f'{name} {scene_text.plain(value)}' for name, value in values.items())
-        _say(f'written into {args.scene}, {node}: {said}')
+        _say(f'written into {args.scene}, twin: {said}')
     return 0
 
 
@@ -126,11 +121,6 @@ def _agree(whose: str, found: Table, wanted: Table) -> None:
 
 def _verdict(what: str, values: dict[str, float]) -> Verdict:
     """Return whether the errors are as small as those of measured twins."""
-    if what == 'camera':
-        return judged(
-            'error of light_seen_s', 1e3 * values['light_seen_error_s'], 'ms', LIGHT_MS,
-            'median and largest error of 100 twins', 'take more blinks: --seconds 180',
-        )  # fmt: skip
     names = ['stiffness'] if what == 'springs' else ['mu_static', 'mu_kinetic']
     limits = SPRINGS_PERCENT if what == 'springs' else FRICTION_PERCENT
     do = 'push evenly and longer, until every inner block has slipped often'
@@ -265,73 +255,6 @@ def _friction(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
     return values, about, found
 
 
-def _camera(args, camera) -> tuple[dict[str, float], dict[str, Any], Any]:
-    import numpy as np
-
-    from eol_ros.core.measure import light
-
-    if args.bag:
-        sent_s, stamp_s, heard_s, seen = _recorded_blinks(args.bag)
-    else:
-        _say('One block blinks, and nothing else moves: hands off, no arm above the table.')
-        sent_s, stamp_s, heard_s, seen = _live_blinks(args)
-    found = light.fit(sent_s, stamp_s, heard_s, seen, 1e-6 * camera.exposure_us)
-    names = ('light_seen_s', 'light_seen_error_s')
-    values = dict(zip(names, _rounded(found.delay), strict=True))
-    p50, p95 = np.percentile(found.heard_s, [50, 95]).tolist()
-    about: dict[str, Any] = values | _intervals('light_seen_s', found.delay)
-    about |= {'block': found.block, 'blinks': len(found.middles_s), 'tracked_s': [p50, p95]}
-    if not args.json:
-        print(f'light_seen_s {_words(found.delay, "s")}')
-    _say(
-        f'{len(found.middles_s)} blinks of block {found.block}; its blocks were here '
-        f'{1e3 * p50:.1f} ms after the command (median), {1e3 * p95:.1f} ms (95 %)'
-    )
-    return values, about, found
-
-
-def _recorded_blinks(path: str) -> tuple[Any, Any, Any, Any]:
-    """Return commands (m,) s, images (n,) s, their arrival (n,) s, who was seen (n, cells)."""
-    import numpy as np
-
-    from eol_ros.analysis.bag import open_bag
-    from eol_ros.core.vision.states import TRACKING
-
-    bag = open_bag(path)
-    blocks, commands = bag.table('blocks'), bag.table('led_commands')
-    seen = blocks['blocks']['seen'] & (blocks['state'] == TRACKING)[:, None]
-    first = np.datetime64(bag.start_ns, 'ns')
-    times = commands['sent'], blocks['stamp'], blocks['log_time']
-    sent_s, stamp_s, heard_s = ((t - first) / np.timedelta64(1, 's') for t in times)
-    return sent_s, stamp_s, heard_s, seen
-
-
-def _live_blinks(args) -> tuple[Any, Any, Any, Any]:
-    """The same of the running graph."""
-    import time
-
-    import numpy as np
-
-    commands: list[float] = []
-
-    def hear(message: Any) -> None:
-        commands.append(message.sent.sec + 1e-9 * message.sent.nanosec)
-
-    images, told_s = [], math.nan
-    for blocks in _live(args, {'led_commands': hear}):
-        images.append((blocks.stamp_s, time.time(), blocks.known.copy()))
-        told_s = blocks.stamp_s if math.isnan(told_s) else told_s
-        if blocks.stamp_s - told_s >= TELL_S:
-            told_s = blocks.stamp_s
-            spent_s = told_s - images[0][0]
-            _say(f'{spent_s:.0f} of {args.seconds:g} s: {len(commands)} commands to the lights')
-            if spent_s >= args.seconds:
-                break
-    first_s = images[0][0]
-    stamp_s, heard_s, seen = map(np.array, zip(*images, strict=True))
-    return np.array(commands) - first_s, stamp_s - first_s, heard_s - first_s, seen
-
-
 def _so_far(track, stiffness: float, mass: float, natural_m: float) -> tuple[int, str]:
     """Return how many slips the inner block with fewest has, and words for that."""
     from collections import Counter
@@ -434,8 +357,8 @@ def _recorded(path: str) -> Iterator[Any]:
     return blocks.each(bag.table('blocks'))
 
 
-def _live(args, others: dict[str, Any] | None = None) -> Iterator[Any]:
-    """Yield the blocks of each image; each of `others` hears the messages of its topic."""
+def _live(args) -> Iterator[Any]:
+    """Yield the blocks of each image."""
     from eol_ros.ros.definitions import definition
     from eol_ros.ros.echo import listen
     from eol_ros.ros.session import session
@@ -450,8 +373,6 @@ def _live(args, others: dict[str, Any] | None = None) -> Iterator[Any]:
     topic = full_name('blocks', namespace)
     with session(reach=network, namespace=namespace) as visit:
         listen(visit.node, topic, lambda raw: waiting.append(bytes(raw)), raw=True)
-        for name, hear in (others or {}).items():
-            listen(visit.node, full_name(name, namespace), hear)
         listen(visit.node, full_name('table', namespace), tables.append)
         while visit.run(lambda: bool(waiting), SILENT_S):
             while tables:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from eol_ros.core.measure import friction, light, springs
+from eol_ros.core.measure import friction, springs
 from eol_ros.core.measure.estimate import Estimate, SampleMean
 from eol_ros.core.measure.springs import NATURAL_SIGMA_M, RIM_SIGMA_M, outwards
 from eol_ros.core.physics import builders
@@ -27,7 +27,6 @@ SHARES = (0.25, 0.5, 0.75, 1.0, 0.85, 0.6, 0.35, 0.1)  # of the greatest weight,
 STEPS = 7  # in which a hand lowers a weight
 CAMERA_FPS, PULL_MPS, PULL_M = 60.0, 0.03, 0.10
 BREAKS_M = 0.012, 0.032  # how far one spring stretches until a block slips
-BLINK_S = 0.1
 STIFFNESS_SHARE = 0.01  # to which the springs were measured
 FPS, LOWERED_S, SWING_S, REST_S = 12.0, 3.0, 1.5, 5.0
 
@@ -78,31 +77,6 @@ class Pulled:
             if abs(along) > PULL_M:
                 speed = -np.sign(along) * PULL_MPS
             yield end_s, noisy(np.column_stack([table.x, table.y, table.yaw]), self._random), seen
-
-
-class Blinks:
-    """A light of unknown delay and jitter, and a camera that calls it dark from some share on.
-
-    `delay_s` is the truth; commands `sent_s` (m,), images `stamp_s` (n,) and `seen` (n, 25), whose
-    blocks arrive `heard_s` later.
-    """
-
-    block, exposure_s, heard_s = 12, 0.003, 0.006
-
-    def __init__(self, seed: int, blinks: int = 40, period_s: float = 2.007):
-        random = np.random.default_rng([seed, 0x626C])
-        self.delay_s = float(random.uniform(0.0, 0.06))
-        jitter_s, share = random.uniform(0.0, 0.003), random.uniform(0.0, 1.0)
-        off_s = 1.0 + period_s * np.arange(blinks) + random.uniform(0, 0.1)
-        self.sent_s = np.sort(np.concatenate([off_s, off_s + BLINK_S]))
-        self.stamp_s = np.arange(int((off_s[-1] + 2) * CAMERA_FPS)) / CAMERA_FPS
-        self.seen = np.ones((len(self.stamp_s), N_BLOCKS), bool)
-        for begin_s in off_s + self.delay_s + random.normal(0, jitter_s, blinks):
-            passed = (self.stamp_s - begin_s) / self.exposure_s + 0.5  # of the exposure in the dark
-            back = self.stamp_s < begin_s + BLINK_S + 0.05  # believed again some images later
-            self.seen[(passed > share) & back, self.block] = False
-        hidden = random.integers(0, len(self.stamp_s), 30)  # arms pass
-        self.seen[hidden, random.integers(0, N_BLOCKS, 30)] = False
 
 
 class Hung:
@@ -192,12 +166,6 @@ def measured_friction(twin: Pulled) -> friction.Friction:
 def tracked(images: Iterable[Image]) -> friction.Track:
     """Return images as one track."""
     return friction.Track(*(np.array(part) for part in zip(*images, strict=True)))
-
-
-def measured_light(blinks: Blinks) -> light.Light:
-    """Return what a camera says of blinks."""
-    heard_s = blinks.stamp_s + blinks.heard_s
-    return light.fit(blinks.sent_s, blinks.stamp_s, heard_s, blinks.seen, blinks.exposure_s)
 
 
 def held(pairs: Sequence[tuple[float, Measured]]) -> tuple[int, int]:

@@ -82,7 +82,7 @@ def test_where_no_supervisor_runs_the_error_stays(monkeypatch):
         'param list tracker',
         'call wake',
         'preset save x',
-        'measure camera',
+        'measure friction --stiffness 80',
     ],
 )
 def test_verbs_that_need_a_graph_say_at_once_that_there_is_none(

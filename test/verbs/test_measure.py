@@ -13,12 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
-from eol_msgs.msg import Blocks, LedCommand
+from eol_msgs.msg import Blocks
 from eol_msgs.msg import Table as TableMessage
-from rclpy.serialization import serialize_message
-from support.measured_twins import FPS, Blinks, Hung, Pulled
-from support.paper import rest_lattice
+from support.measured_twins import FPS, Hung, Pulled
 from support.waiting import GENEROUS_S
 
 from eol_ros import cli, scene
@@ -192,48 +189,6 @@ def test_who_pulls_is_told_how_far_it_is(pulled, monkeypatch, capsys):
     assert found['mu_static'] > found['mu_kinetic'] and set(found['blocks']) == {
         str(block) for block in (6, 7, 8, 11, 12, 13, 16, 17, 18)
     }
-
-
-def test_blinks_tell_how_late_light_is_seen(tmp_path, monkeypatch, capsys):
-    blinks = Blinks(11, blinks=14)
-    still = np.column_stack([rest_lattice(), np.zeros(25)])
-    images = [(s, still, seen) for s, seen in zip(blinks.stamp_s, blinks.seen, strict=True)]
-    topics = [BagTopic(f'/eol/{name}', **describe(name)) for name in ('blocks', 'led_commands')]
-    writer = BagWriter(tmp_path / 'bag', topics, {'seeds': '{}'})
-    rows = [(ns, '/eol/blocks', data, 6_000_000) for ns, data in messages(images)]
-    commands = []
-    for sent_s in blinks.sent_s.tolist():
-        sec, nanosec = divmod(T0 + round(1e9 * sent_s), 10**9)
-        commands.append(LedCommand(sent=Time(sec=sec, nanosec=nanosec)))
-        rows.append(
-            (sec * 10**9 + nanosec, '/eol/led_commands', serialize_message(commands[-1]), 0)
-        )
-    for ns, topic, data, later in sorted(rows, key=lambda row: row[0] + row[3]):
-        writer.write(topic, bytes(data), ns + later, ns)
-    writer.close()
-    mine = tmp_path / 'museum.yaml'
-    mine.write_text('nodes:\n  camera: {fps: 60}  # above\n  tracker: {}\n')
-
-    assert cli.main(['measure', 'camera', str(mine), '--bag', str(tmp_path / 'bag')]) == 0
-
-    told = capsys.readouterr()
-    found = scene.load(mine).nodes['camera']
-    assert told.out.startswith(f'light_seen_s {found.light_seen_s:g} +- ')
-    assert abs(found.light_seen_s - blinks.delay_s) < 4 * found.light_seen_error_s < 0.01
-    assert 'blinks of block 12' in told.err and '# above' in mine.read_text()
-
-    def live(_args, others):
-        for command in commands:
-            others['led_commands'](command)
-        yield from measure._recorded(str(tmp_path / 'bag'))
-
-    monkeypatch.setattr(measure, '_live', live)
-    monkeypatch.setattr(measure, '_told', lambda args: Table())
-    assert cli.main(['measure', 'camera', '--json', '--seconds', '3600']) == 0
-    again = json.loads(capsys.readouterr().out)
-    assert again['light_seen_s'] == found.light_seen_s and again['block'] == 12
-    assert cli.main(['measure', 'camera', '--seconds', '5']) == 1
-    assert 'blinks seen, 10 are needed' in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_weights_are_no_pull_of_the_rim(hung, mine, capsys):
