@@ -62,13 +62,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='mu_s - mu_k of each table, parted by commas',
     )
     parser.add_argument('--seed', type=int, default=3)
-    parser.add_argument(
-        '--rim-hits', type=float, default=TwinSettings.rim_hits_per_min,
-        help='knocks of hands on the rim a minute, while they move it',
-    )  # fmt: skip
-    parser.add_argument(
-        '--rim-hit-mg', type=float, default=TwinSettings.rim_hit_mg, help='how hard, in the median'
-    )
     held_out.add_argument(parser)
     parser.add_argument('--json', action='store_true')
 
@@ -83,9 +76,7 @@ def run(args: argparse.Namespace) -> int:
     seconds, drops = 60 * args.minutes, [float(drop) for drop in args.drops.split(',')]
 
     def one(seed: int) -> dict[str, Any]:
-        settings = TwinSettings(
-            seed=seed, rim_hits_per_min=args.rim_hits, rim_hit_mg=args.rim_hit_mg
-        )
+        settings = TwinSettings(seed=seed)
         result: dict[str, Any] = {
             'default_mg': defaults().threshold / 16, 'curve': [], 'told': [], 'sleep': {},
         }  # fmt: skip
@@ -136,7 +127,7 @@ def curve(
                     if event.what == FELT:
                         felt_s = ended_s
                     elif event.what == TOLD:
-                        age_s = event.age_samples / settings.accelerometer_hz
+                        age_s = event.age_samples / sensors.sensing.rate_hz
                         found.append((ended_s - age_s, block, felt_s or ended_s))
             parts.clear()
     slips = twin.all_slips()

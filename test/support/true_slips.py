@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from eol_ros.core.physics.twin.accelerometer import MG
+from eol_ros.core.physics.twin.accelerometer import LIS3DH, MG
 from eol_ros.core.physics.twin.live import Coupling
 from eol_ros.core.physics.twin.play import Play
 from eol_ros.devices.board.block import WINDOW
 from eol_ros.devices.board.felt import TRACE
-from eol_ros.settings import TwinSettings
 from support.paper import N_BLOCKS
 
 FPS = 60.0
@@ -70,7 +69,7 @@ class Twin:
             return
         dt = trace.t[1] - trace.t[0]
         sigma = _noise_mps2()
-        power = (np.diff(trace.v, axis=0) ** 2).sum(axis=2) / dt * TwinSettings.accelerometer_hz
+        power = (np.diff(trace.v, axis=0) ** 2).sum(axis=2) / dt * LIS3DH.rate_hz
         for slip, _ in self._running.values():
             slip.whole += power[:, slip.block].sum() / sigma**2
             slip.early += power[: slip.left, slip.block].sum() / sigma**2
@@ -81,7 +80,7 @@ class Twin:
             if trace.event_start[n]:
                 slip = Slip(begin_s + t, block, rest_s=begin_s + t - self._ended[block])
                 slip.whole = power[row - 1 :, block].sum() / sigma**2
-                early = round(WINDOW / TwinSettings.accelerometer_hz / dt)
+                early = round(WINDOW / LIS3DH.rate_hz / dt)
                 slip.early = power[row - 1 : row - 1 + early, block].sum() / sigma**2
                 slip.left = max(row - 1 + early - len(power), 0)
                 self._running[block] = slip, trace.u[row - 1, block].copy()
@@ -93,8 +92,7 @@ class Twin:
 
 
 def _noise_mps2() -> float:
-    s = TwinSettings()
-    return 1e-3 * s.accelerometer_noise_ug * (s.accelerometer_hz / 2) ** 0.5 * MG
+    return 1e-3 * LIS3DH.noise_ug * (LIS3DH.rate_hz / 2) ** 0.5 * MG
 
 
 def compare(
@@ -147,7 +145,7 @@ def _shares(slips: list[Slip], found: set[int]) -> dict[str, Any]:
     from scipy.special import ndtr, ndtri
 
     hits = sum(id(s) in found for s in slips)
-    chance = FALSE_PER_HOUR / (3600 * N_BLOCKS * TwinSettings.accelerometer_hz)
+    chance = FALSE_PER_HOUR / (3600 * N_BLOCKS * LIS3DH.rate_hz)
     limit = -ndtri(chance)
 
     def missed(values: list[float]) -> float:

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from eol_ros.core.physics.twin.accelerometer import Accelerometers
+from eol_ros.core.physics.twin.accelerometer import LIS3DH, Accelerometers, Sensing
 from eol_ros.core.physics.twin.live import Trace
 from eol_ros.core.serial_protocol import Detector as Wanted
 from eol_ros.core.table import Table
@@ -23,8 +23,8 @@ class FeltBlocks:
     Raises DeviceMissing where the firmware was not compiled.
     """
 
-    def __init__(self, settings: TwinSettings, table: Table = Table()):
-        self.sensors, cells = Accelerometers(settings, table=table), table.cells
+    def __init__(self, settings: TwinSettings, table: Table = Table(), sensing: Sensing = LIS3DH):
+        self.sensors, cells = Accelerometers(settings, False, table, sensing), table.cells
         self.detectors = [Detector() for _ in range(cells)]
         for detector, samples in zip(self.detectors, self.sensors.at_rest(LEARNT), strict=True):
             detector.feed(samples)
@@ -32,8 +32,8 @@ class FeltBlocks:
         self._moved_s = np.zeros(cells)  # when it was last not at rest
         self.lit: list[tuple[float, int]] = []  # in the last step: when which block felt a knock
         self._lit_s = np.zeros(cells)
-        self._nominal_s = 1 / settings.accelerometer_hz  # the block knows no better
-        self._wake_s = 1 / settings.accelerometer_wake_hz
+        self._nominal_s = 1 / sensing.rate_hz  # the block knows no better
+        self._wake_s = 1 / sensing.wake_hz
 
     def advance(
         self, begin_s: float, end_s: float, trace: Trace | None, rim_velocity: np.ndarray

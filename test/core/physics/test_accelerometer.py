@@ -9,25 +9,23 @@ from support.paper import BLOCK_MASS_KG, BLOCK_SIDE_M, N_BLOCKS, SPRING_M
 
 from eol_ros.core.physics.builders import GRAVITY, NATURAL_M
 from eol_ros.core.physics.twin import accelerometer
-from eol_ros.core.physics.twin.accelerometer import MG, Accelerometers
+from eol_ros.core.physics.twin.accelerometer import LIS3DH, MG, Accelerometers, Sensing
 from eol_ros.core.physics.twin.live import SOFT, Coupling
 from eol_ros.core.physics.twin.play import Play
 from eol_ros.core.table import Table
 from eol_ros.settings import TwinSettings
 
 IMAGE_S = 1 / 60
-QUIET = TwinSettings(
-    accelerometer_noise_ug=0, accelerometer_offset_mg=0, rub_mg=0, rim_hits_per_min=0,
-    footstep_mg=0, **SOFT._asdict(),
-)  # fmt: skip
+SETTINGS = TwinSettings(**SOFT._asdict())
+QUIET = Sensing(noise_ug=0, offset_mg=0, rub_mg=0, rim_hits_per_min=0, footstep_mg=0)
 NOBODY = np.zeros(N_BLOCKS, bool)
 
 
-def play(seconds, samples, seed=1, settings=QUIET, sensors=None):
+def play(seconds, samples, seed=1, settings=SETTINGS, sensing=QUIET, sensors=None):
     """Yield begin, table and samples of each image with visitors."""
     coupling = Coupling(*(getattr(settings, name) for name in Coupling._fields))
     play = Play(seed, samples, coupling)
-    table, rim, sensors = play.table, play.rim, sensors or Accelerometers(settings)
+    table, rim, sensors = play.table, play.rim, sensors or Accelerometers(settings, sensing=sensing)
     for _ in range(int(seconds / IMAGE_S)):
         begin_s = play.advance(IMAGE_S)
         moves = bool(rim.velocity.any())
@@ -57,7 +55,11 @@ def test_looking_leaves_the_table_as_it_is():
 @pytest.mark.slow
 def test_same_seed_same_samples():
     one, two, other = (
-        [s for _, _, found in play(6, 16, settings=TwinSettings(seed=seed)) for s in found]
+        [
+            s
+            for _, _, found in play(6, 16, settings=TwinSettings(seed=seed), sensing=LIS3DH)
+            for s in found
+        ]
         for seed in (1, 1, 2)
     )
     assert len(one) > 50
@@ -89,9 +91,10 @@ def forces(table, u):
 def test_samples_are_the_force_on_the_block_by_its_mass(exact):
     """Of inner blocks that slide all through a sample, from the springs between the blocks."""
     lively = Coupling(rotate=False)._asdict()  # inner blocks slide; the oracle rotates none
-    settings = dataclasses.replace(QUIET, platform_kg=1000, **lively)  # others' knocks: 0.06 mg
+    settings = dataclasses.replace(SETTINGS, **lively)
+    sensing = QUIET._replace(platform_kg=1000)  # others' knocks: 0.06 mg
     inner, errors = [6, 7, 8, 11, 12, 13, 16, 17, 18], []
-    for begin_s, table, found in play(12, 128, settings=settings):
+    for begin_s, table, found in play(12, 128, settings=settings, sensing=sensing):
         trace = table.trace
         for s in found if trace is not None else ():
             if s.block not in inner or s.block in trace.event_block:
@@ -168,7 +171,7 @@ def test_a_slip_begins_and_ends_with_a_shock(exact):
 
 @pytest.mark.slow
 def test_others_feel_a_slip_by_the_ratio_of_the_masses(exact):
-    sensors = Accelerometers(QUIET, always=True)
+    sensors = Accelerometers(SETTINGS, always=True, sensing=QUIET)
     felt = []
     for begin_s, table, found in play(3, 64, sensors=sensors):
         if table.trace is None or not len(table.trace.event_t):
@@ -202,8 +205,8 @@ def test_at_rest_nothing_is_sampled_and_noise_and_offset_are_those_of_the_part()
 
 
 def test_hands_on_the_rim_knock_more_where_they_are(exact):
-    settings = dataclasses.replace(QUIET, rim_hits_per_min=600, rim_hit_mg=50)
-    sensors = Accelerometers(settings)
+    hands = QUIET._replace(rim_hits_per_min=600, rim_hit_mg=50)
+    sensors = Accelerometers(SETTINGS, sensing=hands)
     peaks = [
         (s.block, np.abs(s.xy).max())
         for k in range(600)
@@ -218,8 +221,8 @@ def test_hands_on_the_rim_knock_more_where_they_are(exact):
 
 
 def test_a_sleeping_block_wakes_by_what_is_strong_enough():
-    settings = dataclasses.replace(QUIET, seed=3)
-    sensors = Accelerometers(settings)
+    settings = dataclasses.replace(SETTINGS, seed=3)
+    sensors = Accelerometers(settings, sensing=QUIET)
     sensors.asleep[:] = True
     woken = {}
     for _, _, found in play(4, 16, seed=3, sensors=sensors):
@@ -231,7 +234,8 @@ def test_a_sleeping_block_wakes_by_what_is_strong_enough():
 
 
 def test_what_goes_beyond_the_range_is_cut_off():
-    sensors = Accelerometers(dataclasses.replace(QUIET, rim_hits_per_min=600, rim_hit_mg=2000))
+    hands = QUIET._replace(rim_hits_per_min=600, rim_hit_mg=2000)
+    sensors = Accelerometers(SETTINGS, sensing=hands)
     xy = np.concatenate([
         s.xy
         for k in range(60)
@@ -245,9 +249,9 @@ def test_what_goes_beyond_the_range_is_cut_off():
     'table', [Table(rows=3, columns=4), Table(absent=(6, 7, 8, 11, 12, 13, 16, 17, 18))]
 )
 def test_only_blocks_that_there_are_have_sensors(table):
-    loud = dataclasses.replace(QUIET, rim_hits_per_min=6000, rim_hit_mg=200)
+    loud = QUIET._replace(rim_hits_per_min=6000, rim_hit_mg=200)
     for always in (False, True):
-        sensors = Accelerometers(loud, always, table)
+        sensors = Accelerometers(SETTINGS, always, table, loud)
         keep = np.zeros(table.cells, bool)
         found = set()
         for k in range(20):

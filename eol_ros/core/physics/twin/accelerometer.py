@@ -41,6 +41,29 @@ SILENT_MG = 0.05  # where all rings less, nothing does
 NEAR_S = 5e-4  # acceleration before and after an event is taken over at least this
 
 
+class Sensing(NamedTuple):
+    """The sensors (LIS3DH in normal mode, ST DocID17530 rev 2, tables 4 and 31), and what they feel
+    besides their block. What is marked with ? is a guess.
+    """
+
+    rate_hz: float = 1344.0
+    noise_ug: float = 220.0  # density, for the square root of 1 Hz
+    offset_mg: float = 40.0  # standard deviation of the zero-g level
+    clock: float = 0.02  # ? relative standard deviation of the rate
+    wake_hz: float = 100.0  # rate while a block sleeps
+    wake_mg: float = 32.0  # wakes a block, in steps of 16 mg (INT1_THS at 2 g)
+    platform_kg: float = 40.0  # 140 x 140 x 3 cm of plywood
+    platform_hz: float = 60.0  # ? its resonance
+    grit_hz: float = 250.0  # ? at which a block that has stopped rings on the grit
+    rub_mg: float = 20.0  # ? RMS of a block that slides at RUB_MPS
+    rim_hits_per_min: float = 2.0  # ? of hands, while they move the rim
+    rim_hit_mg: float = 10.0  # median: 0.1 N s, a tenth of it by the casters, on 40 kg at 60 Hz
+    footstep_mg: float = 2.0  # ? median; STEPS_HZ of them
+
+
+LIS3DH = Sensing()
+
+
 class Samples(NamedTuple):
     """Of one block: (n, 2) counts of 1/16 mg, when the first ended, s, from one to the next, s, and
     whether the first is that after a sleep.
@@ -56,27 +79,30 @@ class Samples(NamedTuple):
 class Accelerometers:
     """The sensors of the blocks. Time is that of the table, in s, and must not fall.
 
-    `asleep` (cells,) may be set for a block at rest: it then looks `accelerometer_wake_hz` times a
-    second, coarsely, until it sees `accelerometer_wake_mg`. `always` samples all blocks, even at
-    rest.
+    `asleep` (cells,) may be set for a block at rest: it then looks `wake_hz` times a second,
+    coarsely, until it sees `wake_mg`. `always` samples all blocks, even at rest.
     """
 
     def __init__(
-        self, settings: TwinSettings, always: bool = False, table: Table = Table()
+        self,
+        settings: TwinSettings,
+        always: bool = False,
+        table: Table = Table(),
+        sensing: Sensing = LIS3DH,
     ) -> None:
-        s, cells = settings, table.cells
-        self._settings, self._table = settings, table
-        self._random = random = np.random.default_rng([s.seed, 0x616363])
+        s, cells = sensing, table.cells
+        self.sensing, self._table = sensing, table
+        self._random = random = np.random.default_rng([settings.seed, 0x616363])
         self.always = always
         self.asleep = np.zeros(cells, bool)
         self.woken = np.zeros(cells, bool)  # and has not been sampled since
-        rate = s.accelerometer_hz * (1 + random.normal(0, s.accelerometer_clock, cells))
+        rate = s.rate_hz * (1 + random.normal(0, s.clock, cells))
         self.period_s = 1 / rate
         self._next_s = random.uniform(0, self.period_s)  # when the next sample ends
         self._last_v = np.zeros((cells, 2))
-        self._offset_mg = random.normal(0, s.accelerometer_offset_mg, (cells, 2))
+        self._offset_mg = random.normal(0, s.offset_mg, (cells, 2))
         # white over half the rate
-        self._noise_mg = 1e-3 * s.accelerometer_noise_ug * math.sqrt(s.accelerometer_hz / 2)
+        self._noise_mg = 1e-3 * s.noise_ug * math.sqrt(s.rate_hz / 2)
         grit = 2 * np.pi * s.grit_hz
         self._rates = np.array([
             2 * np.pi * s.platform_hz * (1j - PLATFORM_DAMPING),
@@ -88,8 +114,8 @@ class Accelerometers:
         self._rings = np.zeros((cells, 3, 2), complex)  # of each mode, as it is now, m/s^2
         self._ringing = False
         self._rest = table.rest
-        self._by_platform = s.block_kg / s.platform_kg
-        self._by_spring = s.stiffness / (s.block_kg * grit**2)
+        self._by_platform = settings.block_kg / s.platform_kg
+        self._by_spring = settings.stiffness / (settings.block_kg * grit**2)
         between = table.springs[table.springs[:, 1] >= 0]
         self._beside = np.zeros((cells, cells), bool)
         self._beside[between, between[:, ::-1]] = True
@@ -163,7 +189,7 @@ class Accelerometers:
         mode: np.ndarray,
         size: np.ndarray,
     ) -> list[Samples]:
-        s = self._settings
+        s = self.sensing
         blocks = np.flatnonzero(active)
         # those that were passed over have gone on looking meanwhile
         late = np.maximum(np.ceil((begin_s - self._next_s[blocks]) / self.period_s[blocks]), 0)
@@ -181,8 +207,8 @@ class Accelerometers:
             self.period_s,
             self._last_v,
             self.asleep,
-            1.0 / s.accelerometer_wake_hz,
-            s.accelerometer_wake_mg,
+            1.0 / s.wake_hz,
+            s.wake_mg,
             self._rings,
             self._rates,
             when,
@@ -209,7 +235,7 @@ class Accelerometers:
         self, begin_s: float, end_s: float, trace: Trace | None, rim_moves: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return when after `begin_s`, in which mode and how hard all is struck, m/s^2."""
-        s, random, cells = self._settings, self._random, self._table.cells
+        s, random, cells = self.sensing, self._random, self._table.cells
         found = []
         if trace is not None and len(trace.event_t):
             for t, block, start in zip(
