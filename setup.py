@@ -29,7 +29,6 @@ SCIENCE = ['matplotlib>=3.8', 'mcap-ros2-support>=0.5', 'pyarrow>=14']
 CLUSTER = ['dask>=2024.1', 'distributed>=2024.1']  # sweeps on more than one machine
 MAP = ['umap-learn>=0.5']  # maps of grains by UMAP
 MIDI = ['python-rtmidi>=1.5']
-METRICS = ['prometheus-client>=0.20']
 TLS = ['cryptography>=42']
 KIT = ['schemdraw>=0.19', 'ezdxf>=1.3']  # drawings of docs/build, see `make kit`
 DOCS = ['sphinx>=8', 'furo>=2024.8', 'myst-parser>=4']  # the site, see `make docs`
@@ -76,7 +75,6 @@ TEST = [
     *COLCON,
     *SCIENCE,
     *CLUSTER,
-    *METRICS,
     *TLS,
     *KIT,
     *DOCS,
@@ -132,7 +130,6 @@ setup(
         'ros': ROS,
         'science': SCIENCE,
         'cluster': CLUSTER,
-        'metrics': METRICS,
         'tls': TLS,
         'test': TEST,
         'bench': BENCH,

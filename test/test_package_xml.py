@@ -19,7 +19,6 @@ KEYS = {
     'matplotlib': 'python3-matplotlib',
     'numba': 'python3-numba',
     'numpy': 'python3-numpy',
-    'prometheus_client': 'python3-prometheus-client',
     'rich': 'python3-rich',
     'scipy': 'python3-scipy',
     'serial': 'python3-serial',
@@ -31,7 +30,6 @@ PART_OF = {'_sounddevice': 'sounddevice', 'llvmlite': 'numba', 'mpl_toolkits': '
 WHEELS = {
     'PIL': 'pillow',
     'cv2': 'opencv-python-headless',
-    'prometheus_client': 'prometheus-client',
     'pythonosc': 'python-osc',
     'rtmidi': 'python-rtmidi',
     'serial': 'pyserial',

@@ -25,7 +25,7 @@ from eol_ros.ros.stamps import to_msg
 from eol_ros.said import Said, clauses, code_and_args, said
 from eol_ros.streams import corpus, work_state
 from eol_ros.streams.requests import Asked
-from eol_ros.web import metrics, notices, screens, wire
+from eol_ros.web import notices, screens, wire
 from eol_ros.web.server import WebServer
 
 OUTLINE = 96  # parts of a grain's outline: two pixels each where it is drawn
@@ -84,7 +84,6 @@ class PanelNode(EolNode):
         self.documents['terrain'] = lambda: landscape(self.settings.terrain_seed, *size)
         self.documents['status'] = lambda: wire.text(self.states.nodes()).encode()
         self.server.routes.grain = self.grain
-        self.server.routes.metrics = lambda: metrics.text(self.states.nodes(), self.namespace)
         self.server.start()
         self.health.watches('web', self.server.rounds)
         self.tell('limits', notices.limits(self.scene.network))

@@ -18,7 +18,7 @@ from eol_ros.core.table import Table
 from eol_ros.errors import EolError, UsageError
 from eol_ros.said import LANGUAGES, parts_of, said
 from eol_ros.streams.requests import KINDS, SET, Asked
-from eol_ros.web import guard, metrics, notices, screens, wire
+from eol_ros.web import guard, notices, screens, wire
 from eol_ros.web.connections import VIEWING, Connection, heaviest
 from eol_ros.web.controls import CONTROLS
 from eol_ros.web.hub import Hub, Viewer
@@ -65,7 +65,6 @@ class Routes:
         }
         self.grain: Callable[[int], dict[str, Any] | None] = lambda number: None
         self._grains = Budget(GRAINS_PER_S)
-        self.metrics: Callable[[], bytes] = lambda: metrics.text({}, '')
         self.screens: dict[str, Any] = {}  # by name: corners and edges, kept by the panel
         self.skew_ms = 0.0
         self._flips: dict[str, tuple[int, float]] = {}
@@ -86,7 +85,6 @@ class Routes:
         app.router.add_get('/media/{name:.+}', self._media)
         for name in ('lattice', 'terrain', 'corpus', 'status'):
             app.router.add_get(f'/{name}', self._document(name))
-        app.router.add_get('/metrics', self._metrics)
         app.router.add_get('/grain/{number:[0-9]{1,7}}', self._grain)
         app.router.add_get('/live', self._live)
         app.router.add_post('/pin', self._check_pin)
@@ -143,16 +141,6 @@ class Routes:
             return web.Response(body=body, content_type=kind, headers={'Cache-Control': 'no-store'})
 
         return handler
-
-    async def _metrics(self, request: web.Request) -> web.Response:
-        try:
-            body = await asyncio.to_thread(self.metrics)
-        except EolError as error:
-            return _error(501, str(error))
-        return web.Response(
-            body=body, content_type=metrics.CONTENT_TYPE, charset=metrics.CHARSET,
-            headers={'Cache-Control': 'no-store'},
-        )  # fmt: skip
 
     async def _grain(self, request: web.Request) -> web.Response:
         if not self._grains.take(time.monotonic()):

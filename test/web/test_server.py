@@ -7,7 +7,6 @@ import dataclasses
 import gzip
 import json
 import socket
-import sys
 import time
 import urllib.error
 import urllib.request
@@ -580,50 +579,6 @@ def test_documents_are_handed_out(serve):
 def test_the_documented_routes_are_these():
     document = Path(__file__).parents[2] / 'docs/reference/web.md'
     assert describe() in document.read_text('utf-8')
-
-
-def test_metrics_are_what_prometheus_reads(serve):
-    from prometheus_client.parser import text_string_to_metric_families
-
-    from eol_ros.web import metrics
-
-    states = {
-        'leds': {
-            'level': 'warn', 'rate': 12.5, 'age_s': 0.4, 'text': 'no board',
-            'values': {'sent': 7, 'asleep': True, 'flash_limit': 'on', 'wire_ms': float('nan')},
-        },
-        'twin': {'level': 'silent', 'rate': 0.0, 'age_s': 61.0, 'text': '', 'values': {}},
-    }  # fmt: skip
-    server = serve()
-    server.routes.metrics = lambda: metrics.text(states, 'museum/north')
-    url = f'http://127.0.0.1:{server.port}/metrics'
-    with urllib.request.urlopen(url, timeout=5) as answer:
-        assert answer.headers['Content-Type'] == 'text/plain; charset=utf-8'
-        text = answer.read().decode()
-    found = {
-        (sample.name, sample.labels['node'], sample.labels.get('name')): sample.value
-        for family in text_string_to_metric_families(text)
-        for sample in family.samples
-    }
-
-    assert found == {
-        ('eol_node_level', 'leds', None): 1,
-        ('eol_node_level', 'twin', None): 3,
-        ('eol_node_rate_hertz', 'leds', None): 12.5,
-        ('eol_node_rate_hertz', 'twin', None): 0,
-        ('eol_node_status_age_seconds', 'leds', None): 0.4,
-        ('eol_node_status_age_seconds', 'twin', None): 61,
-        ('eol_node_value', 'leds', 'asleep'): 1,
-        ('eol_node_value', 'leds', 'sent'): 7,
-    }
-    assert 'namespace="museum/north"' in text
-
-
-def test_without_prometheus_client_metrics_say_what_to_install(serve, monkeypatch):
-    monkeypatch.setitem(sys.modules, 'prometheus_client', None)
-    server = serve()
-    status, _, body = ask(server, '/metrics')
-    assert status == 501 and '-m pip install prometheus-client' in body
 
 
 def test_a_grain_has_an_outline_or_is_not_there(serve):
