@@ -63,7 +63,6 @@ GROUPS = {
         'camera': 'focus a camera, set its exposure, see how late its images come',
         'board': 'list the blocks with battery and firmware; find, test and write them',
         'measure': 'measure springs, friction and delay of light of your own table',
-        'speakers': 'list the loudspeakers of a scene, and play noise from each',
         'corpus': 'cut a sound into grains and describe them',
         'covers': 'cut a landscape into the covers of the blocks',
         'compile': 'compile the loops that a first run would wait for',
@@ -79,7 +78,7 @@ GROUPS = {
 VERBS = {verb: text for group in GROUPS.values() for verb, text in group.items()}
 # that go on until they are stopped, or say themselves how far they are
 LASTING = {
-    'run', 'kiosk', 'echo', 'midi', 'replay', 'camera', 'board', 'measure', 'speakers',
+    'run', 'kiosk', 'echo', 'midi', 'replay', 'camera', 'board', 'measure',
     'compile', 'status', 'bench', 'sweep', 'service',
 }  # fmt: skip
 # that decode sounds, images or films

@@ -134,7 +134,6 @@ PLACES = {
     'backup': ('scene.yaml', 'backup X -o out.tar.gz'),
     'restore': ('backup.tar.gz', 'restore X there --force'),
     'notify': ('scene.yaml', 'notify X'),
-    'speakers': ('scene.yaml', 'speakers X'),
     'service': ('scene.yaml', 'service install X -o out'),
     'midi': ('scene.yaml', 'midi learn sound.filter_hz X --for 0.1'),
     'camera scene': ('scene.yaml', 'camera focus --scene X --device none'),
@@ -312,7 +311,7 @@ def test_a_hostile_file_ends_in_one_line(good, bounded, tmp_path, monkeypatch, c
 
 
 ONCE = {  # places that are read once, from front to back
-    'check', 'restore', 'notify', 'speakers', 'camera scene', 'keys', 'certificate',
+    'check', 'restore', 'notify', 'camera scene', 'keys', 'certificate',
     'report measured', 'render list', 'render scene', 'points', 'lens', 'calibrate scene',
     'corpus import', 'heights', 'covers scene', 'stamps', 'calibration', 'track scene', 'simulate',
     'sweep',

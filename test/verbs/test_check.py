@@ -338,6 +338,24 @@ def test_the_certificate_of_the_panel(check, tmp_path):
     assert 'is valid for 12 days more' in check(panel % ', certificate: panel.pem')[2]
 
 
+def test_loudspeakers_that_do_not_fit(check):
+    nodes = """\
+  camera: {}
+  tracker: {}
+  grains: {}
+  sound:
+    sub_output: true
+    channels: %s
+    speakers: [front 0 2, %s, right -120 2 -3]
+"""
+    code, _, words = check(nodes % (3, 'left 0.5 1') + '    sub_low_hz: 70\n')
+    assert code == 78
+    assert 'sound.speakers' in words and 'front stands in that direction already' in words
+    assert 'sound.sub_low_hz: is 70, sub_high_hz is 60' in words
+    code, _, words = check(nodes % (3, 'left 120 1'))
+    assert code == 78 and 'is 3; 3 speakers and one for the sub voice make 4' in words
+
+
 def test_devices_that_are_not_there(check, monkeypatch):
     monkeypatch.setattr('eol_ros.devices.camera.ports.list_cameras', list)
     monkeypatch.setattr('eol_ros.devices.board.ports.list_ports', list)

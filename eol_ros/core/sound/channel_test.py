@@ -18,9 +18,9 @@ PEAK = 0.25  # of the noise, before the master
 PATIENCE_S = 4.0  # where no channel is measured for so long, the output stands still
 
 
-def pink_noise(sample_rate: float, seconds: float = BURST_S) -> np.ndarray:
+def pink_noise(sample_rate: float) -> np.ndarray:
     """Return noise (n,) f4 as loud in each octave, which shows what a loudspeaker lacks."""
-    n = round(seconds * sample_rate)
+    n = round(BURST_S * sample_rate)
     spectrum = np.fft.rfft(np.random.default_rng(1).standard_normal(n))
     hz = np.fft.rfftfreq(n, 1 / sample_rate)
     spectrum *= (hz > 60) / np.sqrt(np.maximum(hz, 60))
