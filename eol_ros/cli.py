@@ -37,7 +37,6 @@ GROUPS = {
         'service': 'start at boot, watched by systemd',
         'notify': 'send a test message to those whom the scene tells of troubles',
         'keys': 'say who may reach the graph from other machines',
-        'certificate': 'let browsers reach the panel over HTTPS',
         'backup': 'keep scene, calibration and what was learnt in one file',
         'restore': 'put back what a backup keeps',
     },

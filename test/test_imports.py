@@ -49,7 +49,6 @@ ALLOWED = {
     'web': BASE | {'aiohttp'},
     'devices/corpus/umap_map.py': {'numpy', 'umap'},
     'devices/audio/midi.py': {'rtmidi'},
-    'web/certificate.py': {'cryptography'},
     'devices/files/sealed_file.py': {'cryptography'},
     'bringup': {'yaml'},
     'scene.py': set(),

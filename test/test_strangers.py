@@ -124,7 +124,6 @@ MADE = [
     'corpus G/sound.wav -o G/corpus.json',
     'calibrate points G/points.csv --size 1280x800 -o G/table.yaml',
     'covers -o G/covers --cells 1',
-    'certificate localhost -o G/panel.pem',
     'backup G/scene.yaml -o G/backup.tar.gz',
 ]
 # Each place of a file: the good file of that kind, and the command. X is the hostile file.
@@ -139,7 +138,6 @@ PLACES = {
     'camera scene': ('scene.yaml', 'camera focus --scene X --device none'),
     'camera film': ('stack.npy', 'camera focus --device X --seconds 0.1'),
     'keys': ('laptop.conf', 'keys join X'),
-    'certificate': ('panel.pem', 'certificate --show X'),
     'preset': ('calm.yaml', 'preset show x'),
     'replay': ('bag.mcap', 'replay X --list'),
     'bag info': ('bag.mcap', 'bag info X'),
@@ -311,7 +309,7 @@ def test_a_hostile_file_ends_in_one_line(good, bounded, tmp_path, monkeypatch, c
 
 
 ONCE = {  # places that are read once, from front to back
-    'check', 'restore', 'notify', 'camera scene', 'keys', 'certificate',
+    'check', 'restore', 'notify', 'camera scene', 'keys',
     'report measured', 'render list', 'render scene', 'points', 'lens', 'calibrate scene',
     'corpus import', 'heights', 'covers scene', 'stamps', 'calibration', 'track scene', 'simulate',
     'sweep',
@@ -383,7 +381,6 @@ VALUES = [
     ('', b'', f'corpus move G/corpus.json {10**22} 0.5 0.5', 78, 'the corpus has grains 0 to 3'),
     ('', b'', 'bag cut G/bag.mcap --topics , -o o.mcap', 2, 'names no topic'),
     ('', b'', 'simulate S1 --sample 1e-9', 2, 'too many samples'),
-    ('', b'', f'certificate {"x" * 5000}', 78, 'is no host name'),
     ('', b'', 'preset show ../../x', 2, 'name the preset by'),
 ]
 

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol check: would the nodes of this scene start?"""
 
-import contextlib
 import dataclasses
-import datetime
 import functools
 import json
 import re
@@ -33,7 +31,6 @@ EXAMPLES = [
     'eol check config/museum.yaml --json',
 ]
 
-CERTIFICATE_DAYS = 30  # valid for less is worth a word
 Check = tuple[str, Callable[[], object]]  # the setting that is meant, and what raises EolError
 
 
@@ -420,7 +417,13 @@ def _warnings(scene: Scene) -> Iterator[str]:
     """Yield what a scene may say, and a person should know before the doors open."""
     yield from network.warnings(scene.network)
     if panel := scene.nodes.get('panel'):
-        yield from _panel_warnings(panel)
+        from eol_ros.web import guard
+
+        if not panel.certificate and not guard.is_loopback(panel.host):
+            yield (
+                'panel: without panel.certificate the PIN can be read on the network, and other '
+                'machines hear no sound: see `HTTPS` in docs/reference/web.md'
+            )
     if montage := scene.nodes.get('montage'):
         from eol_ros.devices.files.media_folder import MediaFolder
 
@@ -436,23 +439,6 @@ def _warnings(scene: Scene) -> Iterator[str]:
                 f'recorder.folder: {there} has {free_gb:.1f} GB free, less than min_free_gb '
                 f'({recorder.min_free_gb:g} GB): nothing would be recorded'
             )
-
-
-def _panel_warnings(panel: Any) -> Iterator[str]:
-    from eol_ros.web import certificate, guard
-
-    if not panel.certificate:
-        if not guard.is_loopback(panel.host):
-            yield (
-                'panel: without panel.certificate the PIN can be read on the network, and other '
-                'machines hear no sound; `eol certificate` makes one'
-            )
-        return
-    with contextlib.suppress(EolError):  # cannot be read: told already
-        found = certificate.read(panel.certificate)
-        left = certificate.days_left(found, datetime.datetime.now(datetime.timezone.utc))
-        if left < CERTIFICATE_DAYS:
-            yield f'panel.certificate: {panel.certificate} is valid for {left:.0f} days more'
 
 
 def _devices(scene: Scene) -> Iterator[Check]:

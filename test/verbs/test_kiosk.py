@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol kiosk: with a browser that writes down how it was called, and goes away."""
 
-import datetime
 import http.server
 import socket
 import threading
+from pathlib import Path
 
 import pytest
 from support.waiting import wait_until
@@ -44,11 +44,9 @@ def panel():
 
 
 @pytest.fixture
-def secure_panel(tmp_path):
+def secure_panel():
     """The same over HTTPS, with a certificate that nobody trusts."""
-    path = tmp_path / 'panel.pem'
-    certificate.make(path, ['localhost'], datetime.datetime.now(datetime.timezone.utc))
-    tls = certificate.context(str(path))
+    tls = certificate.context(str(Path(__file__).parents[1] / 'support/localhost.pem'))
     server = http.server.ThreadingHTTPServer(('0.0.0.0', 0), Page)
     server.socket = tls.wrap_socket(server.socket, server_side=True)
     threading.Thread(target=server.serve_forever, daemon=True).start()

@@ -3,18 +3,17 @@
 
 import asyncio
 import contextlib
-import datetime
 import socket
 import ssl
 import statistics
 import threading
 import time
 from collections import deque
+from pathlib import Path
 
 import aiohttp
 import pytest
 
-from eol_ros.web import certificate
 from eol_ros.web.connections import SERVING, VIEWING, WAITING, Connections
 from eol_ros.web.server import SPARE_CONNECTIONS
 
@@ -100,9 +99,8 @@ def test_the_oldest_half_header_goes_first(serve):
         assert held[-1].recv(12) == b'HTTP/1.1 200'
 
 
-def test_handshakes_of_one_address_keep_nobody_out(serve, tmp_path):
-    pem = tmp_path / 'panel.pem'
-    certificate.make(pem, ['localhost'], datetime.datetime.now(datetime.timezone.utc))
+def test_handshakes_of_one_address_keep_nobody_out(serve):
+    pem = Path(__file__).parents[1] / 'support/localhost.pem'
     server = serve(viewers=4, certificate=str(pem))
     tls = ssl.create_default_context(cafile=str(pem))
     for sent in (b'', b'\x16\x03\x01'):
