@@ -63,7 +63,6 @@ GROUPS = {
         'board': 'list the blocks with battery and firmware; find, test and write them',
         'measure': 'measure springs, friction and delay of light of your own table',
         'corpus': 'cut a sound into grains and describe them',
-        'covers': 'cut a landscape into the covers of the blocks',
         'compile': 'compile the loops that a first run would wait for',
     },
     'study': {
@@ -82,7 +81,7 @@ LASTING = {
 }  # fmt: skip
 # that decode sounds, images or films
 DECODING = {
-    'calibrate', 'camera', 'check', 'corpus', 'covers', 'render', 'report', 'track',
+    'calibrate', 'camera', 'check', 'corpus', 'render', 'report', 'track',
 }  # fmt: skip
 
 

@@ -110,7 +110,6 @@ def test_version_names_what_decides_what_a_run_computes(capsys):
     'words, full',
     [
         (['report', SAMPLE, '--csv', 'blocks', '--output'], 'out/blocks.csv'),
-        (['covers', '--output'], 'out/cover-00.stl'),
         (['bundle', 'museum', '--output'], 'out'),
     ],
 )

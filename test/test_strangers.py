@@ -25,6 +25,7 @@ import pytest
 import soundfile
 from support.bag_samples import write_bag
 
+from assets.covers import __main__ as covers
 from eol_ros import cli
 from eol_ros.devices.audio import audio_file
 from eol_ros.errors import ConfigError
@@ -123,7 +124,6 @@ MADE = [
     'simulate S1 --write-scene G/physics.json',
     'corpus G/sound.wav -o G/corpus.json',
     'calibrate points G/points.csv --size 1280x800 -o G/table.yaml',
-    'covers -o G/covers --cells 1',
     'backup G/scene.yaml -o G/backup.tar.gz',
 ]
 # Each place of a file: the good file of that kind, and the command. X is the hostile file.
@@ -169,8 +169,6 @@ PLACES = {
     'corpus move': ('corpus.json', 'corpus move X 1 0.5 0.5'),
     'corpus export': ('corpus.json', 'corpus export X out.json'),
     'corpus import': ('grid.json', 'corpus import G/corpus.json X -o out.json'),
-    'heights': ('image.png', 'covers -o out --cells 1 --heightmap X'),
-    'covers scene': ('scene.yaml', 'covers -o out --cells 1 --scene X'),
     'track': ('stack.npy', 'track X'),
     'stamps': ('stamps.txt', 'track G/stack.npy --stamps X'),
     'calibration': ('table.yaml', 'track G/stack.npy --calibration X'),
@@ -218,7 +216,6 @@ OTHERS = {  # codes of files that are good enough: bags and sounds are read as f
         ('report', CUT, (0,)),
         ('corpus', (*CUT, 'sound'), (0,)),
         ('labels', ('half',), (0,)),
-        ('heights', ('image',), (0,)),
         ('track', ('half zeros', 'huge'), (0,)),
         ('lattice', ('huge',), (0,)),
     )
@@ -236,6 +233,7 @@ def good(tmp_path_factory):
         patched.setenv('EOL_STATE', str(root / 'state'))
         for line in MADE:
             assert cli.main(line.replace('G/', f'{root}/').split()) == 0, line
+    assert cli.run_verb(covers, 'assets.covers', ['-o', f'{root}/covers', '--cells', '1']) == 0
     write_bag(root / 'bag', count=50).close()
     shutil.copy(next((root / 'bag').glob('*.mcap')), root / 'bag.mcap')
     return root
@@ -311,7 +309,7 @@ def test_a_hostile_file_ends_in_one_line(good, bounded, tmp_path, monkeypatch, c
 ONCE = {  # places that are read once, from front to back
     'check', 'restore', 'notify', 'camera scene', 'keys',
     'report measured', 'render list', 'render scene', 'points', 'lens', 'calibrate scene',
-    'corpus import', 'heights', 'covers scene', 'stamps', 'calibration', 'track scene', 'simulate',
+    'corpus import', 'stamps', 'calibration', 'track scene', 'simulate',
     'sweep',
 }  # fmt: skip
 

@@ -9,11 +9,12 @@ from functools import cached_property
 
 import numpy as np
 
+from assets.covers.body import BodyShape, body_mesh
+from assets.covers.mesh import CoverShape, cover_mesh, tile, volume_mm3
 from assets.kit.netlist import Circuit
 from assets.kit.sheet import Sheet
-from eol_ros.core.body import BodyShape, body_mesh
 from eol_ros.core.table import Table
-from eol_ros.core.terrain import CoverShape, cover_mesh, landscape, tile, volume_mm3
+from eol_ros.core.terrain import landscape
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TwinSettings
 
@@ -407,7 +408,7 @@ class Kit:
         lengths = f'{along:g}' if along == across else f'{along:g} (along a row) or {across:g}'
         (_, _), (outside, top) = self.bars()
         rows: list[tuple[str, float, str]] = [
-            ('bodies, covers', count, f'{self.side:g} mm; `eol covers --scene`'),
+            ('bodies, covers', count, f'{self.side:g} mm; `python -m assets.covers --scene`'),
             ('circuits: LEDs, cells, boards', count, self._room()),
             ('springs', springs, f'{natural:g} mm free, {lengths} mm mounted, between hooks'),
             ('- of these between blocks', springs - to_rim, ''),

@@ -20,8 +20,8 @@ from support.paper import RIM_SIDE_M
 from support.relief.films import PSF_PX
 from support.relief.scene import CELLS, GAP_M, Shot
 
+from assets.covers.mesh import CoverShape, cover_mesh
 from assets.relief import surfaces
-from eol_ros.core import terrain
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import DeviceMissing, pip_install
 from eol_ros.verbs.progress import track
@@ -61,10 +61,10 @@ def mitsuba(threads: int = 0) -> Any:
     return mi
 
 
-def cover_light(land: np.ndarray, shape: terrain.CoverShape, samples: int, seed: int) -> np.ndarray:
+def cover_light(land: np.ndarray, shape: CoverShape, samples: int, seed: int) -> np.ndarray:
     """Return the light (n,) that leaves each vertex of surfaces.cover_surface, for a board of 1."""
     mi = mitsuba()
-    solid = terrain.cover_mesh(land, shape).reshape(-1, 3)
+    solid = cover_mesh(land, shape).reshape(-1, 3)
     wall = {
         'type': 'principledthin',
         'base_color': FACE,
@@ -130,7 +130,7 @@ def covers_light(shot: Shot, samples: int) -> np.ndarray:
     return light * LEVEL / light[:, : (CELLS + 1) ** 2].mean()
 
 
-def _looks(land: np.ndarray, shape: terrain.CoverShape) -> tuple[np.ndarray, np.ndarray]:
+def _looks(land: np.ndarray, shape: CoverShape) -> tuple[np.ndarray, np.ndarray]:
     """Return a point (n, 3) in mm just outside each vertex, and the direction (n, 3) to it.
 
     Corners are approached from a little inside of their faces, lest the ray passes them by.

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What stands on the table when covers are as they are printed, as triangles.
 
-Metres in the frame `table`, z up from the sandpaper. A cover is the one of `eol covers`: its roof
-and its sides, the sides cut into rows so that they can hold the light that leaves them.
+Metres in the frame `table`, z up from the sandpaper. A cover is the one of `assets.covers`: roof
+and sides, the sides cut into rows so that they can hold the light that leaves them.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,8 @@ import numpy as np
 from support.paper import COLS, PLATFORM_SIDE_M, RIM_SIDE_M, ROWS, spring_ends
 from support.relief.scene import CELLS, GAP_M, Shot
 
-from eol_ros.core import terrain
+from assets.covers.mesh import CoverShape, tile
+from eol_ros.core.terrain import landscape
 
 SIDE_ROWS = 6  # of triangles from the lower rim to the land
 SAND, STEEL, WOOD, SLEEVE = 0.25, 0.35, 0.12, 0.45  # albedo in the near infrared
@@ -35,11 +36,11 @@ class Mesh:
 
 def covers(shot: Shot) -> np.ndarray:
     """Return the land (25, CELLS + 1, CELLS + 1) of all covers, 0..1 of their relief."""
-    land = terrain.landscape(shot.landscape, cells=CELLS)
-    return np.array([terrain.tile(land, *divmod(i, COLS), CELLS) for i in range(ROWS * COLS)])
+    land = landscape(shot.landscape, cells=CELLS)
+    return np.array([tile(land, *divmod(i, COLS), CELLS) for i in range(ROWS * COLS)])
 
 
-def cover_surface(land: np.ndarray, shape: terrain.CoverShape) -> tuple[np.ndarray, np.ndarray]:
+def cover_surface(land: np.ndarray, shape: CoverShape) -> tuple[np.ndarray, np.ndarray]:
     """Return what is seen of one cover: vertices (n, 3) in mm over its lower rim, faces (m, 3).
 
     First the roof's (CELLS + 1)^2 vertices, row by row, then those of each side (-y, +x, +y, -x),

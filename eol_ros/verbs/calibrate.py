@@ -70,7 +70,8 @@ def add_arguments(parser):
     parser.add_argument(
         '--covers',
         metavar='FOLDER',
-        help='of the STL files of `eol covers`: their relief moves what the camera sees of a block',
+        help='of the STL files of `python -m assets.covers`: their relief moves what the camera '
+        'sees of a block',
     )
     parser.add_argument(
         '--cover-gap',
@@ -211,7 +212,7 @@ def _covers(args):
     if len(files) != cells:
         raise ConfigError(
             f'--covers {args.covers}: has {len(files)} files cover-*.stl, not {cells}; '
-            f'`eol covers --output {args.covers}` makes them'
+            f'`python -m assets.covers --output {args.covers}` makes them'
         )
     meshes = [stl_file.load(file) for file in files]
     return CoverOutlines.of_meshes(meshes, 1e3 * args.cover_gap, args.table.block_side_m)

@@ -6,7 +6,8 @@ import pytest
 import yaml
 from support.relief.land import outlines
 
-from eol_ros.core.terrain import CoverShape, landscape
+from assets.covers.mesh import CoverShape
+from eol_ros.core.terrain import landscape
 from eol_ros.core.vision.background.model import BackgroundModel
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.devices.files import background_file, calibration_file

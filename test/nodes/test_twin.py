@@ -10,8 +10,9 @@ from support.paper import BLOCK_SIDE_M, rest_lattice
 from support.relief.land import outlines
 from support.spinning import Nodes
 
+from assets.covers.mesh import CoverShape
 from eol_ros.core.table import Table
-from eol_ros.core.terrain import CoverShape, landscape
+from eol_ros.core.terrain import landscape
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.devices.board import block

@@ -63,7 +63,7 @@ def test_printed_covers_are_kept_with_the_calibration(tmp_path, capsys):
 
     assert cli.main([*way, '--covers', str(stl)]) == 78
     told = capsys.readouterr().err
-    assert 'has 0 files cover-*.stl, not 25' in told and '`eol covers' in told
+    assert 'has 0 files cover-*.stl, not 25' in told and '`python -m assets.covers' in told
     assert cli.main(['covers', '--output', str(stl), '--cells', '12', '--relief', '30']) == 0
     assert cli.main([*way, '--covers', str(stl), '--cover-gap', '0.002']) == 0
     covers = calibration_file.load(out).covers

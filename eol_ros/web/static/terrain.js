@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The landscape of the covers as a picture: the same heights that `eol covers` prints.
+// The landscape of the covers as a picture: the same heights that `assets.covers` prints.
 
 import { COLUMNS, ROWS } from './lattice.js';
 

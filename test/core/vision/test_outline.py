@@ -10,7 +10,8 @@ import pytest
 from support.paper import BLOCK_SIDE_M, BODY_HEIGHT_M, rest_lattice
 from support.relief.land import outlines
 
-from eol_ros.core.terrain import CoverShape, cover_mesh, landscape, tile
+from assets.covers.mesh import CoverShape, cover_mesh, tile
+from eol_ros.core.terrain import landscape
 from eol_ros.core.vision import outline
 from eol_ros.core.vision.appearance.squares import SQUARE
 from eol_ros.core.vision.calibration.calibrate import raise_plane

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from eol_ros.core.terrain import CoverShape, tile
+from assets.covers.mesh import CoverShape, tile
 from eol_ros.core.vision.calibration.covers import CoverOutlines, _resampled
 
 

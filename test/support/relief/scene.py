@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from eol_ros.core import terrain
+from assets.covers.mesh import CoverShape
 from eol_ros.core.vision.calibration.model import IDEAL_FOCAL_PX, Calibration
 from support.paper import N_BLOCKS, rest_lattice
 
@@ -62,15 +62,15 @@ class Shot:
     name: str
     view: View = View()
     relief_mm: float = 26.0
-    landscape: int = 1  # seed of `eol covers`
+    landscape: int = 1  # seed of the covers
     poses: np.ndarray = field(default_factory=lambda: stirred(0))  # (25, 3) x, y, yaw
     battery: np.ndarray = field(default_factory=lambda: np.ones(N_BLOCKS))
     half: np.ndarray = field(default_factory=lambda: np.ones(N_BLOCKS))  # light of the half at +x
     arms: np.ndarray = field(default_factory=lambda: np.zeros((0, 7)))  # two ends and a radius
 
-    def shape(self) -> terrain.CoverShape:
+    def shape(self) -> CoverShape:
         """Return the sizes of its covers."""
-        return terrain.CoverShape(relief_mm=self.relief_mm)
+        return CoverShape(relief_mm=self.relief_mm)
 
 
 def stirred(seed: int, scatter_m: float = 0.004, yaw_rad: float = 0.05) -> np.ndarray:

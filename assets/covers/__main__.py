@@ -1,22 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""eol covers: the landscape on the blocks, to print."""
+"""Covers and bodies of the blocks, to print: python -m assets.covers --output DIR."""
 
 import json
 import sys
 from typing import Any
 
-from eol_ros import folders
+from assets.covers import mesh
+from assets.covers.body import BodyShape, body_mesh
+from assets.covers.mesh import CoverShape
+from eol_ros import cli, folders
+from eol_ros import scene as scenes
 from eol_ros.cli import within
-from eol_ros.core.terrain import CoverShape
+from eol_ros.core.table import Table
+from eol_ros.core.terrain import landscape
+from eol_ros.devices.files import picture_file
 from eol_ros.verbs.progress import track
 
 HELP = 'Cut one continuous landscape into covers for the blocks, as STL in mm; and the body below.'
 EXAMPLES = [
-    'eol covers --output covers',
-    'eol covers --output covers --seed 7 --relief 40 --wall 2',
-    'eol covers --output covers --scene small      # for the table of that scene',
-    'eol covers --output covers --clearance 0.3   # the lip is too tight for the block',
-    'eol covers --output covers --heightmap island.png --json',
+    'python -m assets.covers --output covers',
+    'python -m assets.covers --output covers --seed 7 --relief 40 --wall 2',
+    'python -m assets.covers --output covers --scene small      # for the table of that scene',
+    'python -m assets.covers --output covers --clearance 0.3   # the lip is too tight',
+    'python -m assets.covers --output covers --heightmap island.png --json',
 ]
 SIZES = CoverShape(lip_mm=6.0)
 
@@ -50,12 +56,6 @@ def add_arguments(parser):
 
 def run(args):
     """Write the covers and an image of the whole; name them on stdout."""
-    from eol_ros import scene as scenes
-    from eol_ros.core import terrain
-    from eol_ros.core.body import BodyShape, body_mesh
-    from eol_ros.core.table import Table
-    from eol_ros.devices.files import picture_file, stl_file
-
     table = Table.of(scenes.load(args.scene).table) if args.scene else Table()
     shape = CoverShape(
         1e3 * table.block_side_m,
@@ -72,34 +72,34 @@ def run(args):
         below.check()
     out = folders.made(args.output, '--output')
     if args.heightmap:
-        heights = terrain.fit(
+        heights = mesh.fit(
             picture_file.load_grey(args.heightmap), table.rows, table.columns, args.cells
         )
     else:
-        heights = terrain.landscape(args.seed, table.rows, table.columns, args.cells)
+        heights = landscape(args.seed, table.rows, table.columns, args.cells)
     covers: list[dict[str, Any]] = []
     digits = max(2, len(str(table.cells - 1)))  # names in order of the ids
     for block in track(range(table.cells), 'covers'):
         row, col = divmod(block, table.columns)
-        mesh = terrain.cover_mesh(terrain.tile(heights, row, col, args.cells), shape)
+        cover = mesh.cover_mesh(mesh.tile(heights, row, col, args.cells), shape)
         path = out / f'cover-{block:0{digits}d}.stl'
-        stl_file.save(path, mesh, f'Echoes of the Land, row {row}, column {col}')
+        mesh.save(path, cover, f'Echoes of the Land, row {row}, column {col}')
         covers.append(
             {
                 'file': str(path),
                 'row': row,
                 'column': col,
-                'facets': len(mesh),
-                'plastic_cm3': round(terrain.volume_mm3(mesh) / 1e3, 2),
+                'facets': len(cover),
+                'plastic_cm3': round(mesh.volume_mm3(cover) / 1e3, 2),
             }
         )
     body = out / 'body.stl'
     if shape.lip_mm:
-        stl_file.save(body, body_mesh(below), f'Echoes of the Land, body of {table.count} blocks')
+        mesh.save(body, body_mesh(below), f'Echoes of the Land, body of {table.count} blocks')
     else:
         body.unlink(missing_ok=True)
     picture = out / 'covers.png'
-    picture_file.save(picture, terrain.hillshade(heights))
+    picture_file.save(picture, mesh.hillshade(heights))
     if args.json:
         told = {'picture': str(picture), 'covers': covers}
         print(json.dumps(told | ({'body': str(body)} if shape.lip_mm else {}), indent=2))
@@ -114,3 +114,7 @@ def run(args):
     gap = f' --cover-gap {1e-3 * below.height_mm:g}' if shape.lip_mm else ''
     print(f'the camera must know them: eol calibrate ... --covers {out}{gap}', file=sys.stderr)
     return 0
+
+
+if __name__ == '__main__':
+    sys.exit(cli.run_verb(sys.modules[__name__], 'assets.covers', sys.argv[1:]))

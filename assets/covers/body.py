@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eol_ros.core.terrain import CoverShape
+from assets.covers.mesh import CoverShape
 from eol_ros.errors import UsageError
 from eol_ros.settings import TableSettings
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""eol covers: files as a slicer reads them."""
+"""python -m assets.covers: files as a slicer reads them."""
 
 import json
 from pathlib import Path
@@ -8,10 +8,15 @@ import cv2
 import numpy as np
 import pytest
 
-from eol_ros.cli import main
+from assets.covers import __main__ as covers
+from eol_ros.cli import run_verb
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.devices.files import stl_file
 from eol_ros.errors import ConfigError
+
+
+def main(words):
+    return run_verb(covers, 'assets.covers', words)
 
 
 def scene(folder, **table):
@@ -22,7 +27,7 @@ def scene(folder, **table):
 
 def test_body_and_covers_are_those_of_the_scene(tmp_path, capsys):
     path = scene(tmp_path, rows=3, columns=3, block_side_m=0.06, body_height_m=0.04, absent=[4])
-    assert main(['covers', '--output', str(tmp_path), '--cells=2', '--scene', path, '--json']) == 0
+    assert main(['--output', str(tmp_path), '--cells=2', '--scene', path, '--json']) == 0
     listed = json.loads(capsys.readouterr().out)
     assert len(listed['covers']) == 9  # one for each place, as `eol calibrate` reads them
     body = stl_file.load(listed['body']).reshape(-1, 3)
@@ -31,7 +36,7 @@ def test_body_and_covers_are_those_of_the_scene(tmp_path, capsys):
 
 def test_writes_watertight_covers_that_fit(tmp_path, capsys):
     trimesh = pytest.importorskip('trimesh')
-    assert main(['covers', '--output', str(tmp_path), '--cells', '10', '--json']) == 0
+    assert main(['--output', str(tmp_path), '--cells', '10', '--json']) == 0
     told = capsys.readouterr()
     listed = json.loads(told.out)
     assert f'eol calibrate ... --covers {tmp_path} --cover-gap 0.034' in told.err
@@ -60,7 +65,7 @@ def test_a_height_map_of_ones_own_and_sizes(tmp_path, capsys):
     out = tmp_path / 'out'
     sizes = ['--cells=4', '--skirt=5', '--relief=30', '--lip=0']
     sizes += ['--scene', scene(tmp_path, rows=2, columns=2, block_side_m=0.06)]
-    assert main(['covers', '--output', str(out), '--heightmap', str(picture), *sizes]) == 0
+    assert main(['--output', str(out), '--heightmap', str(picture), *sizes]) == 0
     names = capsys.readouterr().out.split()
     assert [Path(n).name for n in names] == [*(f'cover-0{k}.stl' for k in range(4)), 'covers.png']
     left, right = (stl_file.load(n) for n in names[:2])
@@ -73,7 +78,7 @@ def test_names_of_many_covers_are_in_order_of_their_ids(tmp_path, capsys):
     """`eol calibrate` reads them so, and takes covers of the side of its table only."""
     table = scene(tmp_path, rows=8, columns=13, block_side_m=0.05, platform_m=[3, 3])
     sizes = ['--cells=1', '--lip=0', '--scene', table]
-    assert main(['covers', '--output', str(tmp_path), *sizes]) == 0
+    assert main(['--output', str(tmp_path), *sizes]) == 0
     told = capsys.readouterr()
     names = told.out.split()[:-1]
     assert len(names) == 104 and names == sorted(names)
@@ -99,12 +104,12 @@ def test_names_of_many_covers_are_in_order_of_their_ids(tmp_path, capsys):
     ],
 )
 def test_mistakes_are_one_line(tmp_path, capsys, words, code, says):
-    assert main(['covers', '--output', str(tmp_path / 'o'), *words]) == code
+    assert main(['--output', str(tmp_path / 'o'), *words]) == code
     text = capsys.readouterr().err
     assert says in text and text.count('\n') == 1
 
 
 def test_the_folder_cannot_be_made(tmp_path, capsys):
     (tmp_path / 'file').write_text('')
-    assert main(['covers', '--output', str(tmp_path / 'file')]) == 78
+    assert main(['--output', str(tmp_path / 'file')]) == 78
     assert '--output' in capsys.readouterr().err

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from eol_ros.core.body import BodyShape, body_mesh
-from eol_ros.core.terrain import CoverShape, cover_mesh, volume_mm3
+from assets.covers.body import BodyShape, body_mesh
+from assets.covers.mesh import CoverShape, cover_mesh, volume_mm3
 from eol_ros.errors import UsageError
 
 
