@@ -48,7 +48,6 @@ GROUPS = {
         'echo': 'print the messages of a topic',
         'param': 'list, read and change the settings of a running node',
         'call': 'ask the nodes for something, as the panel does',
-        'preset': 'keep, recall and glide between settings of the sound',
         'midi': 'list MIDI inputs, watch them, learn what controllers do',
     },
     'record': {

@@ -115,7 +115,6 @@ FILES = {
     'stack.npy': npy((2, 400, 640), data=bytes(2 * 400 * 640)),
     'stamps.txt': b'0.0\n0.1\n',
     'start.npy': npy((2, 2), '<i8', bytes(32)),
-    'calm.yaml': b'nodes: {grains: {radius: 0.1}}\n',
     'image.png': png(64, 40, bytes(65 * 40)),
     'grid.json': b'{"cols": 2, "data": {"0": [0, 0]}}',
     'laptop.conf': b'[Interface]\n',
@@ -138,7 +137,6 @@ PLACES = {
     'camera scene': ('scene.yaml', 'camera focus --scene X --device none'),
     'camera film': ('stack.npy', 'camera focus --device X --seconds 0.1'),
     'keys': ('laptop.conf', 'keys join X'),
-    'preset': ('calm.yaml', 'preset show x'),
     'replay': ('bag.mcap', 'replay X --list'),
     'bag info': ('bag.mcap', 'bag info X'),
     'bag index': ('bag.mcap', 'bag info X --index'),
@@ -291,10 +289,6 @@ def test_a_hostile_file_ends_in_one_line(good, bounded, tmp_path, monkeypatch, c
     if place == 'cover':
         shutil.copytree(good / 'covers', 'covers')
         path = tmp_path / name
-    if place == 'preset':
-        monkeypatch.setenv('EOL_STATE', str(tmp_path))
-        path = tmp_path / 'presets' / 'x.yaml'
-        path.parent.mkdir()
     put(path, kind, (good / name).read_bytes())
     words = [{'X': str(path), 'SAMPLE': str(SAMPLE), 'C': 'covers'}.get(w, w) for w in line.split()]
     bounded(SPARE + (2 * path.stat().st_size if path.is_file() and kind != 'huge' else 0))
@@ -314,7 +308,7 @@ ONCE = {  # places that are read once, from front to back
 }  # fmt: skip
 
 
-@pytest.mark.parametrize('place', [p for p in PLACES if p not in ('run', 'preset', 'cover')])
+@pytest.mark.parametrize('place', [p for p in PLACES if p not in ('run', 'cover')])
 def test_a_pipe_is_read_as_its_file_or_refused(good, tmp_path, monkeypatch, capfd, place):
     name, line = PLACES[place]
     monkeypatch.setenv('EOL_CONFIG', str(tmp_path / 'config'))
@@ -379,7 +373,6 @@ VALUES = [
     ('', b'', f'corpus move G/corpus.json {10**22} 0.5 0.5', 78, 'the corpus has grains 0 to 3'),
     ('', b'', 'bag cut G/bag.mcap --topics , -o o.mcap', 2, 'names no topic'),
     ('', b'', 'simulate S1 --sample 1e-9', 2, 'too many samples'),
-    ('', b'', 'preset show ../../x', 2, 'name the preset by'),
 ]
 
 

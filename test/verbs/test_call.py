@@ -81,7 +81,6 @@ def test_where_no_supervisor_runs_the_error_stays(monkeypatch):
         'echo /no/such',
         'param list tracker',
         'call wake',
-        'preset save x',
         'measure friction --stiffness 80',
     ],
 )
