@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages as text, as `ros2 topic echo` and `ros2 topic hz` print them; what is on the graph."""
+"""Messages as text, as `ros2 topic echo` prints them; what is on the graph."""
 
 import contextlib
-import itertools
 import json
 import math
-import statistics
 import time
-from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -78,42 +75,6 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-class Rate:
-    """Rate of arrival over the last `window` messages, in the words of `ros2 topic hz`."""
-
-    def __init__(self, window: int = 10_000):
-        self._at: deque[float] = deque(maxlen=window)
-
-    def tick(self, now_s: float) -> None:
-        """Count a message."""
-        self._at.append(now_s)
-
-    def numbers(self) -> dict[str, float] | None:
-        """Return rate_hz, min_s, max_s, std_s and window, or None for fewer than two messages."""
-        if len(self._at) < 2:
-            return None
-        times = list(self._at)
-        gaps = [b - a for a, b in itertools.pairwise(times)]
-        mean = statistics.fmean(gaps)
-        return {
-            'rate_hz': 1.0 / mean if mean else math.inf,
-            'min_s': min(gaps),
-            'max_s': max(gaps),
-            'std_s': statistics.pstdev(gaps),
-            'window': len(times),
-        }
-
-    def text(self) -> str:
-        """Return the numbers as `ros2 topic hz` prints them."""
-        n = self.numbers()
-        if n is None:
-            return 'no new messages'
-        return (
-            f'average rate: {n["rate_hz"]:.3f}\n\tmin: {n["min_s"]:.3f}s max: {n["max_s"]:.3f}s '
-            f'std dev: {n["std_s"]:.5f}s window: {n["window"]}'
-        )
-
-
 def type_of(node: Node, topic: str) -> str:
     """Return the type of the full name `topic`, from the graph, else from the table of topics.
 
@@ -167,12 +128,10 @@ def listen(node: Node, topic: str, hear: Any, raw: bool = False) -> str:
 
 
 class Absence:
-    """Says that nothing publishes any of `topics`, full names: once, each time that this lasts."""
+    """Says that nothing publishes `topic`, a full name: once, each time that this lasts."""
 
-    def __init__(
-        self, node: Node, topics: Collection[str], clock: Callable[[], float] = time.monotonic
-    ):
-        self._node, self._topics, self._clock = node, topics, clock
+    def __init__(self, node: Node, topic: str, clock: Callable[[], float] = time.monotonic):
+        self._node, self._topic, self._clock = node, topic, clock
         self._since_s = self._looked_s = clock()
         self._told = False
 
@@ -181,14 +140,13 @@ class Absence:
         now_s = self._clock()
         if now_s - self._looked_s >= LOOK_S:
             self._looked_s = now_s
-            if any(self._node.count_publishers(topic) for topic in self._topics):
+            if self._node.count_publishers(self._topic):
                 self._since_s, self._told = now_s, False
         if self._told or now_s - self._since_s <= DISCOVERY_S:
             return ''
         self._told = True
-        what = next(iter(self._topics)) if len(self._topics) == 1 else 'its topics'
         domain = self._node.context.get_domain_id()
-        return f'nothing publishes {what} in domain {domain} now; waiting (Ctrl-C ends it)'
+        return f'nothing publishes {self._topic} in domain {domain} now; waiting (Ctrl-C ends it)'
 
 
 def on_the_graph(node: Node) -> list[dict[str, Any]]:

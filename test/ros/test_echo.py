@@ -5,12 +5,11 @@ import json
 import types
 
 import numpy as np
-import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from eol_msgs.msg import Cascade, SoundMeter, Truth
 
-from eol_ros.ros.echo import DISCOVERY_S, Absence, Rate, plain, to_json, to_yaml
+from eol_ros.ros.echo import DISCOVERY_S, Absence, plain, to_json, to_yaml
 
 
 def test_yaml_is_that_of_ros2_topic_echo():
@@ -47,20 +46,11 @@ def test_json_has_no_nan():
     assert (data['distance'], data['duration']) == (None, None)
 
 
-def test_rate():
-    rate = Rate()
-    assert rate.text() == 'no new messages'
-    for i in range(61):
-        rate.tick(i / 60)
-    assert rate.numbers()['rate_hz'] == pytest.approx(60)
-    assert rate.text().startswith('average rate: 60.000\n\tmin: 0.017s max: 0.017s std dev: 0.000')
-
-
 def test_a_topic_that_nothing_publishes_is_said_once_each_time():
     now, publishers = [100.0], {'/eol/slips': 0}
     context = types.SimpleNamespace(get_domain_id=lambda: 7)
     node = types.SimpleNamespace(count_publishers=publishers.get, context=context)
-    absence = Absence(node, ['/eol/slips'], lambda: now[0])
+    absence = Absence(node, '/eol/slips', lambda: now[0])
 
     def told(seconds):
         lines = []
