@@ -185,7 +185,7 @@ def test_the_snippet_of_the_readme_runs_without_ros(science, outside, bag, tmp_p
 
 
 @pytest.mark.parametrize('words', [
-    'report BAG --output report', 'replay BAG --list', 'lattice --size 8 --events 10 --warmup 0',
+    'report BAG --output report', 'bag info BAG', 'lattice --size 8 --events 10 --warmup 0',
 ])  # fmt: skip
 def test_verbs_that_need_no_ros_work_there(science, outside, bag, tmp_path, words):
     words = [str(bag) if word == 'BAG' else word for word in words.split()]

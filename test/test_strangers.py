@@ -137,7 +137,6 @@ PLACES = {
     'camera scene': ('scene.yaml', 'camera focus --scene X --device none'),
     'camera film': ('stack.npy', 'camera focus --device X --seconds 0.1'),
     'keys': ('laptop.conf', 'keys join X'),
-    'replay': ('bag.mcap', 'replay X --list'),
     'bag info': ('bag.mcap', 'bag info X'),
     'bag index': ('bag.mcap', 'bag info X --index'),
     'bag verify': ('bag.mcap', 'bag verify X'),
@@ -202,7 +201,6 @@ CUT = 'half', 'half zeros', 'huge'
 OTHERS = {  # codes of files that are good enough: bags and sounds are read as far as they go
     (place, kind): codes
     for place, kinds, codes in (
-        ('replay', CUT, (0,)),
         ('bag info', CUT, (0,)),
         ('bag index', CUT, (0,)),
         ('bag verify', CUT, (1,)),

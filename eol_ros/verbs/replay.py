@@ -3,13 +3,12 @@
 
 import contextlib
 import dataclasses
-import json
 import select
 import sys
 from pathlib import Path
 
 from eol_ros.cli import within
-from eol_ros.errors import UsageError, printable
+from eol_ros.errors import UsageError
 from eol_ros.verbs import reach
 
 HELP = 'Play a bag and its time on /clock into the graph. Space pauses, Ctrl-C stops.'
@@ -18,7 +17,6 @@ EXAMPLES = [
     'eol replay bags/rehearsal_2026-11-21_10-00-00 --rate 0.25',
     'eol replay run_0.mcap --only camera/image_raw --loop',
     'eol replay bags --only all --start 120',
-    'eol replay bags --list --json',
     'eol replay bags --namespace north              # whatever namespace it was recorded in',
 ]
 
@@ -49,20 +47,15 @@ def add_arguments(parser):
         help='wait so long for a first reader (default 3)',
     )
     reach.add_arguments(parser)
-    parser.add_argument('--list', action='store_true', help='say what is in the bag and end')
-    parser.add_argument('--json', action='store_true', help='with --list: as one JSON object')
 
 
 def run(args):
-    """Play it, or list it."""
+    """Play it."""
     from eol_ros.devices.bag.reader import BagReader
 
     bag = BagReader(args.bag)
     for line in bag.cut_short:
         print(line, file=sys.stderr)
-    if args.list:
-        _list(bag, args.json)
-        return 0
     if args.start and args.start > bag.duration_s:
         raise UsageError(f'--start {args.start:g}: the bag has {bag.duration_s:.1f} s')
     topics: tuple[str, ...] = ()
@@ -139,19 +132,3 @@ def _keys():
         yield lambda: sys.stdin.read(1) if select.select([sys.stdin], [], [], 0)[0] else ''
     finally:
         termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
-
-
-def _list(bag, as_json: bool) -> None:
-    if as_json:
-        rows = {key: {'type': t.type, 'messages': bag.counts[key]} for key, t in bag.topics.items()}
-        answer = {
-            'bag': str(bag.path), 'start_ns': bag.start_ns, 'duration_s': bag.duration_s,
-            'topics': rows, 'about': bag.about, 'gaps': bag.gaps, 'cut_short': bag.cut_short,
-        }  # fmt: skip
-        print(json.dumps(answer, indent=2))
-        return
-    print(f'{bag.path}  {bag.duration_s:.1f} s')
-    for key, topic in bag.topics.items():
-        print(f'{bag.counts[key]:10}  {key:32} {printable(topic.type)}')
-    for name, value in bag.gaps.items():
-        print(f'{name}: {value}')

@@ -192,8 +192,6 @@ def test_listening_without_a_graph_says_so_once_and_goes_on(start, monkeypatch):
 @pytest.mark.slow
 def test_replay_of_what_is_no_bag(tmp_path, bag):
     (tmp_path / 'note.txt').write_text('not a bag at all')
-    cut = tmp_path / 'cut.mcap'
-    cut.write_bytes((bag / 'run_0.mcap').read_bytes()[:3000])
     for words, code, said in (
         ((str(tmp_path / 'none'),), 69, 'no such bag'),
         ((str(tmp_path / 'note.txt'),), 78, 'not a bag'),
@@ -206,18 +204,6 @@ def test_replay_of_what_is_no_bag(tmp_path, bag):
         assert (got, out) == (code, ''), err
         assert said in err
         assert err.count('\n') == 1
-    got, _, err = end(eol('replay', str(cut), '--list'))
-    assert got == 0
-    assert 'cut.mcap has no end: ' in err
-
-
-@pytest.mark.slow
-def test_the_list_of_a_bag(bag):
-    code, out, _ = end(eol('replay', str(bag), '--list', '--json'))
-    answer = json.loads(out)
-    assert code == 0
-    assert answer['topics']['/eol/slips'] == {'type': 'eol_msgs/msg/Slip', 'messages': 300}
-    assert answer['duration_s'] == pytest.approx(2.99)
 
 
 @pytest.mark.slow
