@@ -23,7 +23,6 @@ EXAMPLES = [
     'sudo .venv/bin/eol service install museum --user museum --log-in',
     'eol service install museum --user museum --output units   # only write them, to look at',
     'sudo .venv/bin/eol service install show.yaml --machine audio   # its part of the scene',
-    'eol service status',
     'sudo .venv/bin/eol service remove',
 ]
 WORK, WALLS = 'eol.service', 'eol-walls.service'
@@ -155,8 +154,6 @@ def add_arguments(parser):
         'one)',
     )
     install.set_defaults(does=_install)
-    status = commands.add_parser('status', help='what systemd says of the work and the walls')
-    status.set_defaults(does=_status)
     remove = commands.add_parser('remove', help='stop it, and start it at boot no more')
     remove.set_defaults(does=_remove)
 
@@ -290,7 +287,7 @@ def _install(args) -> int:
     if WALLS_PATH in files:
         _systemctl('--global', 'enable', WALLS)
     _systemctl('enable', '--now', WORK)
-    print(f'{scene.name} runs, and starts at boot: `eol service status`', file=sys.stderr)
+    print(f'{scene.name} runs, and starts at boot: `systemctl status eol`', file=sys.stderr)
     return 0
 
 
@@ -300,15 +297,6 @@ def _write(files: dict[str, str], root: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         DISK.write(path, text)
         print(path)
-
-
-def _status(args) -> int:
-    """Show what systemd says; exit code as `systemctl status` has it: 0 only while it runs."""
-    command = [_found(), 'status', '--no-pager', '--lines', '5', WORK]
-    code = subprocess.run(command, check=False).returncode
-    if code == 4:
-        raise DeviceMissing(f'{WORK} is not installed: `sudo eol service install museum`')
-    return min(code, 1)
 
 
 def _remove(args) -> int:
