@@ -329,7 +329,7 @@ def _of(one: str, many: str, names: Sequence[str]) -> Said:
 
 
 class Visit:
-    """On the graph from the command line: asks nodes, and reads their parameters."""
+    """On the graph from the command line: asks nodes."""
 
     def __init__(self, session: Any, node: str):
         from eol_ros.ros.topics import PUBLISHER_QOS, QOS
@@ -340,16 +340,7 @@ class Visit:
         graph.create_subscription(RequestResult, RESULTS, self._client.heard, QOS['stream'])
         self._found = _Heeding(graph)
         known = self._publisher.get_subscription_count
-        self.run(lambda: self._found.whole(node, known()), _DISCOVERY_S)
-
-    @property
-    def stopped(self) -> bool:
-        """Whether a signal has come."""
-        return bool(self._session.stopped)
-
-    def run(self, until: Callable[[], bool], seconds: float) -> bool:
-        """Let it work until `until()` holds or the time is over; return whether it held."""
-        return bool(self._session.run(until, seconds))
+        session.run(lambda: self._found.whole(node, known()), _DISCOVERY_S)
 
     def ask(self, asked: Asked) -> Answers:
         """Return what nodes have answered in time; raise DeviceMissing when nobody is there to."""
@@ -358,14 +349,8 @@ class Visit:
         except DeviceMissing as error:
             raise DeviceMissing(f'{error} here (--secure and --lan look further)') from None
         answers = self._client.ask(asked, expected)
-        self.run(lambda: answers.whole, KINDS[asked.kind].within_s)
+        self._session.run(lambda: answers.whole, KINDS[asked.kind].within_s)
         return answers
-
-    def parameters(self, node: str, names: Sequence[str]) -> dict[str, Any] | None:
-        """Return the parameters `names` of a node, None where it does not run."""
-        from eol_ros.ros.parameters import read
-
-        return read(self._session, node, names) if self._found.runs(node) else None
 
 
 @contextmanager

@@ -15,7 +15,6 @@ from pathlib import Path
 
 from eol_ros import folders
 from eol_ros import scene as scenes
-from eol_ros.cli import within
 from eol_ros.errors import EolError, SupervisorSilent
 from eol_ros.ros.run_record import versions
 from eol_ros.scene_secrets import without
@@ -40,9 +39,6 @@ def add_arguments(parser):
         '-o', '--output', metavar='FILE', default=time.strftime('eol-bundle-%Y%m%d-%H%M%S.zip'),
         help='the file to write (default: eol-bundle-DATE.zip here)',
     )  # fmt: skip
-    parser.add_argument(
-        '--domain', type=within(0, 232, int), help='of DDS (default: ROS_DOMAIN_ID, else 0)'
-    )
     parser.add_argument('--namespace', metavar='NAME', help=reach.NAMESPACE_HELP)
 
 

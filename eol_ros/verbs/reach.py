@@ -55,8 +55,7 @@ def status_of(args: argparse.Namespace) -> dict[str, Any]:
     from eol_ros.bringup import status
     from eol_ros.ros import network
 
-    asked = getattr(args, 'domain', None)  # which not all verbs take
-    domain = network.domain() if asked is None else asked
+    domain = network.domain()
     return status.ask(domain, namespace=status.namespace_of(args.namespace, domain))
 
 

@@ -5,7 +5,6 @@ import json
 import time
 
 from eol_ros.bringup import status
-from eol_ros.cli import within
 from eol_ros.errors import EolError
 from eol_ros.verbs import reach
 
@@ -20,9 +19,6 @@ def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('--watch', action='store_true', help='refresh it every second')
     parser.add_argument('--json', action='store_true', help='as one JSON object')
-    parser.add_argument(
-        '--domain', type=within(0, 232, int), help='of DDS (default: ROS_DOMAIN_ID, else 0)'
-    )
     parser.add_argument('--namespace', metavar='NAME', help=reach.NAMESPACE_HELP)
 
 

@@ -169,11 +169,12 @@ def test_a_node_comes_back_after_a_cleaner_has_emptied_tmp(start):
     assert run.comes_back()['text'] == 'at-night'
 
 
-def test_status_of_a_stopped_supervisor(start, capsys):
+def test_status_of_a_stopped_supervisor(start, capsys, monkeypatch):
     run = start()
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(run.domain))
     run.process.send_signal(signal.SIGSTOP)
     pid = run.process.pid
-    code = cli.main(['status', '--domain', str(run.domain)])
+    code = cli.main(['status'])
     words = capsys.readouterr().err
 
     assert code == 1
@@ -187,10 +188,11 @@ def test_status_of_a_stopped_supervisor(start, capsys):
     assert wait_until(run.node)
 
 
-def test_status_where_a_supervisor_neither_answers_nor_stands(capsys):
+def test_status_where_a_supervisor_neither_answers_nor_stands(capsys, monkeypatch):
     domain = next_domain()
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     with status.listen(domain):
-        assert cli.main(['status', '--domain', str(domain)]) == 1
+        assert cli.main(['status']) == 1
         words = capsys.readouterr().err
         assert f'`kill -KILL {os.getpid()}`' in words and words.count('\n') == 1
     with pytest.raises(DeviceMissing, match='no graph runs'):
