@@ -19,24 +19,15 @@ from eol_ros.scene_secrets import without
 HEAD = 'network: lan  # for all\nnodes:\n  panel:\n    host: 0.0.0.0   # open\n    pin: '
 TAIL = '\n    # below the secret\n    port: 0\n'
 SPELLINGS = {
-    'plain': ('zeven7even', 'zeven7even'),
-    'number': ('00427711', '00427711'),
-    'single quotes': ("'it''s 7 o''clock'", "it's 7 o'clock"),
     'hexadecimal': (r'"\x37\x37even\x20keys"', '77even keys'),
     'unicode': (r'"gr\u00fc\u00dfe\U0001F512"', 'grüße🔒'),
-    'umlauts': ('"grüße-öäü"', 'grüße-öäü'),
-    'umlauts, plain': ('grüße-öäü', 'grüße-öäü'),
     'quoted hash': ('\'seven # keys "x"\'', 'seven # keys "x"'),
-    'escaped quote': (r'"say \"friend\" # in"', 'say "friend" # in'),
-    'backslash': (r'"c:\\keys\\seven"', r'c:\keys\seven'),
     'tab': (r'"seven\tkeys"', 'seven\tkeys'),
     'continued': ('"seven\\\n      \\ keys\\\n      -long"', 'seven keys-long'),
     'in two lines': ('"seven\n      keys long"', 'seven keys long'),
     'plain in two lines': ('seven\n      keys long', 'seven keys long'),
     'folded': ('>-\n      seven\n      keys long', 'seven keys long'),
-    'literal': ('|-\n      seven keys long', 'seven keys long'),
     'folded, with a comment': ('>-  # the key\n      seven\n      keys', 'seven keys'),
-    'tagged': ('!!str 00427711', '00427711'),
     'anchored': ('&key "\\x37\\x37even"', '77even'),
 }
 

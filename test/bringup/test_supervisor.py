@@ -290,7 +290,8 @@ def test_what_a_stopped_node_said_it_gives_holds_no_longer(start, monkeypatch):
 
 def test_a_stopped_process_never_goes_on(start, monkeypatch, tmp_path):
     """It would for an instant, and leave half done what its threads begin in it."""
-    monkeypatch.setattr(policy, 'SILENT_S', 0.5)
+    for name, value in (('SILENT_S', 10.0), ('STOPPED_S', 0.5), ('QUIET_S', 0.2), ('LOOK_S', 0.1)):
+        monkeypatch.setattr(policy, name, value)
     went_on = tmp_path / 'went_on'
     script = (
         BEAT
@@ -310,7 +311,7 @@ while True:
     beat(sys.argv[1]); time.sleep(0.1)
 """
     )
-    supervisor, _ = start(process('twin', script))
+    supervisor, lines = start(process('twin', script))
 
     def work():
         all_ok(supervisor)
@@ -319,6 +320,7 @@ while True:
 
     attended(supervisor, work)
     assert not went_on.exists()
+    assert 'twin was stopped: it is started again' in lines
 
 
 def test_nobody_is_to_blame_where_a_camera_is_not_well_or_a_replay_stands(start, monkeypatch):
@@ -397,24 +399,6 @@ def test_a_killed_process_comes_back_alone_with_what_it_kept(start):
 
     attended(supervisor, work)
     assert 'tracker has died (killed by SIGKILL); trying again in 1 s' in lines
-
-
-def test_a_hung_process_is_started_again(start, monkeypatch):
-    for name, value in (('SILENT_S', 10.0), ('STOPPED_S', 0.5), ('QUIET_S', 0.2), ('LOOK_S', 0.1)):
-        monkeypatch.setattr(policy, name, value)
-    supervisor, lines = start(process('twin', STEADY))
-
-    def work():
-        all_ok(supervisor)
-        os.kill(supervisor.children[0].popen.pid, signal.SIGSTOP)
-        wait_until(
-            lambda: (
-                supervisor.children[0].policy.restarts == 1 and supervisor.children[0].policy.beat_s
-            )
-        )
-
-    attended(supervisor, work)
-    assert 'twin was stopped: it is started again' in lines
 
 
 # `last` goes behind all others on one processor; its session's group too, where there is one.

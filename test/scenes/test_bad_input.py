@@ -48,14 +48,6 @@ def test_command_line(words, code, hint):
     assert 'Traceback' not in result.stderr
 
 
-def test_scene_mistakes_start_nothing(tmp_path):
-    result = bringup(scene(tmp_path, '  twin: {fsp: 60}\n  trakcer: {}\n'))
-
-    assert result.returncode == 78
-    assert 'scene.yaml:2:10 error twin.fsp: no such key. Did you mean fps?' in result.stderr
-    assert result.stderr.rstrip().endswith('2 errors. Nothing was started.')
-
-
 def test_a_setting_of_another_node_is_told_whose_it_is(tmp_path):
     result = bringup(scene(tmp_path, '  twin: {}\n  tracker: {tuio: ["a:1"], pairs: x}\n'))
 
@@ -78,48 +70,6 @@ def stopped_by(folder, nodes, *words):
     result = bringup(scene(folder, nodes), '--for', '1', *words, cwd=folder)
     assert 'Traceback' not in result.stderr, result.stderr
     return result.returncode, result.stderr
-
-
-@pytest.mark.parametrize(
-    ('name', 'nodes'),
-    [
-        ('media', '  twin: {}\n  tracker: {}\n  motion: {}\n  montage: {pairs: media}\n'),
-        ('ice.wav', '  twin: {}\n  tracker: {}\n  grains: {sound: ice.wav}\n'),
-        ('film.avi', '  camera: {device: film.avi}\n  tracker: {}\n'),
-        ('run.mcap', '  replay: {bag: run.mcap}\n  tracker: {}\n'),
-    ],
-    ids=['media', 'sound', 'film', 'bag'],
-)
-def test_an_empty_folder_or_a_file_of_another_kind(tmp_path, name, nodes):
-    path = tmp_path / name
-    path.write_text('of another kind') if path.suffix else path.mkdir()
-    code, words = stopped_by(tmp_path, nodes)
-
-    assert code in (69, 78)
-    assert name in words
-
-
-def test_calibration_is_of_a_mirror_that_nobody_mentions(tmp_path):
-    from eol_ros.core.vision.calibration.model import Calibration
-    from eol_ros.devices.files import calibration_file
-
-    path = tmp_path / 'table.yaml'
-    calibration_file.save(path, Calibration.ideal(mirror=True))
-    path.write_text(path.read_text().replace('mirror: true', 'mirror: false'))
-    nodes = '  twin: {}\n  tracker: {calibration: table.yaml}\n'
-    code, words = stopped_by(tmp_path, nodes)
-
-    assert code == 78
-    (line,) = (line for line in words.splitlines() if 'left-handed' in line)
-    assert 'add `mirror: true` to this file' in line
-    assert 'Warning' not in words
-
-    check = subprocess.run(
-        [sys.executable, '-m', 'eol_ros', 'check', scene(tmp_path, nodes)],
-        capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
-    assert check.returncode == 78
-    assert f'{path}:1:1 error tracker.calibration: the homography is left-handed' in check.stderr
 
 
 NOT_RECORDED = 'not recorded: recorder is off in this scene'
