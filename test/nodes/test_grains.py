@@ -19,7 +19,6 @@ from eol_ros.devices.audio import audio_file
 from eol_ros.devices.corpus import corpus_file
 from eol_ros.devices.corpus.corpus_build import build_cached
 from eol_ros.devices.corpus.corpus_file import Options
-from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.nodes.grains import GrainsNode
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
@@ -232,25 +231,6 @@ def test_a_grain_dragged_on_the_panel_is_kept_beside_the_sound(stage, sounds):
     stage.until(lambda: to_json(stage.probe.corpora[-1])['moved'] == [])
     first, last = stage.probe.corpora[0], stage.probe.corpora[-1]
     assert (last.x[7], last.y[7]) == (first.x[7], first.y[7])
-
-
-def test_a_sound_that_goes_and_comes_back(stage, sounds):
-    stage = stage()
-    away = sounds[0].rename(sounds[0].with_suffix('.away'))
-    stage.until(lambda: stage.node.health.level == 1)
-    away.rename(sounds[0])
-    stage.until(lambda: stage.node.health.level == 0)
-    play(stage, range(30))
-    assert stage.probe.triggers
-
-
-def test_a_sound_that_is_not_there_or_none(ros, sounds, tmp_path):
-    for name, error in (('no.wav', DeviceMissing), ('no.json', DeviceMissing)):
-        with pytest.raises(error):
-            GrainsNode(GrainsSettings(sound=str(tmp_path / name)))
-    (tmp_path / 'bad.json').write_text('{}')
-    with pytest.raises(ConfigError):
-        GrainsNode(GrainsSettings(sound=str(tmp_path / 'bad.json')))
 
 
 def test_every_setting_is_live():

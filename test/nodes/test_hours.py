@@ -9,7 +9,7 @@ import zoneinfo
 import pytest
 from support.spinning import Nodes, states_of
 
-from eol_ros.errors import ConfigError, EolError
+from eol_ros.errors import EolError
 from eol_ros.nodes.hours import HoursNode
 from eol_ros.nodes.montage import MontageNode
 from eol_ros.ros.node import EolNode
@@ -119,11 +119,6 @@ def test_a_clock_that_was_never_set_is_told(rig):
             in rig.around.states
         )
     )
-
-
-def test_a_zone_that_does_not_exist(ros):
-    with pytest.raises(ConfigError, match="'Europe/Wien': no such time zone. Did you mean"):
-        HoursNode(HoursSettings('Europe/Wien', HOURS.open))
 
 
 class Asks(EolNode):

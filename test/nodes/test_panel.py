@@ -4,15 +4,13 @@
 import asyncio
 import json
 import struct
-import subprocess
-import sys
 import threading
 import urllib.request
 
 import aiohttp
 import numpy as np
 import pytest
-from eol_msgs.msg import Cascade, Corpus, NodeState, RequestResult, SoundMeter, SoundSamples, Wall
+from eol_msgs.msg import Cascade, NodeState, RequestResult, Wall
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import String
 from support.spinning import Nodes, matched
@@ -151,26 +149,6 @@ def test_streams_run_only_while_somebody_looks(rig, table):
 
 
 @pytest.mark.slow
-def test_sound_and_meter_reach_the_page(rig):
-    async def talk(ws):
-        await ws.send_str('{"wants": ["sound", "meter"]}')
-        for topic in ('sound_samples', 'sound_meter'):
-            await asyncio.to_thread(wait_until, lambda topic=topic: rig.readers(topic))
-        samples = SoundSamples(sample_rate=48000, channels=2, first=96)
-        samples.data.frombytes(np.array([0.5, -0.5] * 64, '<f4').tobytes())
-        meter = SoundMeter(voices=3, peak_dbfs=-6.0, wave_min=[-0.5] * 1024, wave_max=[0.5] * 1024,
-                           spectrum_db=[-60.0] * 128)  # fmt: skip
-        rig.around.gives['sound_samples'].publish(samples)
-        data = await packet(ws, 5)
-        assert list(np.frombuffer(data, '<i2', 4, 24)) == [16383, -16383] * 2
-        rig.around.gives['sound_meter'].publish(meter)
-        data = await packet(ws, 4)
-        assert json.loads(data[16 + 2176 :])['voices'] == 3
-
-    live(rig, talk)
-
-
-@pytest.mark.slow
 def test_a_latecomer_is_told_wall_day_and_health(rig):
     rig.around.gives['wall'].publish(Wall(change=9, left='a.svg', right='b.svg', ahead=['c', 'd']))
     for area in (1, 1, 3):
@@ -220,24 +198,6 @@ def test_a_page_opened_during_a_test_is_told_of_it(rig):
     assert [work.text for work in rig.around.works[-3:]] == ['awake', 'test running', 'awake']
 
 
-@pytest.mark.slow
-def test_a_restart_forgets_no_cascade_of_the_day(rig):
-    for area in (1, 4):
-        cascade = Cascade(area=area, size=area, blocks=range(area), nucleus=area)
-        cascade.onset = to_msg(now_ns())
-        rig.around.gives['cascades'].publish(cascade)
-    wait_until(lambda: sum(rig.panel.day.notice()['areas']) == 2)
-    rig.panel.day.fit()
-    before = rig.panel.day.notice()
-    rig.panel.close()
-    again = PanelNode(PanelSettings(port=0))
-    try:
-        assert again.day.notice() == before
-    finally:
-        again.close()
-        again.destroy_node()
-
-
 def test_a_restart_forgets_no_address_that_gave_the_pin(rig):
     for known in ([], ['192.168.1.9']):
         node = PanelNode(PanelSettings(port=0, host='0.0.0.0', pin='471147'))
@@ -248,19 +208,6 @@ def test_a_restart_forgets_no_address_that_gave_the_pin(rig):
         finally:
             node.close()
             node.destroy_node()
-
-
-@pytest.mark.slow
-def test_the_corpus_is_fetched_whole(rig):
-    corpus = Corpus(name='ice', digest='d', files=['a'], file=[0, 0], start=[0.0, 1.0],
-                    duration=[1.0, 1.0], x=[0.25, 0.5], y=[0.75, 1.0], radius=0.06,
-                    bounds=[-0.6, -0.6, 0.6, 0.6], descriptors=['a', 'b'],
-                    values=[1.0, 2.0, 3.0, 4.0])  # fmt: skip
-    rig.around.gives['corpus'].publish(corpus)
-    wait_until(lambda: 'corpus' in rig.panel.documents)
-    with urllib.request.urlopen(f'{rig.url}/corpus', timeout=30) as answer:
-        data = json.load(answer)
-    assert data['x'] == [0.25, 0.5] and data['values'] == [[1, 3], [2, 4]]
 
 
 @pytest.mark.slow
@@ -301,18 +248,3 @@ def test_what_people_ask_reaches_the_graph(rig):
     push, release = rig.around.rims[0], rig.around.rims[-1]
     assert (push.vx, push.vy, push.yaw_rate) == (0.1, -0.2, 0.3) and 0 < push.hold <= 1
     assert (release.vx, release.vy, release.yaw_rate) == (0.0, 0.0, 0.0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    'setting, code, said',
-    [('port:={port}', 69, '{port} on 127.0.0.1 is taken'), ("host:='0.0.0.0'", 78, 'panel.pin')],
-)
-def test_a_taken_port_and_openness_without_a_pin_are_one_line(rig, setting, code, said):
-    setting, said = (text.format(port=rig.panel.server.port) for text in (setting, said))
-    done = subprocess.run(
-        [sys.executable, '-m', 'eol_ros.nodes.panel', '--ros-args', '-p', setting],
-        capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
-    assert done.returncode == code and said in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1

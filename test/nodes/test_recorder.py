@@ -3,10 +3,6 @@
 
 import importlib.metadata
 import json
-import os
-import signal
-import subprocess
-import sys
 import time
 
 import numpy as np
@@ -78,24 +74,6 @@ def test_the_bag_holds_the_bytes_that_were_published(ros, tmp_path):
     assert pictures == [image.tobytes() for image in images]
     assert json.loads(bag.gaps['lost_before_recorder']) == {}
     assert bag.topics['/eol/blocks'].type == 'eol_msgs/msg/Blocks'
-
-
-@pytest.mark.slow
-def test_grains_that_a_person_plays_are_no_losses_of_the_work(ros, tmp_path):
-    recorder, source = record(tmp_path), Source()
-    by_hand = source.publisher('grain_triggers')
-    rig = Nodes(recorder, source, executor=EventsExecutor)
-    rig.meet()
-    for i in range(12):
-        source.send(source.triggers, GrainTrigger(sequence=i))
-        if i in (6, 9):
-            source.send(by_hand, GrainTrigger(block=255))
-        count = len(source.sent['/eol/grain_triggers'])
-        rig.until(lambda n=count: recorder.recording.received['/eol/grain_triggers'] == n)
-    rig.close()
-    bag = BagReader(tmp_path)
-    assert bag.counts['/eol/grain_triggers'] == 14
-    assert json.loads(bag.gaps['lost_before_recorder']) == {}
 
 
 @pytest.mark.slow
@@ -244,79 +222,6 @@ def test_pictures_are_kept_around_a_slip(ros, tmp_path):
     assert 8 <= len(times) <= 40
     assert min(times) >= slip_ns - 0.21e9
     assert max(times) <= slip_ns + 0.6e9
-
-
-# Receives over a socket that holds less than one image, as a network does that is too slow.
-LOSSY = """<?xml version="1.0" encoding="UTF-8" ?>
-<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
- <transport_descriptors><transport_descriptor>
-  <transport_id>udp</transport_id><type>UDPv4</type><receiveBufferSize>70000</receiveBufferSize>
- </transport_descriptor></transport_descriptors>
- <participant profile_name="lossy" is_default_profile="true"><rtps>
-  <userTransports><transport_id>udp</transport_id></userTransports>
-  <useBuiltinTransports>false</useBuiltinTransports>
- </rtps></participant>
-</profiles>
-"""
-CAMERA = """
-import sys, time
-import numpy as np
-import rclpy
-from eol_ros.ros.images import ImagePublisher
-from eol_ros.ros.node import EolNode
-from eol_ros.ros.stamps import now_ns
-from eol_ros.settings import CameraSettings
-class Camera(EolNode):
-    NAME = 'camera'
-rclpy.init()
-node = Camera(CameraSettings())
-images = ImagePublisher(node, 'camera/image_raw')
-while not images.subscribers():
-    rclpy.spin_once(node, timeout_sec=0.02)
-image = np.zeros((800, 1280), np.uint8)
-for sent in range(300):
-    image[0, :2] = divmod(sent, 256)  # what it is, in itself
-    images.publish(now_ns(), image)
-    time.sleep(0.001)
-print('sent', flush=True)
-sys.stdin.read()
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(300)
-def test_what_dds_lost_on_the_way_is_counted(tmp_path):
-    profile = tmp_path / 'lossy.xml'
-    profile.write_text(LOSSY)
-    env = {**os.environ, 'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}
-    env.pop('FASTDDS_BUILTIN_TRANSPORTS', None)
-    bags = tmp_path / 'bags'
-    words = [sys.executable, '-m', 'eol_ros.nodes.recorder', '--ros-args']
-    words += ['-p', f'folder:={bags}', '-p', 'images:=all', '-p', 'min_free_gb:=0.0']
-    log = tmp_path / 'recorder.log'
-    with log.open('wb') as said:
-        recorder = subprocess.Popen(words, env=env, stderr=said)
-    camera = subprocess.Popen(
-        [sys.executable, '-c', CAMERA], env=env, stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    )
-    assert camera.stdout.readline() == b'sent\n'
-    time.sleep(1.0)
-    recorder.send_signal(signal.SIGTERM)
-    try:  # 300 MB to the disk, beside other tests
-        assert recorder.wait(timeout=60) == 0
-    except subprocess.TimeoutExpired:
-        recorder.send_signal(signal.SIGABRT)  # it says where it stands
-        recorder.wait(timeout=30)
-        pytest.fail(log.read_text(errors='replace')[-4000:])
-    camera.communicate(timeout=30)
-    bag = BagReader(bags)
-    pixels = (m.data[-1024000:] for m in bag.messages(['/eol/camera/image_raw']))
-    came = [256 * data[0] + data[1] for data in pixels]
-    lost = json.loads(bag.gaps['lost_before_recorder']).get('/eol/camera/image_raw', 0)
-    dropped = json.loads(bag.gaps['dropped_in_recorder']).get('/eol/camera/image_raw', 0)
-    assert came == sorted(set(came)) and lost > 0
-    holes = came[-1] - came[0] + 1 - len(came)  # before and behind nothing is known to be lost
-    assert holes <= lost + dropped <= holes + dropped
 
 
 def test_the_recording_of_a_replay_says_of_which_bag(ros, tmp_path):

@@ -14,12 +14,12 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from eol_msgs.msg import Blocks, BlockTap, Corpus, RequestResult, Slip, Wall
 from eol_msgs.msg import Table as TableMessage
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 from support.bag_samples import bag_of
+from support.spinning import Nodes
 from support.waiting import wait_until
 
 from eol_ros.core.table import Table
@@ -101,30 +101,29 @@ def write(folder, messages):
     return sent
 
 
-def play(listener, path, **settings):
-    node = ReplayNode(ReplaySettings(bag=str(path), wait_s=10.0, **settings))
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    executor.add_node(listener)
-    end = time.monotonic() + 20.0
-    while time.monotonic() < end and node.state != 'over':
-        executor.spin_once(timeout_sec=0.01)
-    state, settle = node.state, time.monotonic() + 0.3
-    while time.monotonic() < settle:
-        executor.spin_once(timeout_sec=0.01)
-    node.close()
-    executor.remove_node(node)
-    node.destroy_node()
-    executor.shutdown(timeout_sec=1.0)
-    assert state == 'over'
+@pytest.fixture
+def nodes(ros):
+    with Nodes() as nodes:
+        yield nodes
+
+
+@pytest.fixture
+def listener(nodes):
+    return nodes.add(Listener())
+
+
+def play(nodes, path, **settings):
+    node = nodes.add(ReplayNode(ReplaySettings(bag=str(path), wait_s=10.0, **settings)))
+    nodes.until(lambda: node.state == 'over', 20.0)
+    nodes.run(0.3)
+    nodes.end(node)
     return node
 
 
 @pytest.mark.slow
-def test_the_recorded_bytes_come_at_their_time(ros, bag):
+def test_the_recorded_bytes_come_at_their_time(nodes, listener, bag):
     path, sent = bag
-    listener = Listener()
-    play(listener, path, topics=('blocks', 'slips'), rate=2.0)
+    play(nodes, path, topics=('blocks', 'slips'), rate=2.0)
     assert listener.got == sent
     assert listener.at[-1] - listener.at[0] >= 0.49  # 0.99 s recorded, at twice the speed
     times = [recorded for _, recorded in listener.clock]
@@ -134,52 +133,32 @@ def test_the_recorded_bytes_come_at_their_time(ros, bag):
     assert times[-1] > T0 + 99 * STEP_NS
     going = {t for t in times if T0 < t < T0 + 99 * STEP_NS}
     assert len(going - {T0 + i * STEP_NS for i in range(100)}) > 10  # between the messages too
-    listener.destroy_node()
 
 
 @pytest.mark.slow
-def test_it_has_the_services_of_rosbag2_player(ros, bag):
+def test_it_has_the_services_of_rosbag2_player(ros, nodes, bag):
     from rosbag2_interfaces.srv import GetRate, IsPaused, Pause, Resume, Seek, SetRate
 
-    node = ReplayNode(ReplaySettings(bag=str(bag[0]), wait_s=0.0, loop=True))
-    asking = ros.create_node('asking')
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    executor.add_node(asking)
+    node = nodes.add(ReplayNode(ReplaySettings(bag=str(bag[0]), wait_s=0.0, loop=True)))
+    asking = nodes.add(ros.create_node('asking'))
 
     def call(type_, name, **fields):
         client = asking.create_client(type_, f'/eol/replay/{name}')
         assert client.wait_for_service(20.0)
         future = client.call_async(type_.Request(**fields))
-        executor.spin_until_future_complete(future, 20.0)
+        nodes.until(future.done, 20.0)
         return future.result()
 
-    try:
-        call(Pause, 'pause')
-        assert call(IsPaused, 'is_paused').paused and node.player.paused
-        assert call(SetRate, 'set_rate', rate=2.0).success
-        assert not call(SetRate, 'set_rate', rate=-1.0).success
-        assert call(GetRate, 'get_rate').rate == node.player.rate == 2.0
-        assert node.get_parameter('rate').value == 2.0
-        assert call(Seek, 'seek', time=to_msg(T0 + 50 * STEP_NS)).success
-        assert not call(Seek, 'seek', time=to_msg(T0 + 5000 * STEP_NS)).success
-        call(Resume, 'resume')
-        assert not call(IsPaused, 'is_paused').paused
-    finally:
-        node.close()
-        executor.shutdown(timeout_sec=1.0)
-        node.destroy_node()
-        asking.destroy_node()
-
-
-@pytest.mark.slow
-def test_without_pictures_the_blocks_are_played(ros, bag):
-    path, sent = bag
-    listener = Listener()
-    node = play(listener, path, fast=True, start_s=0.5)
-    assert node.names == ['/eol/blocks']
-    assert listener.got == {'blocks': sent['blocks'][50:], 'slips': []}
-    listener.destroy_node()
+    call(Pause, 'pause')
+    assert call(IsPaused, 'is_paused').paused and node.player.paused
+    assert call(SetRate, 'set_rate', rate=2.0).success
+    assert not call(SetRate, 'set_rate', rate=-1.0).success
+    assert call(GetRate, 'get_rate').rate == node.player.rate == 2.0
+    assert node.get_parameter('rate').value == 2.0
+    assert call(Seek, 'seek', time=to_msg(T0 + 50 * STEP_NS)).success
+    assert not call(Seek, 'seek', time=to_msg(T0 + 5000 * STEP_NS)).success
+    call(Resume, 'resume')
+    assert not call(IsPaused, 'is_paused').paused
 
 
 @pytest.mark.slow
@@ -248,7 +227,7 @@ def test_a_reader_that_does_not_come_back_is_waited_for_once(ros, played_images,
 
 
 @pytest.mark.slow
-def test_a_bag_of_another_namespace_is_played_into_this_one(ros, tmp_path):
+def test_a_bag_of_another_namespace_is_played_into_this_one(nodes, listener, tmp_path):
     names = {'blocks': '/museum/north/blocks', 'slips': '/museum/north/slips', 'else': '/x/blocks'}
     topics = [BagTopic(names['blocks'], **describe('blocks'))]
     topics += [BagTopic(names['slips'], **describe('slips'))]
@@ -261,13 +240,11 @@ def test_a_bag_of_another_namespace_is_played_into_this_one(ros, tmp_path):
         writer.write(names['blocks'], sent[-1], now, now)
         writer.write(names['slips'], bytes(serialize_message(Slip(slip=i))), now, now)
     writer.close()
-    listener = Listener()
-    node = play(listener, tmp_path / 'run', fast=True)
+    node = play(nodes, tmp_path / 'run', fast=True)
     assert node.names == [names['blocks']]
     assert listener.got == {'blocks': sent, 'slips': []}
-    node = play(listener, tmp_path / 'run', fast=True, topics=('slips',))
+    node = play(nodes, tmp_path / 'run', fast=True, topics=('slips',))
     assert len(listener.got['slips']) == 20
-    listener.destroy_node()
 
 
 def ask(kind, node='', values=(), id_='', source='panel'):
@@ -322,10 +299,10 @@ DARK = ('tracker', 'darkness', {'until_ns': 9}, 0.35)
     ],
 )  # fmt: skip
 def test_what_nodes_heeded_is_asked_before_the_images_and_what_people_asked_in_its_time(
-    ros, tmp_path, start_s, ahead
+    nodes, listener, tmp_path, start_s, ahead
 ):
     sent = write(tmp_path / 'run', REQUESTS)
-    listener, order = Listener(), []
+    order = []
 
     def hear(message):
         assert message.source == 'replay' and message.id
@@ -335,32 +312,30 @@ def test_what_nodes_heeded_is_asked_before_the_images_and_what_people_asked_in_i
 
     listener.subscribe('requests', hear)
     listener.subscribe('block_taps', lambda m: order.append('tap'))
-    node = play(listener, tmp_path / 'run', start_s=start_s, rate=0.5)
+    node = play(nodes, tmp_path / 'run', start_s=start_s, rate=0.5)
     assert set(node.names) == {'/eol/blocks', '/eol/block_taps', '/eol/requests'}
     cue = ('leds', 'set', {'look': 'embers'}, 0.0)
     assert order == [*ahead, ('', 'sleep', {}, 0.0), cue, 'tap']
     assert listener.got['blocks'] == sent['blocks'][-3 if not start_s else -2 :]
-    listener.destroy_node()
 
 
 @pytest.mark.slow
-def test_what_was_latched_before_the_start_is_played_before_all_else(ros, tmp_path):
+def test_what_was_latched_before_the_start_is_played_before_all_else(nodes, listener, tmp_path):
     stamped = [('corpus', 0.0, Corpus(name='ice')), ('wall', 0.1, Wall(change=1))]
     stamped += [('corpus', 0.2, Corpus(name='snow')), ('wall', 0.9, Wall(change=2))]
     stamped += [('blocks', 0.05 * i, Blocks(image=i)) for i in range(20)]
     write(tmp_path / 'run', sorted(stamped, key=lambda item: item[1]))
-    listener, heard = Listener(), []
+    heard = []
     listener.subscribe('corpus', lambda m: heard.append(m.name))
     listener.subscribe('wall', lambda m: heard.append(m.change))
     listener.subscribe('blocks', lambda raw: heard.append('block'), raw=True)
     topics = ('blocks', 'corpus', 'wall')
-    play(listener, tmp_path / 'run', topics=topics, start_s=0.5)
+    play(nodes, tmp_path / 'run', topics=topics, start_s=0.5)
     assert sorted(map(str, heard[:2])) == ['1', 'snow']
     assert heard.count('block') == 10 and heard[2:].count(2) == 1 and len(heard) == 13
     heard.clear()
-    play(listener, tmp_path / 'run', topics=('blocks',), start_s=0.5)
+    play(nodes, tmp_path / 'run', topics=('blocks',), start_s=0.5)
     assert heard == ['block'] * 10  # only of what is played
-    listener.destroy_node()
 
 
 @pytest.mark.slow
@@ -375,46 +350,40 @@ def test_all_is_not_what_processes_say_of_themselves(tmp_path, monkeypatch):
     assert asked == [('/eol/blocks',), ('/diagnostics', '/eol/blocks')]
 
 
-def test_two_givers_of_blocks_are_refused(ros, bag):
+def test_two_givers_of_blocks_are_refused(nodes, listener, bag):
     path, _ = bag
-    listener = Listener()
     listener.publisher('blocks')
     with pytest.raises(ConfigError, match='motion publishes blocks, and so would the replay'):
-        play(listener, path)
+        play(nodes, path)
     done = subprocess.run(
         [sys.executable, '-m', 'eol_ros', 'replay', str(path), '--wait', '2'],
         timeout=60, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 78
     assert 'eol replay: motion publishes blocks, and so would the replay' in done.stderr
-    listener.destroy_node()
 
 
-def test_a_bag_of_another_table_is_refused(ros, tmp_path):
+def test_a_bag_of_another_table_is_refused(nodes, listener, tmp_path):
     bag_of(tmp_path / 'run', [('blocks', Blocks(), 0.0)], settings='table: {rows: 3}')
-    listener = Listener()
     row = tables.of(T0, Table(columns=4))
     listener.publisher('table').publish(tables.RECORD.fill(TableMessage(), row))
     told = 'run: its table is not that of the running graph: rows 3, not 5, columns 5, not 4: start'
     with pytest.raises(ConfigError, match=told):
-        play(listener, tmp_path / 'run')
+        play(nodes, tmp_path / 'run')
     assert listener.got['blocks'] == []
-    listener.destroy_node()
 
 
 @pytest.mark.parametrize(
     ('names', 'said'), [(['motion'], 'motion'), ([], 'another program')], ids=['known', 'unknown']
 )
-def test_who_has_no_name_yet_is_another_program(ros, bag, monkeypatch, names, said):
+def test_who_has_no_name_yet_is_another_program(nodes, bag, monkeypatch, names, said):
     """As rmw_fastrtps tells it of a node that it has just met, and of programs without ROS."""
     more = {'qos_profile': QoSProfile(depth=1), 'topic_type_hash': NO_HASH}
     names = ['_NODE_NAME_UNKNOWN_', *names]
     ends = [types.SimpleNamespace(node_name=name, **more) for name in names]
     monkeypatch.setattr(ReplayNode, 'get_publishers_info_by_topic', lambda *_: ends)
-    listener = Listener()
     with pytest.raises(ConfigError, match=f'^{said} publishes blocks, and so would the replay'):
-        play(listener, bag[0])
-    listener.destroy_node()
+        play(nodes, bag[0])
 
 
 def scene_of(*names):

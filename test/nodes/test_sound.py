@@ -362,14 +362,15 @@ def test_late_grains_lead_to_a_latency_that_would_do(graph, tmp_path):
     until(lambda: 'stamp_to_trigger_p99_ms' in node.health.values)
     values = node.health.values
     assert 399 < values['stamp_to_trigger_p50_ms'] <= values['stamp_to_trigger_p99_ms']
-    enough_s = float(re.search(r'latency_s of (0\.\d+) s', node.health.text)[1])
-    assert enough_s > 0.4 + LOOK_AHEAD_S
-
+    found = re.search(r'latency_s of ([\d.]+) s', node.health.text)
+    assert float(found[1]) > 0.4 + LOOK_AHEAD_S
+    for _ in range(WINDOW):  # a busy machine may need more than may be set
+        node.arrivals['latency_s'].add(time.monotonic(), 0.45)
     node.set_parameters([Parameter('latency_max_s', value=0.35)])  # would not do
     node.judge_arrivals()
-    assert node.late and node.settings.latency_s == 0.3
+    assert 'latency_s of 0.452 s' in node.late and node.settings.latency_s == 0.3
     node.set_parameters([Parameter('latency_max_s', value=1.0)])
-    until(lambda: node.settings.latency_s >= enough_s)
+    until(lambda: node.settings.latency_s == 0.452)
     until(lambda: 'are late' not in node.health.text)
 
 
