@@ -65,10 +65,3 @@ def test_onsets_by_the_camera_at_the_start_and_by_the_knock_at_the_stop(graph):
     assert errors['START'] == {'rms': pytest.approx((25 / 2) ** 0.5, abs=0.01), 'count': 2}
     assert errors['knock'] == {'rms': pytest.approx(0.1), 'count': 1}
     assert errors['STOP, felt'] == {'rms': pytest.approx(0.1), 'count': 1}
-
-
-def test_the_picture_is_written(tmp_path):
-    pytest.importorskip('matplotlib')
-    both = {'light': [1.0, 2.0], 'first sample': [15.0, 16.0]}
-    bench.draw(both, {'light': [20.0, 30.0]}, tmp_path / 'new')  # without sound
-    assert (tmp_path / 'new' / 'senses.png').stat().st_size > 1000

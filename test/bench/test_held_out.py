@@ -3,10 +3,7 @@
 
 import json
 
-import pytest
-
 from benchmarks import held_out
-from eol_ros import cli
 
 NOW_NS = 1_800_000_123_456_789_000
 
@@ -42,28 +39,3 @@ def test_a_block_drawn_from_the_time_stands_beside_the_other(capsys):
     )
     assert lines[first + 1] == 'figure 82'
     assert lines[second + 1] == f'figure {2 * drawn}'
-
-
-@pytest.mark.slow
-def test_a_drawn_block_can_be_repeated_by_its_seed(capsys):
-    words = [
-        'bench',
-        'identity',
-        '--hours',
-        '0.002',
-        '--methods',
-        'nearest',
-        '--covers',
-        'textured',
-        '--json',
-    ]
-    assert cli.main([*words, '--seeds-from-time']) == 0
-    out, err = capsys.readouterr()
-    drawn = int(err.split('from ')[1].split()[0])
-    both = json.loads(out)['seeds']
-    assert cli.main([*words, '--seed', str(drawn)]) == 0
-    again = json.loads(capsys.readouterr().out)
-    figures, repeated = both[f'drawn, from {drawn}']['nearest'], again['nearest']
-    for timed in (figures, repeated):
-        timed.pop('us_per_image')
-    assert figures == repeated

@@ -44,22 +44,3 @@ def test_names_are_counted_as_they_are():
     assert score.missed == 3 and score.switches == 2
     assert score.add(3.01, true, index, False)  # 2.01 s without the right name
     assert score.lasting == score.undeclared == 1
-
-
-@pytest.mark.slow
-def test_the_command_adds_seeds_up(capsys):
-    import argparse
-    import json
-
-    parser = argparse.ArgumentParser()
-    identity.add_arguments(parser)
-    line = '--hours 0.0005 --seeds 2 --methods eol_ros --json'
-    assert identity.run(parser.parse_args(line.split())) == 0
-    both = json.loads(capsys.readouterr().out)['eol_ros']
-    alone = [
-        identity.measure(['eol_ros'], 0.0005, 60.0, seed, askew_rad=np.radians(2.9))['eol_ros']
-        for seed in (1, 2)
-    ]
-    for key in ('missed_percent', 'hidden_percent', 'switches_per_hour'):
-        assert both[key] == pytest.approx(np.mean([one[key] for one in alone]))
-    assert both['hours'] == 0.001
