@@ -283,15 +283,6 @@ def test_a_corpus_whose_sound_is_gone(sound, tmp_path):
         corpus_file.load(path)
 
 
-@pytest.mark.parametrize('text', ['', '{', '[]', '{"grains": 1, "files": 2, "version": 1}'])
-def test_what_is_no_corpus(tmp_path, text):
-    (tmp_path / 'c.json').write_text(text)
-    with pytest.raises(ConfigError, match=r'c\.json'):
-        corpus_file.load(tmp_path / 'c.json')
-    with pytest.raises(DeviceMissing, match='make it with: eol corpus'):
-        corpus_file.load(tmp_path / 'no.json')
-
-
 def test_notes_about_the_sound_stay_with_the_corpus(tmp_path):
     wave = ice(1.0, RATE, 4)
     wave[5] = np.nan

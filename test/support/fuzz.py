@@ -8,10 +8,6 @@ a file that is none; whatever else it raises is a fault. Run as a program this m
     python -m support.fuzz scene -runs=1000000
 """
 
-import asyncio
-import atexit
-import functools
-import json
 import os
 import random
 import sys
@@ -19,7 +15,6 @@ import tempfile
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -105,128 +100,6 @@ def _serial(_folder: Path) -> Target:
         assert decoder.feed(seeds[0])
 
     return Target(feed, seeds)
-
-
-def _websocket(_folder: Path) -> Target:
-    """Texts from a page."""
-    from eol_ros.settings import PanelSettings
-    from eol_ros.web.guard import PinGate
-    from eol_ros.web.hub import Hub, Viewer
-    from eol_ros.web.visitor import Visitor
-
-    loop = _loop()
-    wire = SimpleNamespace(
-        write=lambda data: None, get_write_buffer_size=lambda: 0, is_closing=lambda: False
-    )
-    messages = [
-        {'wants': ['blocks', 'image', 'sound']}, {'pace': 0.5}, {'rim': [0.1, -0.2, 0.3]},
-        {'pin': '471147'}, {'ping': 12.5}, {'flipped': ['left', 3, 1234.5]},
-    ]  # fmt: skip
-
-    def feed(data: bytes) -> None:
-        routes = SimpleNamespace(
-            settings=PanelSettings(), pin=PinGate('471147'), hub=Hub(), lattice={},
-            bridge=SimpleNamespace(rim=_sane_rim), flipped=lambda *_: None,
-            pin_state=lambda request, given: 'ok' if given == '471147' else 'wrong',
-        )  # fmt: skip
-        visitor = Visitor(routes, SimpleNamespace(remote='192.0.2.1'))
-        visitor.hello(Viewer(1, wire, loop))
-        assert isinstance(visitor.take(data.decode('utf-8', 'surrogateescape')), str)
-        visitor.leave()
-
-    return Target(feed, [json.dumps(message).encode() for message in messages])
-
-
-@functools.cache
-def _loop() -> asyncio.AbstractEventLoop:
-    loop = asyncio.new_event_loop()
-    atexit.register(loop.close)
-    return loop
-
-
-def _sane_rim(_source: str, velocity: tuple[float, float, float], hold_s: float) -> None:
-    assert all(np.isfinite(velocity)) and np.hypot(*velocity[:2]) < 1 and hold_s < 1
-
-
-def _http(_folder: Path) -> Target:
-    """Requests to the panel, without a network between."""
-    from aiohttp import web
-
-    from eol_ros.settings import PanelSettings
-    from eol_ros.web.connections import Connection, Connections
-    from eol_ros.web.hub import Hub
-    from eol_ros.web.routes import Routes
-    from eol_ros.web.server import logger
-
-    def say(line: str) -> None:
-        if len(line.splitlines()) != 1:
-            faults.append(f'no line: {line!r}')
-
-    loop = _loop()
-    bridge = SimpleNamespace(ask=None, give_up=None, rim=None)
-    routes = Routes(PanelSettings(), Hub(), bridge, lambda text: None)
-    faults: list[str] = []
-    held, log = Connections(8), logger(say)
-    runner = web.AppRunner(routes.application(), access_log=None, logger=log)
-    loop.run_until_complete(runner.setup())
-    loop.set_exception_handler(lambda _loop, context: faults.append(str(context)))
-
-    class Line(asyncio.Transport):
-        """Takes what is answered."""
-
-        def __init__(self) -> None:
-            super().__init__({'peername': ('192.0.2.1', 1)})
-            self.answer, self.closed = b'', False
-
-        def write(self, data) -> None:
-            self.answer += bytes(data)
-
-        def close(self) -> None:
-            self.closed = True
-
-        abort = close
-
-        def is_closing(self) -> bool:
-            return self.closed
-
-        def pause_reading(self) -> None:
-            pass
-
-        resume_reading = pause_reading
-
-        def get_write_buffer_size(self) -> int:
-            return 0
-
-    head = 'HTTP/1.1\r\nHost: localhost\r\n'
-    seeds = [
-        f'GET / {head}\r\n', f'GET /static/panel.js {head}If-None-Match: "x"\r\n\r\n',
-        f'GET /media/..%2f..%2fetc/passwd {head}\r\n', f'GET /status {head}\r\n',
-        f'POST /control/nothing {head}X-Pin: 1\r\nContent-Length: 2\r\n\r\n{{}}',
-        f'POST /control/radius {head}Content-Length: 3\r\n\r\n[1]',
-        f'POST /pin {head}Transfer-Encoding: chunked\r\n\r\n2\r\nab\r\n0\r\n\r\n',
-        f'GET /live {head}Origin: http://localhost\r\n\r\n',
-    ]  # fmt: skip
-
-    async def once(data: bytes) -> bytes:
-        line = Line()
-        handler = Connection(
-            held, '192.0.2.1', runner.server, loop=loop, logger=log, access_log=None
-        )
-        held.add(handler)
-        handler.connection_made(line)
-        handler.data_received(data)
-        for _ in range(12):
-            await asyncio.sleep(0)
-        handler.connection_lost(None)
-        await asyncio.sleep(0)
-        return line.answer
-
-    def feed(data: bytes) -> None:
-        answer = loop.run_until_complete(once(data))
-        assert not faults, faults.pop()
-        assert b' 500 ' not in answer[:30] and b'Traceback' not in answer, answer[:200]
-
-    return Target(feed, [seed.encode() for seed in seeds])
 
 
 def _osc(_folder: Path) -> Target:
@@ -377,8 +250,8 @@ def _cdr(_folder: Path) -> Target:
 
 
 _TARGETS = {
-    'serial': _serial, 'websocket': _websocket, 'http': _http, 'osc': _osc, 'scene': _scene,
-    'corpus': _corpus, 'wav': _wav, 'mcap': _mcap, 'cdr': _cdr,
+    'serial': _serial, 'osc': _osc, 'scene': _scene, 'corpus': _corpus, 'wav': _wav, 'mcap': _mcap,
+    'cdr': _cdr,
 }  # fmt: skip
 
 

@@ -296,23 +296,6 @@ def test_folder_and_film_give_the_same_ids(stack, tmp_path):
     assert np.array_equal(results[0], results[1])
 
 
-@pytest.mark.parametrize(
-    ('make', 'code', 'words'),
-    [
-        (lambda p: None, 69, 'no such file'),
-        (lambda p: np.save(p, np.zeros((3, 80, 80))), 78, 'uint8'),
-        (lambda p: p.write_bytes(b'\x93NUMPY\x01\x00broken'), 78, 'cut short'),
-    ],
-)
-def test_a_bad_file_is_one_line(tmp_path, capsys, make, code, words):
-    path = tmp_path / 'images.npy'
-    make(path)
-    assert cli.main(['track', str(path)]) == code
-    error = capsys.readouterr().err.strip()
-    assert words in error
-    assert len(error.splitlines()) == 1
-
-
 def test_a_film_that_ends_in_the_middle_of_an_image(stack, tmp_path, capsys):
     whole = tmp_path / 'whole.avi'
     film = cv2.VideoWriter(str(whole), cv2.VideoWriter.fourcc(*'MJPG'), 60, (1280, 800), False)
