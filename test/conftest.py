@@ -75,7 +75,7 @@ LIVE = {
 
 
 # Files of one long test: of two processes, the one that came to them last would run on alone.
-LONGEST = ('scenes/test_cold.py', 'test_colcon.py', 'test_packaging.py')
+LONGEST = ('scenes/test_cold.py', 'test_packaging.py')
 
 
 @pytest.hookimpl(tryfirst=True)

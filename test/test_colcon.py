@@ -62,6 +62,7 @@ def test_rosdep_and_bloom_find_both(workspace):
     assert {package.name for package in found.values()} == {'eol_ros', 'eol_msgs'}
 
 
+@pytest.mark.soak
 def test_colcon_builds_both_packages(workspace, environment):
     build = subprocess.run(
         ['colcon', 'build', '--event-handlers', 'console_direct+', '--executor', 'sequential'],

@@ -116,7 +116,7 @@ def test_ros_is_an_extra(wheel):
     assert needs and not any('ros' in line.lower() for line in needs)
 
 
-# From here on: a new environment, filled from PyPI as the documents say.
+# From here on, for `make soak`: a new environment, filled from PyPI as the documents say.
 
 
 @pytest.fixture(scope='module')
@@ -173,6 +173,7 @@ def bag(tmp_path_factory):
     return folder
 
 
+@pytest.mark.soak
 def test_the_snippet_of_the_readme_runs_without_ros(science, outside, bag, tmp_path):
     section = (ROOT / 'README.md').read_text().partition('## Read a bag without ROS')[2]
     script = re.search(r'```python\n(.*?)```', section, re.S).group(1)
@@ -184,6 +185,7 @@ def test_the_snippet_of_the_readme_runs_without_ros(science, outside, bag, tmp_p
     assert said == '10 slips; the longest moved 0.004 m\n'
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize('words', [
     'report BAG --output report', 'bag info BAG', 'lattice --size 8 --events 10 --warmup 0',
 ])  # fmt: skip
@@ -192,6 +194,7 @@ def test_verbs_that_need_no_ros_work_there(science, outside, bag, tmp_path, word
     run(science / 'bin' / 'eol', *words, cwd=tmp_path, environment=outside)
 
 
+@pytest.mark.soak
 def test_the_others_name_the_command_that_helps(science, outside, tmp_path):
     result = subprocess.run(
         [science / 'bin' / 'eol', 'run', 'rehearsal'], cwd=tmp_path, env=outside,
@@ -227,6 +230,7 @@ def installed(science, outside, wheel, messages):
     return science
 
 
+@pytest.mark.soak
 def test_both_wheels_install_with_one_command(installed, outside, tmp_path):
     eol = installed / 'bin' / 'eol'
     checked = json.loads(run(eol, 'check', 'museum', '--json', cwd=tmp_path, environment=outside))
@@ -240,6 +244,7 @@ def test_both_wheels_install_with_one_command(installed, outside, tmp_path):
     assert where.startswith(str(installed))
 
 
+@pytest.mark.soak
 def test_ros2_run_finds_the_nodes_of_the_environment(installed, outside, tmp_path):
     """What `ros2 run` does: the prefix from the ament index, then any executable in lib/eol_ros."""
     script = 'from ament_index_python import get_package_prefix as p; print(p("eol_ros"))'
