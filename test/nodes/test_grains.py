@@ -69,9 +69,14 @@ class Stage(Nodes):
         return self.node.set_parameters_atomically(parameters).successful
 
 
+@pytest.fixture(scope='module')
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp('cache')
+
+
 @pytest.fixture
-def sounds(tmp_path, monkeypatch):
-    monkeypatch.setenv('EOL_CACHE', str(tmp_path / 'cache'))
+def sounds(cache, tmp_path, monkeypatch):
+    monkeypatch.setenv('EOL_CACHE', str(cache))  # the same sounds are described once
     for name, seed in (('floe', 1), ('shelf', 2)):
         audio_file.write(tmp_path / f'{name}.wav', ice(6.0, 16000, seed), 16000, 'PCM_16')
     return tmp_path / 'floe.wav', tmp_path / 'shelf.wav'

@@ -112,8 +112,8 @@ def listener(nodes):
     return nodes.add(Listener())
 
 
-def play(nodes, path, **settings):
-    node = nodes.add(ReplayNode(ReplaySettings(bag=str(path), wait_s=10.0, **settings)))
+def play(nodes, path, wait_s=10.0, **settings):
+    node = nodes.add(ReplayNode(ReplaySettings(bag=str(path), wait_s=wait_s, **settings)))
     nodes.until(lambda: node.state == 'over', 20.0)
     nodes.run(0.3)
     nodes.end(node)
@@ -383,7 +383,7 @@ def test_who_has_no_name_yet_is_another_program(nodes, bag, monkeypatch, names, 
     ends = [types.SimpleNamespace(node_name=name, **more) for name in names]
     monkeypatch.setattr(ReplayNode, 'get_publishers_info_by_topic', lambda *_: ends)
     with pytest.raises(ConfigError, match=f'^{said} publishes blocks, and so would the replay'):
-        play(nodes, bag[0])
+        play(nodes, bag[0], wait_s=0.5)
 
 
 def scene_of(*names):
