@@ -2,6 +2,7 @@
 """The house stands as drawn: who may import what."""
 
 import ast
+import functools
 import itertools
 import re
 import sys
@@ -155,18 +156,18 @@ BELOW = {
 MODULES = sorted(ROOT.rglob('*.py'))
 
 
+@functools.cache
 def imports(path):
-    """Yield (line, dotted name) of every import, at the top and inside functions."""
+    """Return (line, dotted name) of every import, at the top and inside functions."""
+    found = []
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield node.lineno, alias.name
+            found += [(node.lineno, alias.name) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module == 'eol_ros':
+            found += [(node.lineno, f'eol_ros.{alias.name}') for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
-            if node.module == 'eol_ros':
-                for alias in node.names:
-                    yield node.lineno, f'eol_ros.{alias.name}'
-            else:
-                yield node.lineno, node.module
+            found.append((node.lineno, node.module))
+    return found
 
 
 def rule(table, path):
@@ -183,37 +184,38 @@ def name(path):
     return path.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.parametrize('path', MODULES, ids=name)
-def test_outside_imports(path):
-    allowed = rule(ALLOWED, path)
-    if allowed is None:
-        allowed = None if name(path).startswith(('verbs', 'analysis', 'lab')) else set()
-    for line, module in imports(path):
-        top = module.split('.')[0]
-        if top in sys.stdlib_module_names or top == 'eol_ros':
-            continue
-        message = top.endswith('_msgs') or top == 'builtin_interfaces' or top in ROS
-        if message:
-            ours = name(path).split('/')[0]
-            assert ours in ('ros', 'nodes'), f'{name(path)}:{line} imports {module}'
-        elif allowed is not None:
-            assert top in allowed, f'{name(path)}:{line} imports {module}'
+def test_outside_imports():
+    for path in MODULES:
+        allowed = rule(ALLOWED, path)
+        if allowed is None:
+            allowed = None if name(path).startswith(('verbs', 'analysis', 'lab')) else set()
+        for line, module in imports(path):
+            top = module.split('.')[0]
+            if top in sys.stdlib_module_names or top == 'eol_ros':
+                continue
+            message = top.endswith('_msgs') or top == 'builtin_interfaces' or top in ROS
+            if message:
+                ours = name(path).split('/')[0]
+                assert ours in ('ros', 'nodes'), f'{name(path)}:{line} imports {module}'
+            elif allowed is not None:
+                assert top in allowed, f'{name(path)}:{line} imports {module}'
 
 
-@pytest.mark.parametrize('path', MODULES, ids=name)
-def test_inner_imports(path):
-    below = rule(BELOW, path)
-    for line, module in imports(path):
-        if below is not None and module.startswith('eol_ros.'):
-            part = module.split('.')[1]
-            assert part in below, f'{name(path)}:{line} imports {module}'
+def test_inner_imports():
+    for path in MODULES:
+        below = rule(BELOW, path)
+        for line, module in imports(path):
+            if below is not None and module.startswith('eol_ros.'):
+                part = module.split('.')[1]
+                assert part in below, f'{name(path)}:{line} imports {module}'
 
 
-@pytest.mark.parametrize('path', MODULES, ids=name)
-def test_names_and_licence(path):
-    assert not {'utils', 'helpers', 'common', 'misc'} & set(name(path)[:-3].split('/'))
-    lines = path.read_text().splitlines()  # REUSE-IgnoreStart
-    assert lines[0] == '# SPDX-License-Identifier: Apache-2.0'  # REUSE-IgnoreEnd
+def test_names_and_licence():
+    for path in MODULES:
+        parts = set(name(path)[:-3].split('/'))
+        assert not {'utils', 'helpers', 'common', 'misc'} & parts, name(path)
+        lines = path.read_text().splitlines()  # REUSE-IgnoreStart
+        assert lines[0] == '# SPDX-License-Identifier: Apache-2.0', name(path)  # REUSE-IgnoreEnd
 
 
 def test_modules_typed_less_strictly_have_kernels():
@@ -390,15 +392,14 @@ def platform_bits(path):
             yield node.lineno, f'{node.value.id}.{node.attr}'
 
 
-@pytest.mark.parametrize(
-    'path', [path for path in MODULES if name(path).startswith(SAME_BITS)], ids=name
-)
-def test_bits_of_what_is_recomputed_follow_no_processor(path):
-    found = sorted(set(platform_bits(path)))
-    if name(path) in FREE:
-        assert found, f'{name(path)} needs no exception any more'
-    else:
-        assert found == [], 'take core/elementary.py or core/algebra.py'
+def test_bits_of_what_is_recomputed_follow_no_processor():
+    for path in MODULES:
+        if name(path).startswith(SAME_BITS):
+            found = sorted(set(platform_bits(path)))
+            if name(path) in FREE:
+                assert found, f'{name(path)} needs no exception any more'
+            else:
+                assert found == [], f'{name(path)}: take core/elementary.py or core/algebra.py'
 
 
 def test_what_is_started_ends_with_its_parent():

@@ -190,17 +190,12 @@ def test_listening_without_a_graph_says_so_once_and_goes_on(start, monkeypatch):
 
 
 @pytest.mark.slow
-def test_replay_of_what_is_no_bag(tmp_path, bag):
-    (tmp_path / 'note.txt').write_text('not a bag at all')
+def test_a_replay_without_topics_or_behind_its_end_is_refused(bag):
     for words, code, said in (
-        ((str(tmp_path / 'none'),), 69, 'no such bag'),
-        ((str(tmp_path / 'note.txt'),), 78, 'not a bag'),
-        ((str(bag), '--only', 'wal'), 78, 'no topic wal'),
-        ((str(bag), '--rate', '0.001'), 2, '--rate: 0.001 is outside 0.01 to 100'),
-        ((str(bag), '--start', '9'), 2, 'the bag has 3.0 s'),
-        ((str(bag),), 78, 'say which topics to play'),
+        (['--start', '9'], 2, 'the bag has 3.0 s'),
+        ([], 78, 'say which topics to play'),
     ):
-        got, out, err = end(eol('replay', *words))
+        got, out, err = end(eol('replay', str(bag), *words))
         assert (got, out) == (code, ''), err
         assert said in err
         assert err.count('\n') == 1

@@ -156,11 +156,6 @@ def test_what_a_user_may_get_wrong_is_one_line(capsys, tmp_path, corpus, trigger
         ((triggers, '--output', out), 2, 'add --corpus'),
         ((triggers, '--corpus', corpus, '--output', tmp_path / 'x.xyz'), 2, 'names the format'),
         ((triggers, '--corpus', corpus, '--output', tmp_path / 'no' / 'x.wav'), 78, 'No such file'),
-        ((triggers, '--corpus', tmp_path / 'no.json', '--output', out), 69, 'no such corpus'),
-        ((triggers, '--corpus', tmp_path, '--output', out), 78, 'a directory; give the .json that'),
-        ((triggers, '--corpus', triggers, '--output', out), 78, 'give the .json that `eol corpus'),
-        ((tmp_path / 'no.csv', '--corpus', corpus, '--output', out), 69, 'No such file'),
-        ((triggers, '--corpus', corpus, '--output', out, '--seconds', '-1'), 2, '-1 is outside'),
         (
             (bad, '--corpus', corpus, '--output', out),
             78,
