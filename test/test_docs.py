@@ -4,6 +4,7 @@
 import argparse
 import dataclasses
 import difflib
+import functools
 import importlib
 import re
 import subprocess
@@ -47,6 +48,7 @@ def test_the_table_of_nodes_says_what_each_does():
         assert re.match(r'[A-Z][a-z]+s ', says), f'{name}: {says}'
 
 
+@functools.cache
 def anchors(page):
     """The fragments under which GitHub links the titles of a page."""
     titles = re.findall(r'^#+ (.*)', page.read_text(), re.M)
@@ -117,6 +119,7 @@ def test_each_dependency_has_a_line_in_the_decision_records():
         assert re.search(rf'^- .*`{name}`', records, re.M), name
 
 
+@functools.cache
 def options(module):
     """The options of a verb or a benchmark, those of its actions too."""
     parsers = [cli.Parser()]
@@ -255,7 +258,7 @@ def test_public_names_are_made_of_words_of_the_glossary():
     known = set(re.findall(r'[a-z]+', (ROOT / 'docs/reference/glossary.md').read_text().lower()))
     for name in public_names():
         for word in re.findall(r'[a-z]+', name.lower()):
-            near = difflib.get_close_matches(word, known, 1, 0)
             assert {word, word.removesuffix('s')} & known, (
-                f'{name}: {word} is not in docs/reference/glossary.md; is it {near[0]}?'
+                f'{name}: {word} is not in docs/reference/glossary.md; is it '
+                f'{difflib.get_close_matches(word, known, 1, 0)[0]}?'
             )
