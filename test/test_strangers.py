@@ -277,7 +277,13 @@ def said(error):
 
 @pytest.mark.parametrize(
     ('place', 'kind'),
-    [(p, k) for p in PLACES for k in CONTENTS if (p, k) != ('blocks', 'image')],  # that is no harm
+    [
+        (p, k)
+        for p, (name, _) in PLACES.items()
+        for k in CONTENTS
+        if (p, k) != ('blocks', 'image')  # that is no harm
+        and (p == 'check' or name != 'scene.yaml' or k in ('empty', 'half', 'gone', 'folder'))
+    ],  # all commands read scenes by one function, of which `check` meets the rest
 )
 def test_a_hostile_file_ends_in_one_line(good, bounded, tmp_path, monkeypatch, capfd, place, kind):
     name, line = PLACES[place]
