@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from support.automaton_rule import by_the_rule
 from support.paper import rest_lattice
 
 from eol_ros.core.sound.bank import Bank
@@ -25,7 +26,7 @@ from eol_ros.core.sound.offline import render_all
 from eol_ros.core.sound.select import FORGET_S, Selector
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.errors import DeviceMissing
-from eol_ros.lab.automaton.ofc import Automaton, ExactAutomaton
+from eol_ros.lab.automaton.ofc import Automaton
 from eol_ros.settings import GrainsSettings
 
 
@@ -112,17 +113,17 @@ def automaton(count: int = 1500) -> Curve:
     for alpha, sides in ((Fraction(1, 5), (16, 35, 128)), (Fraction(1, 4), (16, 35))):
         for side in sides:
             start = np.random.default_rng(side).integers(0, 10**9, (side, side))
-            exact = ExactAutomaton(start, 10**9, alpha).run(count)
+            exact = by_the_rule(start, 10**9, alpha, count)
             stress = start / 10**9
             ours = Automaton(stress, float(alpha)).run(count, full=True)
             topplings = int(ours.size.sum())
             took = milliseconds(lambda s=stress, a=alpha: Automaton(s, float(a)).run(count), 3)
             label = f'L {side}, {float(alpha):.2f}'
-            differ = (ours.size != exact.size) | (ours.first != exact.first)
+            differ = (ours.size != exact[:, 0]) | (ours.first != exact[:, 3])
             curve.points.append((label, 1e3 * took / topplings, 100 * float(differ.mean())))
             size, first, topplings = baseline.run(stress, float(alpha), count)
             took = milliseconds(lambda s=stress, a=alpha: baseline.run(s, float(a), count), 2)
-            differ = (size != exact.size) | (first != exact.first)
+            differ = (size != exact[:, 0]) | (first != exact[:, 3])
             name = f'C, doubles, rescans, {label}'
             curve.peers.append((name, 1e3 * took / topplings, 100 * float(differ.mean())))
     return curve

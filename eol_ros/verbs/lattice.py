@@ -9,46 +9,35 @@ import time
 
 from eol_ros import folders
 from eol_ros.cli import within
-from eol_ros.disk import check_file
-from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
+from eol_ros.errors import UsageError, writing
 
 HELP = 'run the earthquake automaton and fit the law of its sizes'
 EXAMPLES = [
     'eol lattice --size 64 --alpha 0.2 --events 200000 --warmup 1000000 --json',
-    'eol lattice --size 12 --alpha 1/5 --events 500 --output events.npz',
+    'eol lattice --size 12 --events 500 --output events.npz',
 ]
-DENOMINATOR = 100_000  # of the numerators in a --start file
 LARGEST_FIT = 10_000_000  # the law is summed over every size
 CHUNK = 1 << 15
-EXACT_EVENTS, FIXED_EVENTS = 2000, 1_000_000
-EXACT_CHUNK = 100
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument(
-        '--size', type=within(1, 4096, int), metavar='L', help='sites along a side (64)'
+        '--size', type=within(1, 4096, int), default=64, metavar='L', help='sites along a side (64)'
     )
     parser.add_argument(
-        '--alpha',
-        default='0.2',
-        metavar='A',
-        help='share that each neighbour gets, 0..0.25; written as a fraction (1/5) '
-        'it is taken exactly',
-    )
+        '--alpha', type=within(0, 0.25), default=0.2, metavar='A',
+        help='share that each neighbour gets (0.2)',
+    )  # fmt: skip
     parser.add_argument(
-        '--events', type=within(1, 1e9, int), metavar='N', help='recorded (1000000; exact: 2000)'
-    )
+        '--events', type=within(1, 1e9, int), default=1_000_000, metavar='N',
+        help='events to record (1000000)',
+    )  # fmt: skip
     parser.add_argument(
         '--warmup', type=within(0, 1e12, int), default=0, metavar='W', help='events before that (0)'
     )
     parser.add_argument(
         '--seed', type=within(0, 1e18, int), default=1, metavar='S', help='of the start (1)'
-    )
-    parser.add_argument(
-        '--start',
-        metavar='FILE.npy',
-        help=f'(L, L) whole numbers, stress times {DENOMINATOR}; taken exactly',
     )
     parser.add_argument('--fit', default='', metavar='FROM:TO', help='sizes that tau is fitted on')
     parser.add_argument(
@@ -63,78 +52,30 @@ def run(args: argparse.Namespace) -> int:
 
     from eol_ros.lab.automaton.ofc import Automaton, Events
 
-    lattice, exact = _lattice(args)
-    count = args.events if args.events is not None else (EXACT_EVENTS if exact else FIXED_EVENTS)
     full = bool(args.output)
     if full:
         folders.check_writable(args.output, '--output')
-    fit_range = _fit_range(args.fit, lattice.side)
+    fit_range = _fit_range(args.fit, args.size)
     Automaton(np.zeros((1, 1)), 0.2).run(1, full)  # compiles now, not in the time that is told
-    chunk = EXACT_CHUNK if exact else CHUNK
-    _advance(lattice, args.warmup, chunk, 'warming up', False)
-    parts, seconds = _advance(lattice, count, chunk, 'running', full)
+    lattice = Automaton.random(args.size, args.alpha, args.seed)
+    _advance(lattice, args.warmup, 'warming up', False)
+    parts, seconds = _advance(lattice, args.events, 'running', full)
     events = Events.joined(parts)
     if full:
         _save(args.output, events)
     report = {
         'model': 'ofc',
-        'size': lattice.side,
+        'size': args.size,
         'alpha': args.alpha,
         'seed': args.seed,
         'warmup': args.warmup,
-        'events': count,
-        'arithmetic': lattice.arithmetic,
+        'events': args.events,
         'topplings_per_s': float(events.size.sum() / seconds),
-        'events_per_s': count / seconds,
+        'events_per_s': args.events / seconds,
         **_law(events.size, fit_range),
     }
     print(json.dumps(report) if args.json else _words(report))
     return 0
-
-
-def _lattice(args):
-    """Return the lattice that is asked for, and whether its arithmetic is exact."""
-    from fractions import Fraction
-
-    import numpy as np
-
-    from eol_ros.lab.automaton.ofc import Automaton, ExactAutomaton, check
-
-    size = 64 if args.size is None else args.size
-    try:
-        if len(args.alpha) > 40 or 'e' in args.alpha.lower():  # 1e-999999999 has no end
-            raise ValueError
-        alpha = Fraction(args.alpha)
-    except (ValueError, ZeroDivisionError):
-        raise UsageError(
-            f'--alpha {args.alpha}: write a number like 0.2, or a fraction like 1/5'
-        ) from None
-    numerators = _start(args.start) if args.start else None
-    if numerators is not None and args.size not in (None, len(numerators)):
-        raise UsageError(f'--size {args.size}: {args.start} has {len(numerators)} sites a side')
-    side = len(numerators) if numerators is not None else size
-    check(side, alpha)
-    if numerators is None and '/' in args.alpha:
-        rng = np.random.default_rng(args.seed)
-        numerators = rng.integers(0, DENOMINATOR, (side, side))
-    if numerators is not None:
-        return ExactAutomaton(numerators, DENOMINATOR, alpha), True
-    return Automaton.random(side, float(alpha), args.seed), False
-
-
-def _start(path: str):
-    import numpy as np
-
-    try:
-        check_file(path)
-        numbers = np.load(path, allow_pickle=False)
-    except FileNotFoundError:
-        raise DeviceMissing(f'--start: there is no file {path}') from None
-    except (OSError, ValueError, EOFError, MemoryError) as error:
-        raise ConfigError(f'--start {path}: not a .npy file ({error})') from None
-    if not isinstance(numbers, np.ndarray) or numbers.ndim != 2:
-        raise ConfigError(f'--start {path}: a square of whole numbers is wanted')
-    return numbers
 
 
 def _fit_range(text: str, side: int) -> tuple[int, int]:
@@ -147,13 +88,13 @@ def _fit_range(text: str, side: int) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-def _advance(lattice, count: int, chunk: int, words: str, full: bool):
+def _advance(lattice, count: int, words: str, full: bool):
     """Run `count` events; return them in parts, and the processor seconds of the runs alone."""
     from eol_ros.verbs.progress import track
 
     parts, seconds = [], 0.0
-    steps = [min(chunk, count - begun) for begun in range(0, count, chunk)]
-    for step in track(steps, words) if count > chunk else steps:
+    steps = [min(CHUNK, count - begun) for begun in range(0, count, CHUNK)]
+    for step in track(steps, words) if count > CHUNK else steps:
         began = time.thread_time()
         part = lattice.run(step, full)
         seconds += time.thread_time() - began
@@ -202,9 +143,9 @@ def _save(path: str, events) -> None:
 
 def _words(report: dict) -> str:
     lines = [
-        f'{report["events"]} events on {report["model"]} of size {report["size"]}, '
-        f'{report["arithmetic"]}: {report["topplings_per_s"] / 1e6:.3g} million topplings a '
-        f'second, {report["events_per_s"]:.3g} events a second',
+        f'{report["events"]} events on {report["model"]} of size {report["size"]}: '
+        f'{report["topplings_per_s"] / 1e6:.3g} million topplings a second, '
+        f'{report["events_per_s"]:.3g} events a second',
         f'size: mean {report["mean_size"]:.4g}, greatest {report["max_size"]}',
     ]
     if 'no_fit' in report:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The automaton against its rule written out in fractions, event for event."""
+"""The automaton against its rule in exact arithmetic, event for event."""
 
 from fractions import Fraction
 
@@ -8,63 +8,14 @@ import pytest
 
 from eol_ros.core.science import powerlaw
 from eol_ros.errors import ConfigError
-from eol_ros.lab.automaton.ofc import Automaton, ExactAutomaton
+from eol_ros.lab.automaton.ofc import Automaton
+from support.automaton_rule import by_the_rule
 
 pytestmark = pytest.mark.slow  # numba compiles, unless it has before
 
 
-def by_the_rule(stress, alpha, count):
-    """The rule, line by line, in Fraction. Returns rows of Events, and the stress at the end."""
-    side = len(stress)
-    f = {(i, j): Fraction(stress[i, j]) for i in range(side) for j in range(side)}
-    rows = []
-    for _ in range(count):
-        top = max(f.values())
-        for site in f:
-            f[site] += 1 - top
-        sizes, areas, layers, first = 0, set(), 0, None
-        while layer := [s for s in sorted(f) if f[s] >= 1]:
-            first = layer[0] if first is None else first
-            old = {s: f[s] for s in layer}
-            for s in layer:
-                f[s] = Fraction(0)
-            for (i, j), v in old.items():
-                for near in ((i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)):
-                    if near in f:
-                        f[near] += alpha * v
-            sizes += len(layer)
-            areas |= set(layer)
-            layers += 1
-        rows.append((sizes, len(areas), layers, first[0] * side + first[1]))
-    return np.array(rows), np.array([[f[i, j] for j in range(side)] for i in range(side)])
-
-
 def table(events):
     return np.stack(events, axis=1)
-
-
-@pytest.mark.parametrize(
-    ('side', 'alpha', 'count', 'seed', 'levels'),
-    [
-        (8, Fraction(1, 5), 400, 1, 100_000),
-        (6, Fraction(1, 4), 150, 2, 100_000),
-        (7, Fraction(3, 20), 300, 3, 100_000),
-        (5, Fraction(2, 9), 300, 4, 100_000),
-        (1, Fraction(1, 5), 5, 5, 100_000),
-        (2, Fraction(0), 12, 6, 100_000),
-        (10, Fraction(1, 10), 600, 7, 100_000),
-        (6, Fraction(1, 5), 100, 8, 4),  # many equal sites
-    ],
-)
-def test_exact_arithmetic_is_the_rule_event_for_event(side, alpha, count, seed, levels):
-    start = np.random.default_rng(seed).integers(0, levels, (side, side))
-    expected, rest = by_the_rule(start * Fraction(1, levels), alpha, count)
-    automaton = ExactAutomaton(start, levels, alpha)
-    cut = count // 3  # in two runs
-    found = np.vstack([table(automaton.run(cut)), table(automaton.run(count - cut))])
-
-    np.testing.assert_array_equal(found, expected)
-    assert (automaton.stress == rest).all()
 
 
 def test_a_lattice_of_equals_is_one_event():
@@ -74,23 +25,24 @@ def test_a_lattice_of_equals_is_one_event():
 
 
 @pytest.mark.parametrize(
-    ('start', 'alpha', 'count'),
+    ('levels', 'side', 'seed', 'alpha', 'count'),
     [
         # coarse stress and alpha a power of two: 50 bits hold the first events exactly
-        (np.random.default_rng(2).integers(0, 1024, (20, 20)) / 1024, '1/4', 40),
-        (np.random.default_rng(2).integers(0, 1024, (20, 20)) / 1024, '1/8', 40),
-        (np.random.default_rng(3).random((10, 10)), '1/5', 400),
+        (1024, 20, 2, '1/4', 40),
+        (1024, 20, 2, '1/8', 40),
+        (10**15, 10, 3, '1/5', 400),
     ],
 )
-def test_fixed_point_follows_the_rule_until_it_rounds_a_tie(start, alpha, count):
-    expected, _ = by_the_rule(start, Fraction(alpha), count)
-    found = Automaton(start, float(Fraction(alpha))).run(count, full=True)
+def test_fixed_point_follows_the_rule_until_it_rounds_a_tie(levels, side, seed, alpha, count):
+    start = np.random.default_rng(seed).integers(0, levels, (side, side))
+    expected = by_the_rule(start, levels, Fraction(alpha), count)
+    found = Automaton(start / levels, float(Fraction(alpha))).run(count, full=True)
 
     np.testing.assert_array_equal(table(found), expected)
 
 
 def by_full_scan(stress, alpha, count):
-    """The rule in fixed point on the whole lattice, layer by layer. As `by_the_rule`."""
+    """The rule in fixed point on the whole lattice, layer by layer: rows of Events, the stress."""
     share, value, rows = round(alpha * 2**32), (stress * 2**50).astype(np.int64), []
     for _ in range(count):
         value += 2**50 - value.max()
@@ -138,8 +90,6 @@ def test_the_bucket_finds_what_a_full_scan_finds(side, alpha, count):
         (lambda: Automaton(np.ones((3, 3)), 0.2), 'below its threshold'),
         (lambda: Automaton(np.full((3, 3), np.nan), 0.2), 'below its threshold'),
         (lambda: Automaton(np.zeros((3, 4)), 0.2), 'square'),
-        (lambda: ExactAutomaton(np.zeros((3, 3)), 10, Fraction(1, 5)), 'whole numbers'),
-        (lambda: ExactAutomaton(np.full((3, 3), 10), 10, Fraction(1, 5)), 'lie in 0..9'),
     ],
 )
 def test_impossible_lattices_are_refused(make, words):

@@ -15,7 +15,6 @@ each neighbour alpha = K_C / (4 K_C + K_L) of what it had.
 *Size* counts topplings, *area* distinct sites, *duration* layers.
 """
 
-from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
@@ -49,11 +48,11 @@ class Events(NamedTuple):
         return cls(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def check(side: int, alpha: float | Fraction) -> None:
+def check(side: int, alpha: float) -> None:
     """Raise ConfigError unless the lattice and alpha make sense."""
     if not 1 <= side <= LARGEST_SIDE:
         raise ConfigError(f'lattice size {side} is not between 1 and {LARGEST_SIDE}')
-    if not 0 <= alpha <= Fraction(1, 4):
+    if not 0 <= alpha <= 0.25:
         raise ConfigError(f'alpha {alpha} is not between 0 and 1/4: above that nothing ever rests')
 
 
@@ -74,11 +73,8 @@ class Automaton:
     """The automaton in 64-bit fixed point: bit-identical everywhere, and fast.
 
     stress: (L, L) in [0, 1). alpha is rounded to a multiple of 2^-32 and gifts are rounded down to
-    a multiple of 2^-50; sites that would tie exactly may therefore part in the last bit, which is
-    what `ExactAutomaton` is for.
+    a multiple of 2^-50; sites that would tie exactly may therefore part in the last bit.
     """
-
-    arithmetic = 'fixed point, 2^-50'
 
     def __init__(self, stress: np.ndarray, alpha: float):
         self.side = len(stress)
@@ -106,91 +102,3 @@ class Automaton:
         events = Events.empty(count, full)
         topple(self._stress, self.side, ONE, self._share, events)
         return events
-
-
-class ExactAutomaton:
-    """The automaton in exact arithmetic: every stress is a whole number over one denominator.
-
-    numerators: (L, L) whole numbers, below `denominator`. Each toppling may need the denominator
-    times that of alpha, so the numbers are Python's own long integers.
-    """
-
-    arithmetic = 'exact, long integers'
-    GROW = 16  # powers of alpha's denominator that the common denominator grows by at a time
-    NEAR = 1e-9  # of the threshold: doubles sort the sites, integers decide among those this close
-
-    def __init__(self, numerators: np.ndarray, denominator: int, alpha: Fraction):
-        self.side = side = len(numerators)
-        check(side, alpha)
-        if numerators.shape != (side, side) or numerators.dtype.kind not in 'iu':
-            raise ConfigError(
-                f'the start is a square of whole numbers; this one is {numerators.dtype} of '
-                f'shape {numerators.shape}'
-            )
-        if numerators.min() < 0 or numerators.max() >= denominator:
-            raise ConfigError(
-                f'numerators at the start lie in 0..{denominator - 1}, each site below its '
-                f'threshold; these lie in {numerators.min()}..{numerators.max()}'
-            )
-        self.alpha, self.one = alpha, denominator
-        self._value: list[int] = numerators.ravel().tolist()
-        self._drive = 0
-        self._rough = np.array([v / denominator for v in self._value])
-        self._next_to = [
-            [
-                r * side + c
-                for r, c in ((i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1))
-                if 0 <= r < side and 0 <= c < side
-            ]
-            for i in range(side)
-            for j in range(side)
-        ]
-
-    @property
-    def stress(self) -> np.ndarray:
-        """The stress of each site between events, (L, L) of Fraction."""
-        values = [Fraction(v + self._drive, self.one) for v in self._value]
-        return np.array(values, object).reshape(self.side, self.side)
-
-    def run(self, count: int, full: bool = True) -> Events:
-        """Return the next `count` events; `full` is that of `Automaton.run`, always true here."""
-        events = Events.empty(count)
-        for k in range(count):
-            size, area, duration, first = self._event()
-            events.size[k], events.area[k] = size, area
-            events.duration[k], events.first[k] = duration, first
-        return events
-
-    def _event(self) -> tuple[int, int, int, int]:
-        value = self._value
-        near = np.flatnonzero(self._rough >= self._rough.max() - self.NEAR)
-        top = max(value[j] for j in near)
-        layer = [int(j) for j in near if value[j] == top]
-        first, size, duration, touched = layer[0], 0, 0, set()
-        self._drive = self.one - top
-        while layer:
-            size += len(layer)
-            duration += 1
-            touched.update(layer)
-            layer = self._layer(layer)
-        return size, len(touched), duration, first
-
-    def _layer(self, layer: list[int]) -> list[int]:
-        full = [self._value[j] + self._drive for j in layer]
-        if any(v % self.alpha.denominator for v in full):
-            scale = self.alpha.denominator**self.GROW
-            self._value = [v * scale for v in self._value]
-            full = [v * scale for v in full]
-            self.one, self._drive = self.one * scale, self._drive * scale
-        value, threshold = self._value, self.one - self._drive
-        changed = set(layer)
-        for j in layer:
-            value[j] = -self._drive
-        for j, v in zip(layer, full, strict=True):
-            gift = v // self.alpha.denominator * self.alpha.numerator
-            for to in self._next_to[j]:
-                value[to] += gift
-                changed.add(to)
-        for j in changed:
-            self._rough[j] = value[j] / self.one
-        return sorted(j for j in changed if value[j] >= threshold)
