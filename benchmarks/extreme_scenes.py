@@ -116,7 +116,6 @@ def _along_a_line() -> list[Case]:
     def row(name, build, *given, **more):
         return Case(name, 'line', build, *given, **more)
 
-    weak = {'holds': 'a train of one; friction falls to half at this speed'}
     found = [
         row('K_C / K_L = 1e6', lambda: presets.scene('S6a'), EVENTS, 6.2, 'radau'),
         row('K_C / K_L = 5e10', lambda: plate(PULL, 4e-6, k_between=1e12, u0=_line(25, 1e-9)),
@@ -135,10 +134,6 @@ def _along_a_line() -> list[Case]:
             EVENTS, 1e8, 'dop853'),
         row('rim at 1e-9 m/s for 1e9 s, one block', lambda: single(_pull(1e-9), 1e9), ONE),
         row('rim at 10 m/s', lambda: plate(_pull(10.0), 10.0, u0=_line()), EVENTS, 5.0, 'dop853'),
-        *(row(f'weakening speed {v:g} m/s',
-              lambda v=v: builders.train(PULL, 10.0, n=1, k_plate=40.0, weakening={'speed': v}),
-              'SciPy DOP853, weakening', **weak)
-          for v in (1e-1, 1e-2, 1e-4, 1e-8, 1e-12)),
         row('mu_s = mu_k', lambda: presets.scene('S3E'), EVENTS, 6.0, 'mujoco',
             holds='a block stops exactly on its limit, and rounding decides'),
         row('mu_s = mu_k, K_C / K_L = 1e6', lambda: presets.scene('S6a') | EQUAL, STEPS, 0.0,

@@ -107,11 +107,6 @@ def _solved(
 
         return solve_exact(*given, ledger)
     if path == 'event':
-        if scene.weakening_speed > 0:
-            raise UsageError(
-                'path event: friction that weakens with speed is on stepping, and on exact for '
-                'a rim at constant speed'
-            )
         from eol_ros.core.physics.event import solver as event
 
         tolerance = event.default_tolerance(scene) if tolerance is None else tolerance

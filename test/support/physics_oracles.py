@@ -103,45 +103,6 @@ def sliding_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
     return scipy_solver.scipy_sliding(scene, times, 3e-13)
 
 
-def weakening_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
-    """Return u by SciPy's DOP853 of one block whose friction weakens with its speed."""
-    from scipy.integrate import solve_ivp
-
-    lattice = scene.lattice
-    k, m, speed = lattice.drive[0, 0], lattice.mass[0], scene.drive.par[0]
-    static, kinetic, weak = lattice.static[0], lattice.friction[0], scene.weakening_speed
-    out = np.zeros((len(times), 1, 2))
-    x, t, done = scene.u0[0, 0], 0.0, 0
-    while done < len(times):
-        begin = (static / k + x) / speed
-        while done < len(times) and times[done] <= begin:
-            out[done, 0, 0] = x
-            done += 1
-        if done == len(times):
-            break
-
-        def slope(s, y, lead=speed * begin):  # s counts from the break: friction is gone at once
-            force = k * (lead + speed * s - y[0])
-            return [y[1], (force - kinetic / (1 + abs(y[1]) / weak)) / m]
-
-        def stops(s, y):
-            return y[1] if s > 1e-3 else 1.0
-
-        stops.terminal, stops.direction = True, -1
-        run = solve_ivp(
-            slope, (0.0, times[-1] + 1 - begin), [x, 0.0], 'DOP853', rtol=3e-13, atol=1e-16,
-            dense_output=True, events=stops, max_step=0.01,
-        )  # fmt: skip
-        t = begin + run.t[-1]
-        while done < len(times) and times[done] <= t:
-            out[done, 0, 0] = run.sol(times[done] - begin)[0]
-            done += 1
-        x = run.y[0, -1]
-        pull = k * (speed * t - x)
-        assert abs(pull) <= static, 'it reverses, which this formula does not follow'
-    return out
-
-
 def rotating_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
     """Return u by SciPy's DOP853 of blocks that rotate, between its own events."""
     return physics_rotating.solve(scene, times, 3e-13)[0]
@@ -165,7 +126,6 @@ ORACLES: dict[str, Oracle] = {
     'SciPy DOP853, events': events_of_scipy,
     'SciPy DOP853, events, stops below 1e-6 m/s': coarse_events_of_scipy,
     'SciPy DOP853, all slide': sliding_of_scipy,
-    'SciPy DOP853, weakening': weakening_of_scipy,
     'SciPy DOP853, rotation': rotating_of_scipy,
     'own stepping, extrapolated to no step': steps_of_moreau,
 }

@@ -29,7 +29,7 @@ class Gaps(NamedTuple):
 
 
 def gaps(scene: Scene, run: Run) -> Gaps:
-    """Return how far a run without rotation and weakening departs from its equations.
+    """Return how far a run without rotation departs from its equations.
 
     run: sampled some 50 times per period of the fastest vibration; with steps h the rule errs as
     h^4.

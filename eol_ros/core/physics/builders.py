@@ -52,7 +52,7 @@ def _scene(
         'v0': 'zero',
         'T': duration_s,
     }
-    unknown = set(more) - set(scene) - {'weakening', 'rotation'}
+    unknown = set(more) - set(scene) - {'rotation'}
     if unknown:
         raise TypeError(f'a scene has no {sorted(unknown)}')
     return scene | more
@@ -189,11 +189,7 @@ def train(
     k_between: float = 40.0,
     **more: Any,
 ) -> Plain:
-    """Return the train of Burridge and Knopoff (1967): a row along x, tied to the plate.
-
-    `weakening={'speed': v}` gives the friction of Carlson and Langer (1989):
-    mu_k / (1 + |v| / speed).
-    """
+    """Return the train of Burridge and Knopoff (1967): a row along x, tied to the plate."""
     return plate(drive, duration_s, 1, n, k_plate, k_between, **{'dim1': True, **more})
 
 

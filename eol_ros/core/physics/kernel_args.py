@@ -32,7 +32,6 @@ class Lattice(NamedTuple):
     inverse: np.ndarray
     static: np.ndarray
     friction: np.ndarray
-    weakening: float
     geometric: bool
     rail: bool
 

@@ -51,7 +51,6 @@ def lattice_of(scene: 'Scene') -> Lattice:
         1.0 / scene.mass,
         scene.static_limit,
         scene.kinetic_force,
-        float(scene.weakening_speed),
         bool(scene.geometric),
         bool(scene.dim1),
     )

@@ -33,14 +33,12 @@ KEYS = (
     'v0',
     'T',
 )
-OPTIONAL = ('weakening', 'rotation')
-WEAKENING_KEYS = ('speed',)
+OPTIONAL = ('rotation',)
 ROTATION_KEYS = ('side',)
 BETWEEN = ('i', 'j', 'k', 'L0', 'dir', 'Lnom')
 ARMS = ('arm', 'arm_j')  # optional, with rotation
 TO_FRAME = ('i', 'k', 'L0', 'dir', 'Lnom', 'anchor')
 MAX_BLOCKS = 1_000_000
-SLOWEST_WEAKENING = 1e-12  # m/s: the powers of a smaller one leave double precision
 UNIT = 1e-6  # by how much the length of a direction may differ from 1
 
 
@@ -84,7 +82,6 @@ class Scene:
     u0: np.ndarray  # (n, 2) m
     v0: np.ndarray  # (n, 2) m/s
     duration_s: float
-    weakening_speed: float = 0.0  # m/s; 0: kinetic friction does not depend on speed
     rotation: Rotation | None = None
     source: Mapping[str, Any] | None = field(default=None, repr=False, compare=False)
 
@@ -166,19 +163,9 @@ def from_mapping(given: Mapping[str, Any]) -> Scene:
         u0,
         v0,
         _number('T', given['T'], least=0.0),
-        _weakening(given, geometric),
         _rotation(given, n, dim1),
         given,
     )
-
-
-def _weakening(given: Mapping[str, Any], geometric: bool) -> float:
-    if given.get('weakening') is None:
-        return 0.0
-    _keys('weakening', given['weakening'], WEAKENING_KEYS)
-    if geometric:
-        raise ConfigError('weakening is for linear springs along x: set geometric false')
-    return _number('weakening.speed', given['weakening']['speed'], least=SLOWEST_WEAKENING)
 
 
 def _rotation(given: Mapping[str, Any], n: int, dim1: bool) -> Rotation | None:
@@ -189,8 +176,8 @@ def _rotation(given: Mapping[str, Any], n: int, dim1: bool) -> Rotation | None:
             raise ConfigError("a spring has an arm, which wants the key 'rotation' of the scene")
         return None
     _keys('rotation', option, ROTATION_KEYS, ('yaw0', 'spin0'))
-    if dim1 or given.get('weakening') is not None:
-        raise ConfigError('rotation is for blocks free in the plane: dim1 false, no weakening')
+    if dim1:
+        raise ConfigError('rotation is for blocks free in the plane: dim1 false')
     side = _number('rotation.side', option['side'], above=0.0)
     arms = np.zeros((2, len(rows), 2))
     for s, row in enumerate(rows):

@@ -33,7 +33,6 @@ from eol_ros.lab.exact.taylor import (
     segment_series,
     state_at,
     stop_root,
-    weakening_reach,
 )
 
 FAR = 1e18  # of the truncation error: the distance after which the origin moves along
@@ -49,8 +48,7 @@ def make_lanes(n: int, order: int) -> Lanes:
     wide = (n + LANES - 1) // LANES * LANES
     side = min(DENSE, wide)
     return Lanes._make([
-        np.full(n, -1, np.int64), np.empty(n, np.int64), np.zeros((order + 2, wide)),
-        np.zeros((order + 2, wide)), *[np.zeros(wide) for _ in range(5)], np.zeros((side, side)),
+        np.full(n, -1, np.int64), np.empty(n, np.int64), np.zeros((order + 2, wide)), *[np.zeros(wide) for _ in range(5)], np.zeros((side, side)),
         *[np.zeros(wide) for _ in range(3)],
     ])  # fmt: skip
 
@@ -187,8 +185,6 @@ def series_step(
     if m > 0:
         segment_series(order, m, mp, u, v, at, speed * t, speed, la)
         near = reach_of(order, mp, la.a, small, h)
-        if at.weakening > 0.0:
-            near = weakening_reach(order, m, la.a, at.weakening, near)
     if near < h:
         h, ends = near, False
     kind_of, who, top = 0, -1, h
@@ -330,7 +326,6 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
     work = np.zeros(order + 2)
     due = np.full(n, np.inf)  # when a stuck block without sliding neighbours breaks
     speed = rim.par[0] if rim.kind == VELOCITY else 0.0
-    closed = at.weakening <= 0.0
     watch = np.zeros(n, np.bool_)  # stuck, and the force on it is not linear in time
     stale = np.ones(n, np.bool_)
     watched, forces = np.empty(n, np.int64), np.empty(n)
@@ -367,7 +362,7 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
         if next_due - t < h:
             h, ends = max(next_due - t, 0.0), False
         kind_of, who, by = 0, -1, BY_SERIES
-        if m == 1 and closed and la.sign[0] != 0.0 and la.k_sum[0] > 0.0:
+        if m == 1 and la.sign[0] != 0.0 and la.k_sum[0] > 0.0:
             motion, stops = lone_slip(slots[0], sign[slots[0]], u, v, t, speed, at)
             if stops < h:
                 far, _ = lone_state(motion, stops)
@@ -377,7 +372,7 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
                 far = abs(motion.b) * h + 2.0 * abs(motion.e) + abs(motion.q) / motion.w
                 if clear_of_limits(watched, count, forces, h, far, slots[0], speed, at):
                     by, who = BY_ONE, slots[0]
-        if by == BY_SERIES and closed and 1 < m <= DENSE and since >= STIFF_AFTER and h > 0.0:
+        if by == BY_SERIES and 1 < m <= DENSE and since >= STIFF_AFTER and h > 0.0:
             modes = modes_of(m, u, v, t, speed, h, at, la)
             near, kind_of, who = march(
                 modes, m, h, forces, speed, watched, count, at, la, x_out, d_out, a_out

@@ -11,11 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.physics.numerics import GAUSS_W, GAUSS_X, ON_LIMIT
+from eol_ros.core.physics.numerics import ON_LIMIT
 from eol_ros.core.physics.series import FAST, first_root
 
 DENSE = 48  # up to so many sliding blocks their stiffness stands as a square matrix
-SPEED_SHARE = 1e-14  # of speed and weakening speed: the error in speed that a step may make
 
 
 class Lanes(NamedTuple):
@@ -24,7 +23,6 @@ class Lanes(NamedTuple):
     slot: np.ndarray
     slots: np.ndarray
     a: np.ndarray  # (order + 2, lanes): displacement series
-    r: np.ndarray  # (order + 2, lanes or 1): series of 1 / (1 + |v| / speed)
     sign: np.ndarray
     inverse: np.ndarray
     friction: np.ndarray
@@ -73,7 +71,7 @@ def fill_lanes(m, mp, at, sign, la):
 @njit(cache=True, inner=True, fastmath=FAST)
 def segment_series(order, m, mp, u, v, at, x, speed, la):
     """Write the displacement series la.a[k, c] of the m sliding blocks (mp with the padding)."""
-    a, w, weak = la.a, la.force, at.weakening
+    a, w = la.a, la.force
     for c in range(m):
         i = la.slots[c]
         a[0, c], a[1, c] = u[i], v[i]
@@ -100,17 +98,7 @@ def segment_series(order, m, mp, u, v, at, x, speed, la):
             if k == 1:
                 for c in range(mp):
                     w[c] += la.pull[c] * speed
-        if weak > 0.0:
-            for c in range(m):
-                if k == 0:
-                    la.r[0, c] = 1.0 / (1.0 + la.sign[c] * a[1, c] / weak)
-                else:
-                    total = 0.0
-                    for j in range(1, k + 1):
-                        total += (j + 1) * a[j + 1, c] * la.r[k - j, c]
-                    la.r[k, c] = -total * la.sign[c] / weak * la.r[0, c]
-                w[c] -= la.sign[c] * la.friction[c] * la.r[k, c]
-        elif k == 0:
+        if k == 0:
             for c in range(mp):
                 w[c] -= la.sign[c] * la.friction[c]
         scale = 1.0 / ((k + 1) * (k + 2))
@@ -128,23 +116,6 @@ def reach_of(order, mp, a, small, top):
             most = max(most, abs(a[k, c]))
         if most > 0.0:
             h = min(h, (small / most) ** (1.0 / k))
-    return h
-
-
-@njit(cache=True, inner=True, fastmath=FAST)
-def weakening_reach(order, m, a, speed, top):
-    """Return the step within which friction that weakens at `speed` is known.
-
-    At a small `speed` it has weakened before the block has moved by anything that counts: there the
-    speed has to be right, not only the place.
-    """
-    h = top
-    for c in range(m):
-        fine = SPEED_SHARE * (speed + abs(a[1, c]))
-        for k in range(order - 1, order + 1):
-            size = k * abs(a[k, c])
-            if size > 0.0:
-                h = min(h, (fine / size) ** (1.0 / (k - 1)))
     return h
 
 
@@ -234,19 +205,12 @@ def drive_work(h, t, speed, u, paths, at, la):
 @njit(cache=True, inner=True)
 def ledger_step(order, m, at, u, t, speed, h, la, paths, energy):
     """Add the drive work and the friction heat (J) of a step h to `energy`; paths is scratch."""
-    a, weak = la.a, at.weakening
+    a = la.a
     for c in range(m):
         x = paths[c] = 0.0
         for k in range(order, 0, -1):
             x = (x + a[k, c]) * h
             paths[c] = (paths[c] + a[k, c] / (k + 1)) * h
         paths[c] *= h
-        if weak <= 0.0:
-            energy[1] += la.friction[c] * abs(x)
-            continue
-        for g in range(len(GAUSS_X)):
-            d = 0.0
-            for k in range(order, 0, -1):
-                d = d * (GAUSS_X[g] * h) + k * a[k, c]
-            energy[1] += h * GAUSS_W[g] * la.friction[c] * abs(d) / (1.0 + abs(d) / weak)
+        energy[1] += la.friction[c] * abs(x)
     energy[0] += drive_work(h, t, speed, u, paths, at, la)

@@ -84,7 +84,7 @@ def step_many(ends, v, moving, force, work, t0, steps, h, at, rim, log, logged):
     `ends` (n + a, 2), `v` (n, 2), `moving` (n,) bool; `work`: drive work and friction heat (J).
     When the log is full, newer events are counted, not written.
     """
-    n, anchors, weakening = at.n, at.anchors, at.weakening
+    n, anchors = at.n, at.anchors
     mass, static, rail = at.mass, at.static, at.rail
     before = np.empty((len(anchors), 2))
     for step in range(steps):
@@ -120,8 +120,6 @@ def step_many(ends, v, moving, force, work, t0, steps, h, at, rim, log, logged):
             vy = v[i, 1] + h * fy / mass[i]
             speed = math.sqrt(vx * vx + vy * vy)
             hold = at.friction[i]
-            if weakening > 0.0:
-                hold /= 1.0 + speed / weakening
             loss = h * hold / mass[i]
             old_x, old_y = v[i, 0], v[i, 1]
             # without friction it stops where it turns back

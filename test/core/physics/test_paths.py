@@ -187,18 +187,6 @@ def test_scipy_event_code_agrees(name, seconds):
     assert np.abs(u - run.u).max() < 1e-9
 
 
-def test_weakening_friction_train():
-    offsets = builders.offsets(5, 0.005, 2, along_x=True)
-    scene = builders.train(PULL, 6.0, weakening={'speed': 0.1}, u0=offsets)
-    exact = solve(scene)
-    steps = solve(scene, path='stepping', step_s=2e-5)
-    assert exact.path == 'exact'
-    assert abs(exact.energy.residual_J) < 1e-10
-    assert np.abs(exact.u - steps.u)[:35].max() < 2e-3
-    plain = solve(scene | {'weakening': None})
-    assert np.abs(exact.u - plain.u).max() > 1e-2
-
-
 @pytest.mark.parametrize('geometric', [False, True])
 def test_numbers_of_any_size_end_with_a_status(geometric):
     """Forces that overflow left an index unset; `make soak` checks all indices."""
@@ -335,18 +323,6 @@ def test_a_run_that_ends_early_says_what_it_has_and_what_would_let_it_go_on():
     assert solve(presets.scene('S3L')).notes == []
 
 
-@pytest.mark.parametrize('speed', [1e-6, 1e-9, 1e-12])
-def test_friction_that_is_gone_as_soon_as_a_block_moves(speed):
-    """A bound on places alone let series run beyond where they converge."""
-    run = solve(builders.train(PULL, 10.0, n=1, k_plate=40.0, weakening={'speed': speed}))
-    # without friction from the break on: m x'' = k (V t - x) from rest at k V t = F_s
-    first, slip, _ = single_by_formula(mu_k=0.0)
-    assert run.status == 'ok'
-    assert run.steps < 1000
-    assert run.event_t[:2] == pytest.approx([first, first + slip], abs=3 * speed + 1e-12)
-    assert abs(run.energy.residual_J) < 1e-12
-
-
 def test_a_block_that_is_dragged_takes_one_step():
     lag = 0.65 * 0.25 * 9.81 / 40
     given = builders.single(PULL, 1e6, mu_s=0.65, mu_k=0.65, u0=[[-lag, 0.0]], v0=[[0.03, 0.0]])
@@ -406,25 +382,3 @@ def test_the_table_is_no_power_law_of_earthquakes():
     assert len(areas) > 3000
     assert areas.max() == 25
     assert powerlaw.fit(powerlaw.histogram(areas), 1, 12).tau == pytest.approx(1.55, abs=0.06)
-
-
-@pytest.mark.slow
-def test_weakening_makes_many_small_slips_and_a_few_of_the_whole():
-    """Carlson and Langer (1989): small events, and an excess of those that span the system."""
-    drive = {'kind': 'constant_velocity', 'par': [0.002, 0.0]}
-    scene = builders.train(
-        drive,
-        4000.0,
-        n=20,
-        k_plate=4.0,
-        k_between=80.0,
-        mu_k=0.9,
-        weakening={'speed': 0.05},
-        u0=builders.offsets(20, 0.002, 3, along_x=True),
-    )
-    run = solve(scene, sample_s=4000.0, ledger=False, limits=Limits(events=200_000, steps=400_000))
-    _, areas = cascades(run.event_block, run.event_start)
-    counts = np.bincount(areas, minlength=21)
-    assert len(areas) > 100
-    assert counts[1] > counts[5] > 0
-    assert counts[20] > counts[10:18].max()
