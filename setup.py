@@ -59,7 +59,6 @@ ORACLES = [
     'powerlaw',
     'trimesh',
     'rosbags',
-    'pybdm',
 ]
 TEST = [
     'pytest>=8',

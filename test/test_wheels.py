@@ -10,7 +10,7 @@ import pytest
 from packaging.requirements import Requirement
 from support.checkout import ROOT
 
-TOOLS = ('pytest', 'pytest-timeout', 'hypothesis', 'pybdm')  # as they are here
+TOOLS = ('pytest', 'pytest-timeout', 'hypothesis')  # as they are here
 
 
 @pytest.mark.soak

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 import itertools
-import warnings
 
 import numpy as np
 import pytest
@@ -25,36 +24,19 @@ def of(pattern):
 
 
 @pytest.mark.parametrize(
-    ('pattern', 'edges', 'turns', 'regions', 'symmetries'),
+    ('pattern', 'edges', 'turns', 'regions'),
     [
-        (DARK, 0, 0, 1, 7),
-        (~DARK, 0, 4, 1, 7),
-        (CHECKER, 40, 48 + 4, 25, 7),
-        (~CHECKER, 40, 48, 25, 7),
-        (HALF, 5, 4, 2, 1),
-        (FRAME, 12, 8, 2, 7),
-        (DIAGONAL, 16, 20, 7, 3),
+        (DARK, 0, 0, 1),
+        (~DARK, 0, 4, 1),
+        (CHECKER, 40, 48 + 4, 25),
+        (~CHECKER, 40, 48, 25),
+        (HALF, 5, 4, 2),
+        (FRAME, 12, 8, 2),
+        (DIAGONAL, 16, 20, 7),
     ],
 )
-def test_known_patterns(pattern, edges, turns, regions, symmetries):
-    found = of(pattern)
-
-    assert (found['edges'], found['turns']) == (edges, turns)
-    assert (found['regions'], found['symmetries']) == (regions, symmetries)
-
-
-def test_local_complexity_of_known_patterns():
-    assert of(DARK)['local complexity'] == 0
-    # Next to a block of the checker stands its opposite, always; along diagonals its like.
-    assert of(CHECKER)['local complexity'] == pytest.approx(0, abs=1e-12)
-
-
-def test_order_over_complexity_of_one_block():
-    one = DARK.copy()
-    one[2, 2] = True
-
-    assert of(one)['order over complexity'] == pytest.approx(1 / 4)
-    assert np.isnan(of(DARK)['order over complexity'])
+def test_known_patterns(pattern, edges, turns, regions):
+    assert of(pattern) == {'edges': edges, 'turns': turns, 'regions': regions}
 
 
 PATTERNS = arrays(bool, (5, 5), elements=st.booleans())
@@ -64,15 +46,15 @@ PATTERNS = arrays(bool, (5, 5), elements=st.booleans())
 @given(PATTERNS)
 def test_turns_and_mirrors_change_nothing(pattern):
     for other in (pattern.T, pattern[::-1], np.rot90(pattern)):
-        assert of(other) == pytest.approx(of(pattern), nan_ok=True)
+        assert of(other) == of(pattern)
 
 
 @settings(max_examples=30, deadline=None)
 @given(PATTERNS)
 def test_light_for_dark_changes_turns_alone(pattern):
     one, two = of(pattern), of(~pattern)
-    for name in set(one) - {'turns', 'order over complexity'}:
-        assert one[name] == pytest.approx(two[name])
+    for name in ('edges', 'regions'):
+        assert one[name] == two[name]
 
 
 @settings(max_examples=20, deadline=None)
@@ -81,19 +63,6 @@ def test_regions_agree_with_each_pattern_alone(stack):
     alone = [label(p)[1] + label(~p)[1] for p in stack]
 
     assert patterns.regions(stack).tolist() == alone
-
-
-def test_algorithmic_complexity_agrees_with_pybdm():
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore')  # it asks pkg_resources for its data
-        from pybdm import BDM, PartitionCorrelated
-
-        bdm = BDM(ndim=2, shape=(3, 3), partition=PartitionCorrelated)
-        stack = np.random.default_rng(1).random((60, 5, 5)) < np.linspace(0, 1, 60)[:, None, None]
-        stack = np.concatenate([stack, [DARK, CHECKER, HALF, FRAME, DIAGONAL]])
-        expected = [bdm.bdm(p.astype(int)) for p in stack]
-
-    np.testing.assert_allclose(patterns.algorithmic(stack), expected, rtol=1e-7)
 
 
 def test_trades_keep_both_counts_and_reach_every_pattern():

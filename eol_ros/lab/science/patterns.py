@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Patterns of flashing blocks: how complex, how ordered, and are they more than chance?
+"""Patterns of flashing blocks: how complex are they, and is that more than chance?
 
 A moment is a span of time, its pattern the blocks that flashed in it. Measures are counts on the
 lattice and judge nothing; whether a pattern is due to chance is asked against surrogates that keep
@@ -17,25 +17,10 @@ from eol_ros.errors import EolError
 
 FEWEST = 30  # moments
 MOST = 300  # that are asked; of more, so many evenly over the time
-SURROGATES = 399  # with half of that, eight tests at once could not reject anything
+SURROGATES = 399  # the least p-value of four tests at once is then 0.02
 SWEEPS = 3  # trades of every moment with another, between two surrogates
 REJECTED = 0.05
 SHIFT_S = (1.0, 5.0)  # each block's flashes are moved by so much, to either side
-# What the coding theorem method gives for the patterns of 3x3, bits, by the least number that the
-# pattern has among its turns, mirrors and negatives (read as binary, row by row): the table of
-# H. Zenil, F. Soler-Toscano, J.-P. Delahaye, N. Gauvrit, PeerJ Comput. Sci. 1 (2015) e23, from the
-# data of pybdm 0.1.0 (S. Talaga, MIT licence).
-CTM_3X3 = {
-    0: 13.713357, 1: 14.914491, 2: 14.815062, 3: 15.94158, 5: 16.90003, 7: 16.955627,
-    10: 15.696613, 11: 17.623731, 12: 15.787352, 13: 17.854607, 14: 16.26188, 15: 17.79099,
-    16: 14.366394, 17: 15.410042, 18: 15.321693, 19: 16.495127, 21: 18.336873, 23: 18.327674,
-    26: 16.149905, 27: 17.616158, 28: 15.970999, 29: 18.928904, 30: 16.476307, 40: 16.255262,
-    41: 17.104692, 42: 16.733656, 43: 18.455551, 45: 18.580864, 56: 16.161731, 57: 17.018774,
-    58: 16.719592, 59: 17.491111, 61: 18.680113, 68: 15.490455, 69: 17.316633, 70: 16.273164,
-    78: 16.853239, 84: 15.601134, 85: 18.131051, 86: 16.361828, 94: 16.812794, 97: 18.382864,
-    98: 17.212915, 99: 18.980869, 101: 17.231501, 106: 17.393555, 108: 16.217358, 113: 18.596271,
-    114: 17.165765, 170: 17.082165, 186: 17.355908,
-}  # fmt: skip
 
 
 class TooFew(EolError):
@@ -84,93 +69,10 @@ def regions(patterns: np.ndarray) -> np.ndarray:
     return total
 
 
-def symmetries(patterns: np.ndarray) -> np.ndarray:
-    """Return how many of the seven turns and mirrors of the square leave each as it is, (k,)."""
-    lit = _square(patterns)
-    turned = [np.rot90(m, k, axes=(1, 2)) for m in (lit, lit.transpose(0, 2, 1)) for k in range(4)]
-    return np.sum([(lit == t).all(axis=(1, 2)) for t in turned[1:]], axis=0)
-
-
-def birkhoff(patterns: np.ndarray) -> np.ndarray:
-    """Return order over complexity (Birkhoff 1933), (k,): share of symmetries over turns.
-
-    nan where nothing is lit, for that has no turns.
-    """
-    complexity = turns(patterns).astype(float)
-    complexity[complexity == 0] = np.nan
-    return symmetries(patterns) / 7 / complexity
-
-
-def local_complexity(patterns: np.ndarray) -> np.ndarray:
-    """Return the mean information that a block has beyond its neighbour, bits, (k,): 0..1.
-
-    Mean over the eight directions of the conditional entropy H(block | neighbour): mean information
-    gain, as Javaheri Javid and others (2016) use it for binary images.
-    """
-    lit = _square(patterns)
-    pairs = (
-        (lit[:, :, :-1], lit[:, :, 1:]),
-        (lit[:, :-1], lit[:, 1:]),
-        (lit[:, :-1, :-1], lit[:, 1:, 1:]),
-        (lit[:, :-1, 1:], lit[:, 1:, :-1]),
-    )
-    gains = np.zeros(len(lit))
-    for one, other in pairs:
-        codes = (2 * one + other).reshape(len(lit), -1)
-        share = np.stack([(codes == c).mean(axis=1) for c in range(4)], axis=1)
-        second = share[:, 1::2].sum(axis=1)
-        first = share[:, 2:].sum(axis=1)
-        alone = sum(_entropies(np.stack([p, 1 - p], axis=1)) for p in (first, second))
-        gains += _entropies(share) - alone / 2
-    return gains / len(pairs)
-
-
-def _entropies(share: np.ndarray) -> np.ndarray:
-    return -(share * np.log2(np.where(share > 0, share, 1))).sum(axis=1)
-
-
-def _ctm_table() -> np.ndarray:
-    table = np.empty(512)
-    for code in range(512):
-        window = np.array(list(f'{code:09b}'), int).reshape(3, 3)
-        alike = [np.rot90(m, k) for m in (window, window.T) for k in range(4)]
-        numbers = [int(''.join(map(str, m.ravel())), 2) for m in alike]
-        table[code] = CTM_3X3[min(numbers + [511 - n for n in numbers])]
-    return table
-
-
-_CTM = _ctm_table()
-
-
-def algorithmic(patterns: np.ndarray) -> np.ndarray:
-    """Return an estimate of the algorithmic complexity of each, bits, (k,).
-
-    Block decomposition (Zenil and others, Entropy 20 (2018) 605) in all windows of 3x3: of each
-    kind of window its complexity by the coding theorem method, and log2 of how often it stands
-    there. Windows overlap, so it is an index rather than bits of a program.
-    """
-    lit = _square(patterns)
-    windows = np.lib.stride_tricks.sliding_window_view(lit, (3, 3), axis=(1, 2))
-    codes = windows.reshape(len(lit), -1, 9) @ (1 << np.arange(8, -1, -1))
-    codes = np.sort(codes, axis=1)
-    first = np.diff(codes, axis=1, prepend=-1) != 0
-    total = (_CTM[codes] * first).sum(axis=1)
-    # log2 of how many are alike: at the last of each run, its place less that of the first
-    place = np.arange(codes.shape[1])
-    begins = np.maximum.accumulate(np.where(first, place, 0), axis=1)
-    last = np.roll(first, -1, axis=1)
-    last[:, -1] = True
-    return total + (np.log2(place - begins + 1) * last).sum(axis=1)
-
-
 MEASURES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     'turns': turns,
     'edges': edges,
     'regions': regions,
-    'symmetries': symmetries,
-    'order over complexity': birkhoff,
-    'local complexity': local_complexity,
-    'algorithmic complexity': algorithmic,
 }
 
 
