@@ -27,7 +27,6 @@ RUNTIME = [
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces']
 SCIENCE = ['matplotlib>=3.8', 'mcap-ros2-support>=0.5', 'pyarrow>=14']
 CLUSTER = ['dask>=2024.1', 'distributed>=2024.1']  # sweeps on more than one machine
-MAP = ['umap-learn>=0.5']  # maps of grains by UMAP
 MIDI = ['python-rtmidi>=1.5']
 TLS = ['cryptography>=42']
 KIT = ['schemdraw>=0.19', 'ezdxf>=1.3']  # drawings of docs/build, see `make kit`
@@ -134,7 +133,6 @@ setup(
         'bench': BENCH,
         'render': RENDER,
         'kit': KIT,
-        'map': MAP,
         'midi': MIDI,
     },
     zip_safe=False,

@@ -458,7 +458,7 @@ MORE_DESCRIPTORS = (
     *(f'mfcc_{k}' for k in range(1, 13)),
 )
 # Places made of all descriptors together, for the two axes of a map.
-PROJECTIONS = ('pca_1', 'pca_2', 'umap_1', 'umap_2')
+PROJECTIONS = ('pca_1', 'pca_2')
 MAP_AXES = (*DESCRIPTORS, *MORE_DESCRIPTORS, *PROJECTIONS)
 
 
@@ -511,12 +511,12 @@ class GrainsSettings:
     )
     x_axis: str = live(
         'centroid_mean_hz',
-        'descriptor mapped from left to right; pca and umap combine all descriptors',
+        'descriptor mapped from left to right; pca combines all descriptors',
         choices=MAP_AXES,
     )
     y_axis: str = live(
         'periodicity_mean',
-        'descriptor mapped from near to far; pca and umap combine all descriptors',
+        'descriptor mapped from near to far; pca combines all descriptors',
         choices=MAP_AXES,
     )
     layout: str = live(

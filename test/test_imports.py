@@ -48,7 +48,6 @@ ALLOWED = {
     'ros': BASE | ROS | {'yaml'},
     'nodes': BASE | ROS,
     'web': BASE | {'aiohttp'},
-    'devices/corpus/umap_map.py': {'numpy', 'umap'},
     'devices/audio/midi.py': {'rtmidi'},
     'devices/files/sealed_file.py': {'cryptography'},
     'bringup': {'yaml'},
@@ -348,7 +347,6 @@ SAME_BITS = (
     'core/elementary_kernels.py',
 )  # fmt: skip
 FREE = {  # of these modules, with the reason
-    'core/sound/binaural.py': 'headphones only: no digest',
     'core/sound/meter.py': 'levels for people',
     'core/sound/presets.py': 'what a preset becomes is recorded as settings',
     'lab/automaton/ofc.py': 'powers of integers',

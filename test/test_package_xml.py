@@ -33,7 +33,6 @@ WHEELS = {
     'pythonosc': 'python-osc',
     'rtmidi': 'python-rtmidi',
     'serial': 'pyserial',
-    'umap': 'umap-learn',
     'yaml': 'pyyaml',
 }
 

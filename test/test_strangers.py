@@ -116,7 +116,6 @@ FILES = {
     'stamps.txt': b'0.0\n0.1\n',
     'start.npy': npy((2, 2), '<i8', bytes(32)),
     'image.png': png(64, 40, bytes(65 * 40)),
-    'grid.json': b'{"cols": 2, "data": {"0": [0, 0]}}',
     'laptop.conf': b'[Interface]\n',
 }
 MADE = [
@@ -164,8 +163,6 @@ PLACES = {
     'labels': ('labels.txt', 'corpus G/sound.wav --segment labels --labels X'),
     'corpus show': ('corpus.json', 'corpus show X -o out.png'),
     'corpus move': ('corpus.json', 'corpus move X 1 0.5 0.5'),
-    'corpus export': ('corpus.json', 'corpus export X out.json'),
-    'corpus import': ('grid.json', 'corpus import G/corpus.json X -o out.json'),
     'track': ('stack.npy', 'track X'),
     'stamps': ('stamps.txt', 'track G/stack.npy --stamps X'),
     'calibration': ('table.yaml', 'track G/stack.npy --calibration X'),
@@ -307,7 +304,7 @@ def test_a_hostile_file_ends_in_one_line(good, bounded, tmp_path, monkeypatch, c
 ONCE = {  # places that are read once, from front to back
     'check', 'restore', 'notify', 'camera scene', 'keys',
     'report measured', 'render list', 'render scene', 'points', 'lens', 'calibrate scene',
-    'corpus import', 'stamps', 'calibration', 'track scene', 'simulate',
+    'stamps', 'calibration', 'track scene', 'simulate',
     'sweep',
 }  # fmt: skip
 

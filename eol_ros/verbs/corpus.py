@@ -25,8 +25,6 @@ EXAMPLES = [
     'eol corpus                               (the procedural ice recording)',
     'eol corpus show iceberg.json --output iceberg.png',
     'eol corpus move iceberg.json 17 0.5 0.25',
-    'eol corpus export iceberg.json iceberg-flucoma.json',
-    'eol corpus import iceberg.json grid.json --output iceberg-grid.json  # places by FluCoMa',
 ]
 
 
@@ -36,7 +34,7 @@ def add_arguments(parser):
         'words',
         nargs='*',
         metavar='AUDIO',
-        help='sound files or folders; or show, move, export, import ...',
+        help='sound files or folders; or show, move ...',
     )
     add = parser.add_argument
     add('--segment', choices=('chop', 'onset', 'gate', 'none', 'labels'), default='chop')
@@ -84,7 +82,6 @@ def add_arguments(parser):
     add('--csv', metavar='FILE', help='one line per grain')
     add('--labels-out', metavar='FILE', help='the grains as an Audacity label track')
     add('--json', action='store_true', help='the corpus to stdout')
-    add('--columns', metavar='A,B', default='', help='with import, what the columns are')
 
 
 _NAMES = 'one of ' + ', '.join(MAP_AXES)
@@ -92,8 +89,7 @@ _NAMES = 'one of ' + ', '.join(MAP_AXES)
 
 def run(args):
     """Make, show or change a corpus."""
-    verbs = {'show': _show, 'move': _move, 'export': _export, 'import': _import}
-    return verbs.get(''.join(args.words[:1]), _make)(args)
+    return {'show': _show, 'move': _move}.get(''.join(args.words[:1]), _make)(args)
 
 
 def _make(args):
@@ -207,27 +203,4 @@ def _move(args):
     key = hashlib.sha256(f'{corpus.digest} {grain} {x!r} {y!r}'.encode()).hexdigest()
     corpus_file.save(dataclasses.replace(corpus, digest=key), Path(path))
     print(json.dumps({'grain': grain, 'x': x, 'y': y, 'kept_in': str(kept)}))
-    return 0
-
-
-def _export(args):
-    from eol_ros.devices.corpus import corpus_file, flucoma_file
-
-    if len(args.words) != 3:
-        raise UsageError('export takes: CORPUS.json DATASET.json')
-    corpus = corpus_file.load(Path(args.words[1]))
-    columns = flucoma_file.save(corpus, Path(args.words[2]))
-    print(f'{int(corpus.placed.sum())} points of {len(columns)} columns: {" ".join(columns)}')
-    return 0
-
-
-def _import(args):
-    from eol_ros.devices.corpus import corpus_file, flucoma_file
-
-    if len(args.words) != 3 or not args.output:
-        raise UsageError('import takes: CORPUS.json DATASET.json --output NEW.json')
-    corpus = corpus_file.load(Path(args.words[1]))
-    names = [name.strip() for name in args.columns.split(',') if name.strip()]
-    corpus_file.save(flucoma_file.apply(corpus, Path(args.words[2]), names), Path(args.output))
-    print(args.output)
     return 0

@@ -18,7 +18,6 @@ EXAMPLES = [
     'eol render bags/2026-11-21 --output afternoon.wav',
     'eol render triggers.csv --corpus corpus.json --output x.flac --json',
     'eol render bags --corpus other.json --output other.wav --scene config/museum.yaml',
-    'eol render bags --scene ring.yaml --binaural --output headphones.wav',
 ]
 TAIL_S = 0.5  # after the last grain: the DC block and the limiter come to rest
 
@@ -30,9 +29,6 @@ def add_arguments(parser):
     parser.add_argument('-o', '--output', metavar='X.wav', required=True, help='wav, flac, ogg ...')
     parser.add_argument('--scene', metavar='FILE', help='take the settings of sound from here')
     parser.add_argument('--seconds', type=within(1e-3, 1e6), help='duration (default: to the end)')
-    parser.add_argument(
-        '--binaural', action='store_true', help='two channels for headphones, of a ring of speakers'
-    )
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
 
@@ -49,9 +45,6 @@ def run(args) -> int:
 
     loaded = scene.load(args.scene) if args.scene else None
     settings = loaded.settings('sound') if loaded else SoundSettings()
-    ears = None
-    if args.binaural:
-        settings, ears = _ears(settings)
     with Progress('reading triggers and sounds'):
         rows, times_s, refused, banks, table = _voices(args, settings, loaded)
     grains = max(map(len, banks))
@@ -62,11 +55,10 @@ def run(args) -> int:
     frames = math.ceil((args.seconds or end_s + TAIL_S + settings.room_s) * rate)
     mixer = new_mixer(settings, table=table)
     peak, energy = 0.0, 0.0
-    channels = 2 if ears else settings.channels
+    channels = settings.channels
     with writer(args.output, settings.sample_rate, channels) as file:
         blocks = play(mixer, rows, frames, BLOCK)
         for block in track(blocks, 'rendering', total=math.ceil(frames / BLOCK)):
-            block = ears(block) if ears else block
             file.write(block)
             peak = max(peak, float(np.abs(block).max()))
             energy += float(np.square(block, dtype=np.float64).sum())
@@ -118,20 +110,6 @@ def _remedy(why: str, corpus: str | None, grains: int) -> str:
 
 def _decibels(amplitude: float) -> float:
     return round(20 * math.log10(max(amplitude, 1e-6)), 2)
-
-
-def _ears(settings):
-    """Return the settings without what aligns real loudspeakers, and the ears that hear them."""
-    import dataclasses
-
-    from eol_ros.core.sound.binaural import Binaural
-    from eol_ros.core.sound.ring import parse
-
-    if not settings.speakers:
-        raise UsageError('--binaural: the scene names no speakers; add --scene')
-    near = tuple(f'{s.name} {s.azimuth:g}' for s in parse(settings.speakers))
-    settings = dataclasses.replace(settings, speakers=near)
-    return settings, Binaural(parse(near), settings.sample_rate)
 
 
 def _voices(args, settings, loaded):

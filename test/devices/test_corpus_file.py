@@ -489,13 +489,6 @@ def test_a_map_by_principal_components_is_snapped_to_a_grid(sound, more):
     assert np.corrcoef(corpus.values('pca_1'), corpus.grains['x'])[0, 1] > 0.7
 
 
-def test_without_umap_one_line_says_what_to_do(sound, monkeypatch):
-    monkeypatch.setitem(sys.modules, 'umap', None)
-    monkeypatch.delitem(sys.modules, 'eol_ros.devices.corpus.umap_map', raising=False)
-    with pytest.raises(DeviceMissing, match='pip install umap-learn, or take pca_1'):
-        build([sound], Options(x_axis='umap_1', y_axis='umap_2'))
-
-
 def test_a_grain_put_back_lies_where_the_layout_has_it(sound):
     corpus = build([sound], Options())
     corpus_file.move(corpus, 3, 0.25, 0.75)

@@ -179,16 +179,9 @@ def _projected(grains: np.ndarray, placed: np.ndarray, axes: tuple[str, str]) ->
     names = [n for n in (*DESCRIPTORS, *MORE_DESCRIPTORS) if n in known]
     matrix = projection.standardised([grains[n][placed] for n in names], names)
     found = widened(grains, wanted)
-    for kind in sorted({name[:-2] for name in wanted}):
-        if kind == 'pca':
-            places = projection.pca(matrix)
-        else:
-            from eol_ros.devices.corpus.umap_map import umap
-
-            places = umap(matrix)
-        for k in (1, 2):
-            if (name := f'{kind}_{k}') in wanted:
-                found[name][placed] = places[:, k - 1]
+    places = projection.pca(matrix)
+    for name in wanted:
+        found[name][placed] = places[:, PROJECTIONS.index(name)]
     return found
 
 

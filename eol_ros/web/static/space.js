@@ -13,7 +13,7 @@ const TICKS = [0, 0.25, 0.5, 0.75, 1];
 // What an axis may be though the corpus does not have it yet: it is described when it is chosen.
 const FURTHER = [
   'spectral_flux', 'attack_time_s', 'loudness_range_lu', 'harmonic_ratio',
-  ...Array.from({ length: 12 }, (_, k) => `mfcc_${k + 1}`), 'pca_1', 'pca_2', 'umap_1', 'umap_2',
+  ...Array.from({ length: 12 }, (_, k) => `mfcc_${k + 1}`), 'pca_1', 'pca_2',
 ];
 const BY_SOUND = 'by_sound';
 // One of its own for each sound, told apart by those who see few colours, too (Okabe, Ito).
