@@ -449,17 +449,6 @@ DESCRIPTORS = (
     'loudness_lufs',
     'duration_s',
 )
-# What takes longer to describe, and is described where it is asked for (core/sound/timbre.py).
-MORE_DESCRIPTORS = (
-    'spectral_flux',
-    'attack_time_s',
-    'loudness_range_lu',
-    'harmonic_ratio',
-    *(f'mfcc_{k}' for k in range(1, 13)),
-)
-# Places made of all descriptors together, for the two axes of a map.
-PROJECTIONS = ('pca_1', 'pca_2')
-MAP_AXES = (*DESCRIPTORS, *MORE_DESCRIPTORS, *PROJECTIONS)
 
 
 _NUMBER = r'[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?'
@@ -467,7 +456,7 @@ _SHARE = r'(0|1|0?\.\d+|[01]\.0*)'
 # What the lines of a setting look like, by the words for people.
 FORMS = {
     'NAME WEIGHT': rf'\S.* {_SHARE}',
-    'DESCRIPTOR WEIGHT SOURCE': rf'({"|".join(MAP_AXES)}) {_NUMBER} (x|y|speed|last)',
+    'DESCRIPTOR WEIGHT SOURCE': rf'({"|".join(DESCRIPTORS)}) {_NUMBER} (x|y|speed|last)',
     'MIDI ACTION': r'(cc|note|program) (\d{1,2}:)?\d{1,3} \S.*',
     'NAME REGION': rf'\S.* (left|right|near|far|{_SHARE}(,{_SHARE}){{3}})',
 }
@@ -504,20 +493,15 @@ class GrainsSettings:
         0.25, 'length of a grain; with segment: onset, the greatest length', 's', 0.02, 60
     )
     overlap: float = live(0.0, 'share of a grain that the next grain repeats', '', 0, 0.9)
-    more_descriptors: bool = live(
-        False,
-        'compute MFCC, spectral flux, attack time, loudness range and harmonic ratio for '
-        'every corpus; without it, only those chosen as an axis are computed',
-    )
     x_axis: str = live(
         'centroid_mean_hz',
-        'descriptor mapped from left to right; pca combines all descriptors',
-        choices=MAP_AXES,
+        'descriptor mapped from left to right',
+        choices=DESCRIPTORS,
     )
     y_axis: str = live(
         'periodicity_mean',
-        'descriptor mapped from near to far; pca combines all descriptors',
-        choices=MAP_AXES,
+        'descriptor mapped from near to far',
+        choices=DESCRIPTORS,
     )
     layout: str = live(
         'even',
@@ -794,7 +778,7 @@ class SoundSettings:
         'nothing',
         'quantity that moves filter_hz: none, the area of the cascade, or the rank of the '
         'grain by a descriptor of the corpus',
-        choices=('nothing', 'area', *DESCRIPTORS, *MORE_DESCRIPTORS),
+        choices=('nothing', 'area', *DESCRIPTORS),
     )
     filter_octaves: float = live(
         0.0,

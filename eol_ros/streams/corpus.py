@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from eol_ros.settings import DESCRIPTORS
 from eol_ros.streams.record import Record
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def of(
     `moved`: the grains that were moved by hand; they are told as if it were a descriptor.
     """
     grains = corpus.grains
-    names = corpus.descriptors
+    names: tuple[str, ...] = DESCRIPTORS
     values = np.stack([grains[name] for name in names], axis=1)
     if moved:
         by_hand = np.isin(np.arange(len(grains)), moved)[:, None]

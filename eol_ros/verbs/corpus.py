@@ -11,7 +11,7 @@ from pathlib import Path
 
 from eol_ros.cli import within
 from eol_ros.errors import UsageError
-from eol_ros.settings import FORMS, MAP_AXES
+from eol_ros.settings import DESCRIPTORS, FORMS
 from eol_ros.verbs.progress import Progress
 
 HELP = 'Cut sounds into grains, describe them and lay them out for the blocks to play.'
@@ -19,7 +19,6 @@ EXAMPLES = [
     'eol corpus iceberg.wav --output iceberg.json',
     'eol corpus field/*.flac --grain 0.1 --overlap 0.5 --x pitch_hz --y loudness_lufs -o f.json',
     'eol corpus ice.wav harbour.flac --region "ice left" --region "harbour right" -o two.json',
-    'eol corpus iceberg.wav --more --x pca_1 --y pca_2 --output iceberg.json',
     'eol corpus door.ogg --segment onset --csv door.csv --labels-out door.labels.txt',
     'eol corpus door.ogg --segment labels --labels door.labels.txt --output door.json',
     'eol corpus                               (the procedural ice recording)',
@@ -58,10 +57,8 @@ def add_arguments(parser):
         metavar='DB',
         help='grains below this level get no place',
     )
-    add('--x', choices=MAP_AXES, default=MAP_AXES[0], metavar='NAME', help=_NAMES)
-    add('--y', choices=MAP_AXES, default=MAP_AXES[1], metavar='NAME')
-    further = 'MFCC, spectral flux, attack time, loudness range and harmonic ratio'
-    add('--more', action='store_true', help=f'describe {further}, too')
+    add('--x', choices=DESCRIPTORS, default=DESCRIPTORS[0], metavar='NAME', help=_NAMES)
+    add('--y', choices=DESCRIPTORS, default=DESCRIPTORS[1], metavar='NAME')
     where = 'where the grains of a sound lie: left, right, near, far, or X,Y,X,Y in 0..1'
     add('--region', action='append', default=[], metavar='"NAME REGION"', help=where)
     add('--layout', choices=('raw', 'rank', 'even'), default='even')
@@ -84,7 +81,7 @@ def add_arguments(parser):
     add('--json', action='store_true', help='the corpus to stdout')
 
 
-_NAMES = 'one of ' + ', '.join(MAP_AXES)
+_NAMES = 'one of ' + ', '.join(DESCRIPTORS)
 
 
 def run(args):
@@ -150,7 +147,6 @@ def _options(args):
         gate_off_db=args.gate_off,
         silence_db=args.silence,
         labels=args.labels,
-        more_descriptors=args.more,
         regions=tuple(args.region),
     )
 
@@ -161,8 +157,8 @@ def _summary(corpus):
     placed = corpus.placed
     print(f'{len(corpus)} grains, {int(placed.sum())} placed, {int((~placed).sum())} silent')
     print(f'{"":18}{"least":>12}{"10 %":>12}{"middle":>12}{"90 %":>12}{"most":>12}')
-    for name in corpus.descriptors:
-        values = corpus.values(name)[placed]
+    for name in DESCRIPTORS:
+        values = corpus.grains[name][placed]
         values = values[np.isfinite(values)]
         cells = np.percentile(values, [0, 10, 50, 90, 100]) if len(values) else []
         print(f'{name:18}' + ''.join(f'{v:12.4g}' for v in cells))

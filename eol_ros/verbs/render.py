@@ -143,11 +143,12 @@ def _voices(args, settings, loaded):
 def _bank(path: str, sample_rate: int):
     from eol_ros.devices.audio.bank import load_bank
     from eol_ros.devices.corpus.corpus_file import load
+    from eol_ros.settings import DESCRIPTORS
 
     corpus = load(Path(path))
     grains = corpus.grains
     files = [source.path for source in corpus.sources]
-    told = {name: corpus.values(name).astype('f4') for name in corpus.descriptors}  # as nodes do
+    told = {name: grains[name].astype('f4') for name in DESCRIPTORS}  # as nodes do
     file, start, duration = (grains[name] for name in ('file', 'start_s', 'duration_s'))
     return load_bank(files, file, start, duration, sample_rate, descriptors=told)
 

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from support.waiting import wait_until
 
-from eol_ros.core.sound import projection
 from eol_ros.core.sound.corpus import GRAIN
 from eol_ros.core.sound.ice import ice
 from eol_ros.devices.audio import audio_file
@@ -25,7 +24,6 @@ from eol_ros.devices.corpus.corpus_build import build, build_cached
 from eol_ros.devices.corpus.corpus_file import Options
 from eol_ros.devices.corpus.loader import CorpusLoader
 from eol_ros.errors import ConfigError, DeviceMissing, EolError
-from eol_ros.settings import MORE_DESCRIPTORS
 
 RATE = 16000
 
@@ -79,7 +77,7 @@ def test_json_and_sound_can_be_carried_elsewhere(sound, tmp_path):
 
 def test_csv_has_the_numbers_of_the_json(sound, tmp_path):
     sound = sound.rename(tmp_path / 'a, "b".wav')
-    corpus = build([sound], Options(more_descriptors=True))
+    corpus = build([sound], Options())
     corpus_file.save_csv(corpus, tmp_path / 'c.csv')
     with open(tmp_path / 'c.csv', newline='') as file:
         rows = list(csv.DictReader(file))
@@ -410,7 +408,7 @@ def test_further_options_at_their_defaults_leave_digests_as_they_were(sound):
     parts = [1, 3, words, corpus_file.sha256(sound)]  # as in every bag since the third analysis
     expected = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
     assert corpus_file.digest([sound], Options()) == expected
-    assert corpus_file.digest([sound], Options(more_descriptors=True)) != expected
+    assert corpus_file.digest([sound], Options(overlap=0.5)) != expected
 
 
 def test_each_sound_in_its_region(two):
@@ -460,33 +458,6 @@ def test_a_sound_added_to_a_folder_is_described_alone(two, tmp_path, monkeypatch
     floe_now = after.grains[after.grains['file'] == 0]
     for name in ('start_s', 'centroid_mean_hz', 'rms_db'):
         np.testing.assert_array_equal(floe_now[name], before.grains[name])
-
-
-@pytest.mark.parametrize(
-    'options', [Options(more_descriptors=True), Options(x_axis='mfcc_2', y_axis='spectral_flux')]
-)
-def test_further_descriptors_are_there_where_they_are_asked_for(sound, tmp_path, options):
-    assert build([sound], Options()).grains.dtype == GRAIN
-    corpus = build_cached([sound], options)
-    assert set(MORE_DESCRIPTORS) <= set(corpus.descriptors) and 'pca_1' not in corpus.descriptors
-    assert np.isfinite(corpus.values('mfcc_12')).all()
-    corpus_file.save(corpus, tmp_path / 'c.json')
-    loaded = corpus_file.load(tmp_path / 'c.json', trusted=True)
-    assert loaded.same_as(corpus)
-    plain = build_cached([sound], Options())
-    for name in GRAIN.names[:-2]:
-        np.testing.assert_array_equal(corpus.grains[name], plain.grains[name])
-
-
-@pytest.mark.parametrize('more', [False, True])
-def test_a_map_by_principal_components_is_snapped_to_a_grid(sound, more):
-    corpus = build([sound], Options(more_descriptors=more, x_axis='pca_1', y_axis='pca_2'))
-    assert ('mfcc_1' in corpus.descriptors) == more
-    names = [n for n in corpus.descriptors if n[:3] != 'pca']
-    matrix = projection.standardised([corpus.values(n) for n in names], names)
-    np.testing.assert_allclose(corpus.values('pca_1'), projection.pca(matrix)[:, 0])
-    assert len({(round(x, 9), round(y, 9)) for x, y in corpus.grains[['x', 'y']].tolist()}) == 16
-    assert np.corrcoef(corpus.values('pca_1'), corpus.grains['x'])[0, 1] > 0.7
 
 
 def test_a_grain_put_back_lies_where_the_layout_has_it(sound):

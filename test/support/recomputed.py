@@ -69,8 +69,8 @@ def light() -> dict:
 
 
 def sound() -> dict:
-    """A corpus of ice, its descriptors and map, and what the mixer makes of its grains."""
-    from eol_ros.core.sound import descriptors, layout, projection, segments, timbre
+    """A corpus of ice, its descriptors and layout, and what the mixer makes of its grains."""
+    from eol_ros.core.sound import descriptors, layout, ranks, segments
     from eol_ros.core.sound.bank import Bank
     from eol_ros.core.sound.ice import ice
     from eol_ros.core.sound.offline import play
@@ -82,12 +82,8 @@ def sound() -> dict:
     recording = ice(12.0, rate, 3)
     cuts = segments.chop(len(recording), rate, 0.25)
     grains, _ = descriptors.analyse(recording, rate, cuts)
-    more = timbre.describe(recording, rate, cuts)
-    names = ('centroid_mean_hz', 'loudness_lufs', 'periodicity_mean')
-    columns = [*(grains[name] for name in names), *more.values()]
-    kinds = [*names, *more]
-    places = projection.pca(projection.standardised(columns, kinds))
-    even = layout.even(np.stack([projection.ranked(axis) for axis in places.T], axis=1))
+    columns = [grains[name] for name in ('centroid_mean_hz', 'loudness_lufs', 'periodicity_mean')]
+    even = layout.even(np.stack([ranks.ranked(axis) for axis in columns[:2]], axis=1))
     settings = SoundSettings(sample_rate=48000, rate_scaling=0.5, filter='low-pass', sub_db=-12.0)
     bank = Bank([recording], np.zeros(len(cuts), int), cuts[:, 0] / rate,
                 (cuts[:, 1] - cuts[:, 0]) / rate, rate)  # fmt: skip
@@ -103,7 +99,7 @@ def sound() -> dict:
         'ice': digest(recording),
         'cuts': digest(segments.onset_cut(recording, rate)),
         'descriptors': digest(*columns),
-        'layout': digest(places, even),
+        'layout': digest(even),
         'voices': digest(*(rows[n] for n in rows.dtype.names if n != 'source')),
         'mixer': digest(heard),
     }

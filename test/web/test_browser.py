@@ -1133,9 +1133,9 @@ def test_the_space_says_what_lies_where_and_gives_moved_grains_back(graph, brows
     # What is asked for; not sent, for it would be kept beside the sound for good.
     asked = 'eol.asked = []; eol.link.control = async (...ask) => ({ok: eol.asked.push(ask)});'
     run(browser, asked)
-    # Grains of equal length: length is no axis; what takes longer to describe may be one.
+    # Grains of equal length: length is no axis.
     names = run(browser, 'return [...eol.space.menus.x.options].map((option) => option.value)')
-    assert 'duration_s' not in names and {'centroid_mean_hz', 'mfcc_3', 'pca_1'} <= set(names)
+    assert 'duration_s' not in names and {'centroid_mean_hz', 'rms_db'} <= set(names)
     # A tick says the median of what lies there.
     ticks = run(browser, 'return [0, .25, .5, .75, 1].map((at) => Number(eol.space.tick("x", at)))')
     assert ticks == sorted(ticks) and 20 < ticks[0] < ticks[4] / 2

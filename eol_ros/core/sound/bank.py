@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from eol_ros.core.compiled import njit
 from eol_ros.core.sound.mixer_layout import FOREVER, GUARD, VOICE
 from eol_ros.core.sound.pan import pan
-from eol_ros.core.sound.projection import rank_shares
+from eol_ros.core.sound.ranks import rank_shares
 from eol_ros.core.sound.ring import Ring
 from eol_ros.core.sound.triggers import MAX_GAIN, MAX_RATE, MIN_RATE, TRIGGER
 

@@ -2,12 +2,11 @@
 """The corpus: every grain of the sound with its descriptors and its place in the space."""
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from eol_ros.settings import DESCRIPTORS, MAP_AXES
+from eol_ros.settings import DESCRIPTORS
 
 COLUMNS = ('start_s', 'duration_s', *DESCRIPTORS[:-1], 'x', 'y')  # all but the file
 GRAIN = np.dtype([('file', 'i4'), *((name, 'f8') for name in COLUMNS)])
@@ -15,27 +14,6 @@ AXES = ('centroid_mean_hz', 'periodicity_mean')  # of the paper: x, y
 
 READ_PER_S = 50.0  # seconds of sound that are read in a second
 LEAST_READING_S, MOST_READING_S = 1.0, 30.0
-
-
-def grain_dtype(further: Iterable[str] = ()) -> np.dtype:
-    """Return the dtype of grains that have `further` descriptors, too."""
-    return np.dtype([*GRAIN.descr, *((name, 'f8') for name in further)])
-
-
-def widened(grains: np.ndarray, further: Iterable[str]) -> np.ndarray:
-    """Return a copy of `grains` (n,) that has `further` descriptors, too; NaN where it had none.
-
-    Examples
-    --------
-    >>> wider = widened(np.zeros(1, GRAIN), ['spectral_flux'])
-    >>> wider['flatness'].tolist(), wider['spectral_flux'].tolist()
-    ([0.0], [nan])
-    """
-    known, wanted = grains.dtype.names or (), {*(grains.dtype.names or ()), *further}
-    found = np.zeros(len(grains), grain_dtype(n for n in MAP_AXES if n in wanted - {*COLUMNS}))
-    for name in found.dtype.names or ():
-        found[name] = grains[name] if name in known else np.nan
-    return found
 
 
 @dataclass(frozen=True)
@@ -69,9 +47,8 @@ class Corpus:
     sources : tuple of Source
         The recordings.
     grains : ndarray
-        (n,) GRAIN, or with further descriptors (`grain_dtype`): `file` indexes `sources`;
-        `pitch_hz` is NaN where there is none; `x`, `y` lie in 0..1, or are NaN for a grain that
-        has no place because it is silent.
+        (n,) GRAIN: `file` indexes `sources`; `pitch_hz` is NaN where there is none; `x`, `y` lie in
+        0..1, or are NaN for a grain that has no place because it is silent.
     x_name, y_name : str
         The descriptors of the axes.
     digest : str
@@ -118,17 +95,6 @@ class Corpus:
         """Whether both have the same sounds, cut and placed alike."""
         alike = self.sources == other.sources and self.digest == other.digest
         return alike and self.grains.tobytes() == other.grains.tobytes()
-
-    @property
-    def descriptors(self) -> tuple[str, ...]:
-        """Names of what the grains are described by."""
-        return tuple(name for name in MAP_AXES if name in (self.grains.dtype.names or ()))
-
-    def values(self, name: str) -> np.ndarray:
-        """Return one descriptor of every grain, shape (n,)."""
-        if name not in self.descriptors:
-            raise KeyError(name)
-        return self.grains[name]
 
 
 def table_bounds(side_m: float) -> tuple[float, float, float, float]:

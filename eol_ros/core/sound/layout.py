@@ -5,7 +5,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from eol_ros.core import elementary
-from eol_ros.core.sound.projection import ranked
+from eol_ros.core.sound.ranks import ranked
 
 EXACT_UP_TO = 2048  # grains placed in one assignment, which costs n^3; more are halved first
 

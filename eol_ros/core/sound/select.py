@@ -38,7 +38,7 @@ from numpy.typing import ArrayLike
 
 from eol_ros.core import elementary
 from eol_ros.core.sound.corpus import Corpus, table_bounds
-from eol_ros.core.sound.projection import rank_shares
+from eol_ros.core.sound.ranks import rank_shares
 from eol_ros.core.sound.sources import weights
 from eol_ros.core.sound.stress import stress
 from eol_ros.core.sound.triggers import MAX_RATE, MIN_RATE, TRIGGER
@@ -335,15 +335,12 @@ class Selector:
     def _ranks(self) -> np.ndarray:
         """Return the rank of each grain in the descriptors to match, (grains, lines)."""
 
-        def ranks(corpus: Corpus, name: str) -> np.ndarray:
-            if name not in corpus.descriptors:
-                return np.full(len(self._grains), 0.5)
-            return rank_shares(corpus.grains[name][self._grains])
+        def make(corpus: Corpus) -> np.ndarray:
+            grains = corpus.grains[self._grains]
+            return np.stack([rank_shares(grains[name]) for name in names], axis=1)
 
         names = [line.split()[0] for line in self.settings.match]
-        return self._once(
-            'ranks', names, lambda corpus: np.stack([ranks(corpus, name) for name in names], axis=1)
-        )
+        return self._once('ranks', names, make)
 
     def _likeness(
         self, far: np.ndarray, at: np.ndarray, speed: np.ndarray, last: np.ndarray | None

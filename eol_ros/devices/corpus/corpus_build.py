@@ -20,14 +20,13 @@ import numpy as np
 
 from eol_ros import folders, parent_death
 from eol_ros.core.sound import sources as several
-from eol_ros.core.sound.corpus import Corpus, Source, widened
+from eol_ros.core.sound.corpus import Corpus, Source
 from eol_ros.devices.corpus import corpus_file
 from eol_ros.devices.corpus.corpus_file import ANALYSIS, LEFT_OUT, Options
 from eol_ros.devices.files.names import is_text
 from eol_ros.disk import DISK, check_file, read
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, writing
 from eol_ros.said import said
-from eol_ros.settings import DESCRIPTORS, MORE_DESCRIPTORS, PROJECTIONS
 
 ICE_S, ICE_RATE = 120.0, 48000
 CUT = (
@@ -123,7 +122,6 @@ def build(
         [source.folder for source in sources],
         [Path(more).name for more in options.more_sounds] + [sound.stem for sound in sounds],
     )  # fmt: skip
-    grains = _projected(grains, placed, names)
     for box in dict.fromkeys(boxes):
         files = [i for i, other in enumerate(boxes) if other == box]
         here = np.flatnonzero(placed & np.isin(grains['file'], files))
@@ -166,23 +164,6 @@ def _all_analysed(
         raise left_out[0]
     notes += [f'{LEFT_OUT}{error}' for error in left_out]
     return sources, np.concatenate(parts), np.concatenate(silences), notes
-
-
-def _projected(grains: np.ndarray, placed: np.ndarray, axes: tuple[str, str]) -> np.ndarray:
-    """Return `grains` with those of `axes` that are made of all their descriptors."""
-    wanted = [name for name in PROJECTIONS if name in axes]
-    if not wanted:
-        return grains
-    from eol_ros.core.sound import projection
-
-    known = grains.dtype.names or ()
-    names = [n for n in (*DESCRIPTORS, *MORE_DESCRIPTORS) if n in known]
-    matrix = projection.standardised([grains[n][placed] for n in names], names)
-    found = widened(grains, wanted)
-    places = projection.pca(matrix)
-    for name in wanted:
-        found[name][placed] = places[:, PROJECTIONS.index(name)]
-    return found
 
 
 def build_cached(
@@ -259,8 +240,6 @@ def _analysed(sound: Path, options: Options, progress):
     words = [ANALYSIS, sha, *(getattr(options, name) for name in CUT)]
     times = None if labels is None else corpus_file.load_labels(labels)
     words.append(None if times is None else times.tolist())
-    if options.more:
-        words.append(MORE_DESCRIPTORS)
     path = folders.cache('grains') / (
         hashlib.sha256(json.dumps(words).encode()).hexdigest() + '.npz'
     )
@@ -272,12 +251,7 @@ def _analysed(sound: Path, options: Options, progress):
 
         heard = read_mono(sound)
         cuts = _cut(heard, options, times)
-        part_of = 0.3 if options.more else 1.0
-        grains, silent = analyse(
-            heard.samples, heard.rate, cuts, options.silence_db, lambda s: progress(part_of * s)
-        )
-        if options.more:
-            grains = _further(grains, heard, cuts, lambda s: progress(0.3 + 0.7 * s))
+        grains, silent = analyse(heard.samples, heard.rate, cuts, options.silence_db, progress)
         rate, duration_s, notes = heard.rate, heard.duration_s, list(heard.notes)
         late = 0 if times is None else int((times[:, 0] >= duration_s).sum())
         if late:
@@ -296,15 +270,6 @@ def _kept(content: bytes) -> tuple:
     with np.load(io.BytesIO(content)) as kept:
         grains, silent, notes = (kept[name] for name in ('grains', 'silent', 'notes'))
         return int(kept['rate']), float(kept['duration_s']), grains, silent, notes.tolist()
-
-
-def _further(grains: np.ndarray, heard, cuts: np.ndarray, progress) -> np.ndarray:
-    from eol_ros.core.sound import timbre
-
-    found = widened(grains, MORE_DESCRIPTORS)
-    for name, values in timbre.describe(heard.samples, heard.rate, cuts, progress).items():
-        found[name] = values
-    return found
 
 
 def _cut(heard, options: Options, times: np.ndarray | None) -> np.ndarray:

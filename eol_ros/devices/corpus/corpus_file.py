@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from eol_ros import folders
-from eol_ros.core.sound.corpus import AXES, COLUMNS, Corpus, Source, grain_dtype
+from eol_ros.core.sound.corpus import AXES, COLUMNS, GRAIN, Corpus, Source
 from eol_ros.devices.files import text_table
 from eol_ros.devices.files.names import find, visible
 from eol_ros.disk import DISK, check_file, content, read
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest, writing
 from eol_ros.said import said
-from eol_ros.settings import MAP_AXES, MORE_DESCRIPTORS, PROJECTIONS, GrainsSettings
+from eol_ros.settings import DESCRIPTORS, GrainsSettings
 
 VERSION = 1  # of the JSON
 ICE_RECIPE = 2  # counts up whenever the same seed gives another ice recording
@@ -34,7 +34,6 @@ MOST_CORPUS = 500_000_000  # bytes of its JSON (chosen): some 700,000 grains
 MOST_S = 86400.0  # of a sound: a day
 _MADE = 'the .json that `eol corpus SOUND --output` writes'
 DIGITS = 9  # significant, in JSON and CSV
-FURTHER = (*MORE_DESCRIPTORS, *PROJECTIONS)  # columns that a corpus may have or not
 
 
 @dataclass(frozen=True)
@@ -54,15 +53,8 @@ class Options:
     silence_db: float = -70.0
     labels: str = ''  # label track; empty: the one beside the sound
     # Younger than the digests that are about: they count only where they are not as here.
-    more_descriptors: bool = False
     more_sounds: tuple[str, ...] = ()
     regions: tuple[str, ...] = ()
-
-    @property
-    def more(self) -> bool:
-        """Whether what takes longer is described, too."""
-        axes = {self.x_axis, self.y_axis}
-        return self.more_descriptors or not axes.isdisjoint(MORE_DESCRIPTORS)
 
     @classmethod
     def of(cls, settings: GrainsSettings) -> 'Options':
@@ -163,9 +155,8 @@ def digest(sounds: list[Path], options: Options) -> str:
     """Return the SHA-256 that stands for a corpus: what it is made of and how."""
     words = asdict(options)
     words.pop('more_sounds')  # they are among `sounds`
-    for name in ('more_descriptors', 'regions'):
-        if not words[name]:
-            del words[name]
+    if not options.regions:
+        del words['regions']
     parts: list = [VERSION, ANALYSIS, words]
     if options.regions:
         parts.append([sound.stem for sound in sounds])
@@ -203,10 +194,10 @@ def as_json(corpus: Corpus, base: Path | None = None) -> str:
     for row in files:
         if base and Path(row['path']).is_relative_to(base):  # both may move house
             row['path'] = str(Path(row['path']).relative_to(base))
-    rows, names = [], _columns(corpus)
+    rows = []
     for grain in corpus.grains:
         row = {'file': files[grain['file']]['path']}
-        row.update((name, _plain(grain[name])) for name in names)
+        row.update((name, _plain(grain[name])) for name in COLUMNS)
         rows.append(row)
     head = {
         'version': VERSION,
@@ -220,10 +211,6 @@ def as_json(corpus: Corpus, base: Path | None = None) -> str:
     lines = [f'{json.dumps(k)}: {json.dumps(v)},' for k, v in head.items()]
     body = ',\n'.join(json.dumps(row) for row in rows)  # one grain a line, for people and for diff
     return '{\n' + '\n'.join(lines) + '\n"grains": [\n' + body + '\n]}\n'
-
-
-def _columns(corpus: Corpus) -> tuple[str, ...]:
-    return (*COLUMNS, *(n for n in corpus.descriptors if n in FURTHER))
 
 
 def load(path: Path, trusted: bool = False) -> Corpus:
@@ -269,10 +256,9 @@ def loads(content: bytes, path: Path, trusted: bool = False) -> Corpus:
             for row in data['files']
         )  # fmt: skip
         number = {row['path']: i for i, row in enumerate(data['files'])}
-        further = [n for n in FURTHER if data['grains'] and n in data['grains'][0]]
-        grains = np.zeros(len(data['grains']), grain_dtype(further))
+        grains = np.zeros(len(data['grains']), GRAIN)
         for i, row in enumerate(data['grains']):
-            given = (row.get(n) for n in (*COLUMNS, *further))
+            given = map(row.get, COLUMNS)
             values = [math.nan if value is None else float(value) for value in given]
             grains[i] = (number[row['file']], *values)
         told = [str(note) for note in data.get('notes', ())]
@@ -281,8 +267,8 @@ def loads(content: bytes, path: Path, trusted: bool = False) -> Corpus:
     _check(path, sources, grains)
     names = [data.get(key, axis) for key, axis in zip(('x_name', 'y_name'), AXES, strict=True)]
     for name in names:
-        if not isinstance(name, str) or name not in MAP_AXES:
-            hint = nearest(str(name), MAP_AXES)
+        if not isinstance(name, str) or name not in DESCRIPTORS:
+            hint = nearest(str(name), DESCRIPTORS)
             raise ConfigError(f'{path}: {name!r} is no descriptor. {hint}')
     key, notes = str(data.get('digest', '')), told
     if not trusted:
@@ -324,12 +310,11 @@ def _check(path, sources, grains) -> None:
 
 def save_csv(corpus: Corpus, path: Path) -> None:
     """Write one line per grain, with the same names as the JSON."""
-    names = _columns(corpus)
     text = io.StringIO()
     rows = csv.writer(text, lineterminator='\n')
-    rows.writerow(('file', *names))
+    rows.writerow(('file', *COLUMNS))
     for grain in corpus.grains:
-        rows.writerow((corpus.sources[grain['file']].path, *(_plain(grain[n]) for n in names)))
+        rows.writerow((corpus.sources[grain['file']].path, *(_plain(grain[n]) for n in COLUMNS)))
     write_text(path, text.getvalue())
 
 

@@ -10,11 +10,6 @@ const PAD = 0.08;
 const REST_MS = 80; // so long the pointer rests on a grain before its waveform is fetched
 const HEARD_MS = 120; // hearing under the pointer: no grain sooner after the one before
 const TICKS = [0, 0.25, 0.5, 0.75, 1];
-// What an axis may be though the corpus does not have it yet: it is described when it is chosen.
-const FURTHER = [
-  'spectral_flux', 'attack_time_s', 'loudness_range_lu', 'harmonic_ratio',
-  ...Array.from({ length: 12 }, (_, k) => `mfcc_${k + 1}`), 'pca_1', 'pca_2',
-];
 const BY_SOUND = 'by_sound';
 // One of its own for each sound, told apart by those who see few colours, too (Okabe, Ito).
 const SOUNDS = ['#56b4e9', '#e69f00', '#009e73', '#f0e442', '#cc79a7', '#d55e00', '#0072b2', '#bbbbbb'];
@@ -67,7 +62,7 @@ export class SpaceView {
     const options = (names, chosen) =>
       [...new Set([...names, chosen])].map((name) => new Option(name === BY_SOUND ? say(BY_SOUND) : descriptor(name), name, false, name === chosen));
     for (const axis of ['x', 'y']) {
-      this.menus[axis].replaceChildren(...options([...varied, ...FURTHER.filter((name) => !corpus.descriptors.includes(name))], corpus[`${axis}_name`]));
+      this.menus[axis].replaceChildren(...options(varied, corpus[`${axis}_name`]));
     }
     const names = this.sounds.names.length > 1 ? [BY_SOUND, ...varied] : varied;
     const before = this.menus.colour.value;

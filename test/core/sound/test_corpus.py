@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
-import pytest
 
 from eol_ros.core.sound.bank import playable
-from eol_ros.core.sound.corpus import DESCRIPTORS, GRAIN, Corpus, Source, table_bounds
+from eol_ros.core.sound.corpus import GRAIN, Corpus, Source, table_bounds
 from eol_ros.core.sound.triggers import TRIGGER
 
 
@@ -17,13 +16,6 @@ def corpus(n=3):
 
 def test_a_grain_without_a_place_is_not_placed():
     assert corpus().placed.tolist() == [True, True, False]
-
-
-def test_every_descriptor_has_its_values():
-    for name in DESCRIPTORS:
-        assert corpus().values(name).shape == (3,)
-    with pytest.raises(KeyError):
-        corpus().values('x')
 
 
 def test_same_as_sees_a_moved_grain():

@@ -56,7 +56,7 @@ def test_a_region_that_cannot_be_is_refused(line):
         ('NAME REGION', ['ice left', 'low tide 0,0,0.5,1'], ['ice', 'ice up', 'ice 0,0,2,1']),
         (
             'DESCRIPTOR WEIGHT SOURCE',
-            ['flatness 1 x', 'mfcc_3 0.5 last', 'pca_1 2e-1 speed'],
+            ['flatness 1 x', 'pitch_hz 0.5 last', 'rms_db 2e-1 speed'],
             ['flat 1 x', 'flatness x', 'flatness 1 z'],
         ),
     ],
