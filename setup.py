@@ -25,7 +25,7 @@ RUNTIME = [
 # ROS 2 as wheels, for a machine without a ROS installation. Where there is one, as under colcon,
 # these would be a second ROS, and who analyses a bag needs none: so they are an extra.
 ROS = ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces']
-SCIENCE = ['matplotlib>=3.8', 'mcap-ros2-support>=0.5', 'pyarrow>=14']
+SCIENCE = ['matplotlib>=3.8', 'mcap-ros2-support>=0.5']
 CLUSTER = ['dask>=2024.1', 'distributed>=2024.1']  # sweeps on more than one machine
 MIDI = ['python-rtmidi>=1.5']
 TLS = ['cryptography>=42']

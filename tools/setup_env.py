@@ -26,7 +26,7 @@ MESSAGES = ROOT / 'msg_defs' / 'eol_msgs'
 LOCKS = ROOT / 'tools' / 'requirements'
 BROWSER = LOCKS / 'browser'  # what the tests put into a browser: npm's own list and lock
 # Test packages that the tests of the pure core do not need, by the beginning of their names.
-NOT_CORE = ('ros-', 'colcon-', 'cmake', 'ninja', 'dask', 'distributed', 'mypy', 'pyarrow', 'ruff',
+NOT_CORE = ('ros-', 'colcon-', 'cmake', 'ninja', 'dask', 'distributed', 'mypy', 'ruff',
             'selenium', 'trio')  # fmt: skip
 # Other extras whose wheels suffice for an extra ('' is a run).
 ENOUGH = {'': ('test', 'bench'), 'core': ('test', 'bench')}

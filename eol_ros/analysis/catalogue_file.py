@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The catalogue of cascades as files that other programs read: ZMAP, and Parquet or CSV."""
+"""The catalogue of cascades as a table that other programs read."""
 
 import csv
-import datetime
 import json
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from eol_ros.analysis.bag import Bag, Table
 from eol_ros.analysis.recorded_settings import recorded_settings, recorded_table
 from eol_ros.core.physics.builders import GRAVITY
 from eol_ros.devices.files.names import shown
-from eol_ros.lab.sweeps.table import Column, Csv, Parquet, has_parquet
 from eol_ros.settings import TwinSettings
 
 # name: type, unit, what it is
@@ -31,7 +29,6 @@ COLUMNS = {
     'energy_j': ('f8', 'J', 'that friction took: mu_kinetic * block_kg * g * potency_m'),
     'bag': ('U64', '', 'recording that it stands in'),
 }
-ZMAP = ('x', 'y', 'decimal year', 'month', 'day', 'magnitude', 'depth', 'hour', 'minute', 'second')
 
 
 def of(bag: Bag, cascades: Table | None, measured: TwinSettings | None = None) -> np.ndarray:
@@ -83,48 +80,14 @@ def energy_sentence(rows: np.ndarray, made: TwinSettings | None) -> str:
     )
 
 
-def write(out: Path, rows: np.ndarray, provenance: dict[str, Any]) -> list[Path]:
-    """Write catalogue_zmap.tsv, catalogue.parquet (or .csv without pyarrow) and catalogue.json.
-
-    By onset.
-    """
-    rows = rows[np.argsort(rows['onset_ns'], kind='stable')]
-    zmap = out / 'catalogue_zmap.tsv'
-    with open(zmap, 'w', newline='', encoding='ascii') as file:
-        # tabs: with commas ObsPy reads events without a value, and says nothing
-        csv.writer(file, delimiter='\t', lineterminator='\n').writerows(_zmap_rows(rows))
+def write(out: Path, rows: np.ndarray, provenance: dict[str, Any]) -> None:
+    """Write catalogue.csv, by onset, and catalogue.json, which says what its columns are."""
     about = {
         'provenance': provenance,
         'columns': {n: {'unit': unit, 'is': text} for n, (_, unit, text) in COLUMNS.items()},
-        'catalogue_zmap.tsv': {
-            'columns': ZMAP, 'is': 'no head; x, y in m stand for degrees, depth is 0, UTC; '
-            'a cascade without a distance has the magnitude nan',
-        },
-    }  # fmt: skip
+    }
     (out / 'catalogue.json').write_text(json.dumps(about, indent=2) + '\n', encoding='utf-8')
-    kinds: dict[str, type] = {'i': int, 'f': float, 'U': str}
-    columns = {n: Column(kinds[kind[0]], unit, text) for n, (kind, unit, text) in COLUMNS.items()}
-    form, name = (Parquet, 'catalogue.parquet') if has_parquet() else (Csv, 'catalogue.csv')
-    told = (dict(zip(COLUMNS, row, strict=True)) for row in rows.tolist())
-    form.write(out / name, told, columns, provenance)
-    return [zmap, out / name, out / 'catalogue.json']
-
-
-def _zmap_rows(rows: np.ndarray) -> Any:
-    for row in rows:
-        whole_s, rest_ns = divmod(int(row['onset_ns']), 10**9)
-        at = datetime.datetime.fromtimestamp(whole_s, datetime.timezone.utc)
-        begin, end = (
-            datetime.datetime(year, 1, 1, tzinfo=datetime.timezone.utc)
-            for year in (at.year, at.year + 1)
-        )
-        year = (
-            at.year
-            + ((at - begin).total_seconds() + rest_ns * 1e-9) / (end - begin).total_seconds()
-        )
-        magnitude = row['magnitude']
-        yield [
-            f'{row["x_m"]:.3f}', f'{row["y_m"]:.3f}', f'{year:.13f}', at.month, at.day,
-            f'{magnitude:.4f}' if np.isfinite(magnitude) else 'nan', 0, at.hour, at.minute,
-            f'{at.second}.{rest_ns // 1000:06}',
-        ]  # fmt: skip
+    with open(out / 'catalogue.csv', 'w', newline='', encoding='utf-8') as file:
+        writer = csv.writer(file, lineterminator='\n')
+        writer.writerow(COLUMNS)
+        writer.writerows(rows[np.argsort(rows['onset_ns'], kind='stable')].tolist())

@@ -12,11 +12,12 @@ from eol_ros.cli import within
 
 HELP = """Run a table, plate, automaton or any scene over all combinations of parameters.
 
-The results are a table (Parquet, or CSV). The same command again computes only what is missing,
-and a sweep file with more values adds to it. --parameters MODEL lists its keys and columns."""
+The results are a CSV table, with FILE.json about its columns. The same command again computes only
+what is missing, and a sweep file with more values adds to it. --parameters MODEL lists its keys and
+columns."""
 EXAMPLES = [
     'eol sweep examples/sweeps/friction.yaml',
-    'eol sweep examples/sweeps/friction.yaml --output friction.csv --workers 4',
+    'eol sweep examples/sweeps/friction.yaml --output mine.csv --workers 4',
     'eol sweep sweep.yaml --scheduler tcp://host:8786',
     'eol sweep sweep.yaml --count',
     'eol sweep --parameters plate',
@@ -29,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '-o',
         '--output',
         metavar='FILE',
-        help='.parquet or .csv (default: named as the sweep file, here)',
+        help='the table, .csv (default: named as the sweep file, here)',
     )
     parser.add_argument(
         '--workers',
@@ -62,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     if args.count:
         print(json.dumps({'tasks': len(spec)}) if args.json else f'{len(spec)} tasks')
         return 0
-    out = Path(args.output) if args.output else _default(args.spec)
+    out = Path(args.output or f'{Path(args.spec).stem}.csv')
     table = Table(out, spec.model, work.version())
     counts, stopped = Counts(), False
     try:
@@ -119,15 +120,6 @@ def _compute(args, spec, table, counts, lacks: int) -> None:
             pass
     finally:
         crew.close()
-
-
-def _default(spec: str) -> Path:
-    from eol_ros.lab.sweeps.table import has_parquet
-
-    if has_parquet():
-        return Path(f'{Path(spec).stem}.parquet')
-    print('pyarrow is not installed: the table is a CSV file', file=sys.stderr)
-    return Path(f'{Path(spec).stem}.csv')
 
 
 def _parameters(model: str) -> int:

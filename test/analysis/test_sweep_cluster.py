@@ -97,8 +97,8 @@ def test_a_worker_of_a_cluster_killed_in_mid_task_loses_nothing(cluster, given, 
         if count == 3:
             cluster.processes['one'].send_signal(signal.SIGKILL)
 
-    there = computed(tmp_path / 'cluster.parquet', given, crew, kill)
-    here = computed(tmp_path / 'here.parquet', given, crews.Local(1))
+    there = computed(tmp_path / 'cluster.csv', given, crew, kill)
+    here = computed(tmp_path / 'here.csv', given, crews.Local(1))
 
     assert there == here
     assert sizes[0] == 2 and sizes[-1] == 1
@@ -141,7 +141,7 @@ def test_a_cluster_of_another_version_is_refused_with_both(cluster, given, tmp_p
     cluster.processes['two'].kill()
     pattern = r'has eol_ros .*\(sources (\w+)\), here is eol_ros .*\(sources (?!\1)\w+\)'
     with pytest.raises(ConfigError, match=pattern):
-        computed(tmp_path / 'late.parquet', given, crew)
+        computed(tmp_path / 'late.csv', given, crew)
     with pytest.raises(ConfigError, match=f'worker tcp.* {pattern}'):
         crews.Cluster(cluster.address)
 
