@@ -48,7 +48,6 @@ API = {
     },
     'Science': {
         'eol_ros.core.science.powerlaw': ('fit', 'cascade_law', 'goodness'),
-        'eol_ros.lab.science.catalogue': ('magnitude_law', 'omori'),
         'eol_ros.lab.science.spectra': ('spectrum', 'slope'),
     },
     'Scenes': {'eol_ros.scene': ('load',)},

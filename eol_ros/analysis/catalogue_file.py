@@ -24,7 +24,6 @@ COLUMNS = {
     'area': ('i8', 'blocks', 'distinct blocks that slipped'),
     'size': ('i8', '', 'slips'),
     'potency_m': ('f8', 'm', 'distances of all slips, summed'),
-    'magnitude': ('f8', '', 'log10 of potency_m'),
     'moment_nm': ('f8', 'N m', 'stiffness of a spring * pitch along a row * potency_m'),
     'energy_j': ('f8', 'J', 'that friction took: mu_kinetic * block_kg * g * potency_m'),
     'bag': ('U64', '', 'recording that it stands in'),
@@ -44,14 +43,11 @@ def of(bag: Bag, cascades: Table | None, measured: TwinSettings | None = None) -
         return rows
     table = recorded_table(bag)
     place = table.rest[cascades['nucleus']]
-    with np.errstate(divide='ignore'):
-        magnitude = np.log10(cascades['distance'])
     for name, values in (
         ('onset_ns', cascades['onset'].astype('i8')), ('duration_s', cascades['duration']),
         ('nucleus', cascades['nucleus']), ('x_m', place[:, 0]), ('y_m', place[:, 1]),
         ('area', cascades['area']), ('size', cascades['size']),
-        ('potency_m', cascades['distance']), ('magnitude', magnitude),
-        ('bag', shown(bag.path.name)),
+        ('potency_m', cascades['distance']), ('bag', shown(bag.path.name)),
     ):  # fmt: skip
         rows[name] = values
     made = measured or recorded_settings(bag, 'twin')

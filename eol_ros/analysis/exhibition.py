@@ -29,7 +29,6 @@ from eol_ros.devices.bag.writer import REPLAY_OF, SAMPLE
 from eol_ros.devices.files.names import shown
 from eol_ros.disk import DAMAGED
 from eol_ros.errors import ConfigError, EolError, writing
-from eol_ros.lab.science import catalogue
 from eol_ros.lab.sweeps import work
 from eol_ros.lab.sweeps.crews import Crew, work_through
 from eol_ros.streams.slips import START
@@ -46,8 +45,8 @@ WAYS = {  # in which a block can be silent, in words
     'taps': ('knocks', 'told of a knock', 'tell of knocks no longer'),
 }
 NOT_TOLD = (
-    'not told of many bags: waiting times, aftershocks, energies, 1/f and patterns of light; `eol '
-    'report BAG` has them of each'
+    'not told of many bags: waiting times, energies, 1/f and patterns of light; `eol report BAG` '
+    'has them of each'
 )
 ALL_S = 1.0  # a bag shorter than that is none of an exhibition
 
@@ -185,7 +184,7 @@ def numbers(digests: list[Digest], left_out: list[str]) -> dict[str, Any]:
         hours.setdefault(hour, Counter()).update(counts)
     rows = np.concatenate([d.rows for d in digests])
     days = _days(digests, hours, rows, table.count)
-    found: dict[str, Any] = {
+    return {
         'bags': len(digests), 'left_out': sorted(left_out),
         'begin': _iso(digests[0].start_ns, digests[0].zone_ns),
         'end': _iso(max(d.end_ns for d in digests), digests[-1].zone_ns),
@@ -201,13 +200,6 @@ def numbers(digests: list[Digest], left_out: list[str]) -> dict[str, Any]:
         'notes': [note for d in digests for note in d.notes],
         'cascades': report.law(rows['area'], table.count),
     }  # fmt: skip
-    by_onset = rows[np.argsort(rows['onset_ns'], kind='stable')]
-    try:
-        magnitudes = catalogue.magnitude_law(by_onset['magnitude'], np.random.default_rng(1))
-        found['magnitudes'] = report.plain(magnitudes)
-    except powerlaw.FitError as why:
-        found['magnitudes'] = {'sentence': f'magnitudes: {why}'}
-    return found
 
 
 def _one_table(digests: list[Digest]) -> Table:
@@ -392,7 +384,6 @@ def sentences(found: dict[str, Any]) -> list[str]:
         f'rest); something slipped in {100 * share:.0f} % of all seconds',
         f'{c["count"]} cascades, up to {c["largest"]} blocks: {c["sentence"]}',
         *_said_of_days(found['days']),
-        found['magnitudes']['sentence'],
         found['friction']['sentence'],
         *_said_of_dead(found['dead_blocks']),
         NOT_TOLD,

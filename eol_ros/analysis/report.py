@@ -10,15 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from eol_ros.analysis import catalogue_file, exposure, figures, light, series, uncoupled
+from eol_ros.analysis import catalogue_file, figures, light, series, uncoupled
 from eol_ros.analysis.bag import Bag, Table, seconds
 from eol_ros.analysis.recorded_settings import recorded_settings, recorded_table
 from eol_ros.analysis.retrack import Retracked
 from eol_ros.core.science import powerlaw
 from eol_ros.devices.files.names import shown
 from eol_ros.errors import writing
-from eol_ros.lab.science import alternatives, catalogue, quiescent
+from eol_ros.lab.science import alternatives, quiescent
 from eol_ros.lab.science.one_over_f import Answer
+from eol_ros.lab.science.waiting import waiting
 from eol_ros.settings import TwinSettings
 from eol_ros.streams import felt
 from eol_ros.streams.graph import topic_of
@@ -73,7 +74,7 @@ def numbers(
         found['cascades']['median_size'] = _median(cascades['size'])
         if slips is not None:
             found['cascades']['from_rest_to_rest'] = rest_to_rest(stops, table.count)
-        found['catalogue'] = catalogue_of(bag, cascades)
+        found['catalogue'] = {'waiting': _waiting(cascades)}
         rows = catalogue_file.of(bag, cascades, measured)
         made = measured or recorded_settings(bag, 'twin')
         found['catalogue']['energy'] = {'sentence': catalogue_file.energy_sentence(rows, made)}
@@ -114,8 +115,7 @@ def _lacking(bag: Bag) -> list[str]:
         lines = []
     if not bag.count('cascades'):
         lines.append(
-            'cascades: law, waiting times, aftershocks and energies cannot be told: '
-            'no cascades in this bag'
+            'cascades: law, waiting times and energies cannot be told: no cascades in this bag'
         )
     if not bag.count('led_commands'):
         lines.append('patterns of light: cannot be told: no led_commands in this bag')
@@ -209,39 +209,15 @@ def rest_to_rest(stops: Table, blocks: int) -> dict[str, Any]:
     return found | {'at_least': at_least, 'sentence': said}
 
 
-def catalogue_of(bag: Bag, cascades: Table) -> dict[str, Any]:
-    """Return exposure, magnitudes, waiting times and aftershocks, each as a sentence with figures.
-
-    Where the catalogue carries none, the sentence says why.
-    """
-    onsets_s = seconds(cascades['onset']) - bag.start_ns * 1e-9
-    order = np.argsort(onsets_s, kind='stable')
-    onsets_s, areas = onsets_s[order], cascades['area'][order]
-    with np.errstate(divide='ignore'):
-        magnitudes = np.log10(cascades['distance'][order])
-    found: dict[str, Any] = {}
-    moved = exposure.of(bag)
-    if moved is not None:
-        found['exposure'] = plain(moved)
-    for name, ask in (
-        ('magnitudes', lambda: catalogue.magnitude_law(magnitudes, np.random.default_rng(1))),
-        ('waiting', lambda: catalogue.waiting(onsets_s, np.random.default_rng(1))),
-        ('aftershocks', lambda: catalogue.omori(onsets_s, areas, bag.duration_s)),
-    ):
-        try:
-            answer = ask()
-        except powerlaw.FitError as error:
-            found[name] = _why_not(error) | {'sentence': f'{name}: {error}'}
-        else:
-            found[name] = plain(answer)
-    return found
-
-
-def plain(answer: Any) -> dict[str, Any]:
-    """Return a dataclass with a sentence as JSON can hold it: what is not finite becomes None."""
-    values = dataclasses.asdict(answer).items()
+def _waiting(cascades: Table) -> dict[str, Any]:
+    """Return the law of the times between cascades, or why there is none."""
+    try:
+        found = waiting(seconds(cascades['onset']), np.random.default_rng(1))
+    except powerlaw.FitError as error:
+        return _why_not(error) | {'sentence': f'waiting: {error}'}
+    values = dataclasses.asdict(found).items()  # JSON has no number that is not finite
     finite = {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in values}
-    return finite | {'sentence': answer.sentence}
+    return finite | {'sentence': found.sentence}
 
 
 def write(
@@ -257,7 +233,7 @@ def write(
     """
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
-    bag.keep(KEPT, (series.KineticEnergy, uncoupled.RimPath, exposure.Way))
+    bag.keep(KEPT, (series.KineticEnergy, uncoupled.RimPath))
     answers = list(_tracked(spectra(bag, measured), 'asking for 1/f', track, len(series.NAMES)))
     found = numbers(bag, answers, measured)
     if retracked is not None:

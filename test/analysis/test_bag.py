@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from eol_ros import cli
-from eol_ros.analysis import exposure
 from eol_ros.analysis.bag import open_bag, seconds, topic_names
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
@@ -175,7 +174,7 @@ def test_fields_are_kept_and_rows_shown_in_the_only_pass(monkeypatch):
             self.add = seen.append
 
     kept = {'slips': ('stamp', 'distance'), 'led_commands': ('white',), 'no_such_topic': ()}
-    bag.keep(kept, (Gatherer, exposure.Way))
+    bag.keep(kept, (Gatherer,))
     monkeypatch.setattr(bag, 'batches', None)  # the bag is not read again
 
     for topic, fields in (('slips', ('stamp', 'distance')), ('led_commands', ('white',))):
@@ -190,20 +189,6 @@ def test_fields_are_kept_and_rows_shown_in_the_only_pass(monkeypatch):
     np.testing.assert_array_equal(x, blocks['blocks']['x'])
     for times, field in zip(bag.stamps('blocks'), ('log_time', 'stamp'), strict=True):
         np.testing.assert_array_equal(times, blocks[field])
-    assert exposure.of(bag) == exposure.of(whole)
-
-
-def test_the_exposure_of_the_sample_is_that_of_all_its_poses():
-    bag = open_bag(SAMPLE)
-    truth = bag.table('truth')
-    at_s = truth['stamp'].astype('i8') * 1e-9
-    picked = np.arange(0, len(truth), 30)  # 60 images a second
-    path = np.hypot(np.diff(truth['rim_x'][picked]), np.diff(truth['rim_y'][picked])).sum()
-    found = exposure.of(bag)
-
-    assert found.of == 'the rim'
-    assert found.duration_s == pytest.approx(at_s[-1] - at_s[0], abs=0.6)
-    assert found.path_m == pytest.approx(path, rel=0.02)
 
 
 def test_numbers_that_are_strings_leave_a_topic_out_by_name(tmp_path):

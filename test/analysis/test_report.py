@@ -3,18 +3,17 @@
 
 import csv
 import json
-import math
 import re
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from eol_msgs.msg import Block, Blocks, BlockTap, Cascade, GrainTrigger, LedCommand, Slip
+from eol_msgs.msg import BlockTap, Cascade, GrainTrigger, LedCommand, Slip
 from rclpy.serialization import serialize_message
 from support.bag_samples import T0, bag_of
 
 from eol_ros import cli
-from eol_ros.analysis import catalogue_file, exposure, figures, report, series
+from eol_ros.analysis import catalogue_file, figures, report, series
 from eol_ros.analysis.bag import open_bag
 from eol_ros.core.science import powerlaw
 from eol_ros.devices.bag.mcap_file import BagTopic
@@ -92,13 +91,12 @@ def test_too_few_cascades_are_not_fitted(tmp_path):
     assert 'b_value' not in found['cascades']
     words = report.summary(found)
     assert f'{why}; the largest had' in words
-    for name in ('magnitudes', 'waiting', 'aftershocks'):
-        assert ' too few for ' in found['catalogue'][name]['sentence']
+    assert ' too few for ' in found['catalogue']['waiting']['sentence']
     lacks = [line for line in words.splitlines() if line.startswith('not fitted')]
     assert lacks == [
         f'not fitted, as there are too few: cascades from rest to rest of the whole table '
-        f'({found["cascades"]["from_rest_to_rest"]["count"]}), magnitudes, aftershocks '
-        '(200 needed); waiting times (50 needed)'
+        f'({found["cascades"]["from_rest_to_rest"]["count"]}) (200 needed); '
+        'waiting times (50 needed)'
     ]
     assert words.count('are needed') == 1
 
@@ -120,8 +118,7 @@ def test_an_empty_or_foreign_bag_says_what_it_cannot_say(tmp_path, capsys, topic
 
     assert cli.main(['report', str(tmp_path / 'run'), '--output', str(tmp_path / 'out')]) == 0
     lines = [
-        'cascades: law, waiting times, aftershocks and energies cannot be told: no cascades in '
-        'this bag',
+        'cascades: law, waiting times and energies cannot be told: no cascades in this bag',
         'patterns of light: cannot be told: no led_commands in this bag',
     ]
     page = (tmp_path / 'out/report.html').read_text()
@@ -285,17 +282,3 @@ def test_csv_and_mistakes(big, tmp_path, capsys):
         got = cli.main(['report', *words])
         said = capsys.readouterr()
         assert (got, said.out, said.err.count('\n')) == (code, '', 1), (words, said)
-
-
-def test_exposure_is_of_the_blocks_that_there_are(tmp_path):
-    """They move by 10 mm in each half second; nothing is known of a place without a block."""
-    messages = []
-    for k in range(11):
-        places = [0.01 * k + (math.nan if block == 1 else 0.1) for block in range(6)]
-        told = Blocks(blocks=[Block(id=i, x=x, y=x - x) for i, x in enumerate(places)])
-        told.header.stamp = to_msg(T0 + k * 500_000_000)
-        messages.append(('blocks', told, 0.5 * k))
-    settings = 'table: {rows: 2, columns: 3, absent: [1]}'
-    moved = exposure.of(bag_of(tmp_path / 'run', messages, settings=settings))
-
-    assert moved.path_m == pytest.approx(0.1) and moved.moving_s == pytest.approx(5.0)
