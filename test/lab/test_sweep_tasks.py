@@ -12,7 +12,7 @@ from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.science import powerlaw
 from eol_ros.lab import choose, presets
 from eol_ros.lab.automaton.ofc import Automaton
-from eol_ros.lab.science import one_over_f, surrogates, sweep
+from eol_ros.lab.science import sweep
 from eol_ros.lab.science.quiescent import cascades
 
 pytestmark = pytest.mark.slow  # numba
@@ -106,36 +106,6 @@ def test_hands_move_a_rim_and_are_stretched_in_time():
     np.testing.assert_allclose(2 * own[:, 0], slow[:, 0])
     assert np.ptp(own[:, 1]) > 0.05
     assert compute('table', drive='hands', speed_mps=0.05, travel_m=2.0).cascades > 0
-
-
-def test_slips_and_sound_are_asked_for_one_over_f():
-    found = compute('table', travel_m=1.0, spectra=True)
-    run = sweep._run(sweep._built(sweep.Table(travel_m=1.0)))
-    times = run.event_t[(run.event_start != 0) & (run.event_t >= 500)] - 500
-    counts = surrogates.event_counts(times, 500.0, 20.0)
-    series = one_over_f.Series('slips', counts, 20.0, 5.0, times_s=times)
-    answer = one_over_f.ask(series, np.random.default_rng(1))
-    heard = compute('table', travel_m=1.0)
-
-    assert (found.slips_one_over_f, found.slips_slope) == (answer.answer, answer.slope.beta)
-    assert found.sound_slope > found.slips_slope  # grains last, and take what is fast
-    assert heard.sound_slope is None and heard.areas == found.areas
-
-
-def test_hands_are_held_against_blocks_that_are_not_coupled(monkeypatch):
-    asked = {}
-
-    def ask(series, rng, others):
-        asked[series.name] = series.values, {kind: make() for kind, make in others.items()}
-        return one_over_f.Answer(series.name, 'undecided')
-
-    monkeypatch.setattr(sweep.one_over_f, 'ask', ask)
-    found = compute('table', drive='hands', speed_mps=0.05, travel_m=3.0, skip=0.0, spectra=True)
-    slips, alone = asked['slips'][0], asked['slips'][1][sweep.HANDS_APART]
-
-    assert slips.sum() == found.slips and len(alone) == len(slips)
-    assert 0 < alone.sum() != slips.sum()
-    assert len(asked['sound'][1][sweep.HANDS_APART]) == len(slips)
 
 
 def test_what_cannot_be_simulated_says_so_in_the_row(monkeypatch):

@@ -6,7 +6,6 @@ order, the numbers are the same to the bit on processors of one kind (docs/expla
 """
 
 import dataclasses
-import functools
 import hashlib
 import json
 import math
@@ -25,17 +24,14 @@ from eol_ros.core.table import Table as Shape
 from eol_ros.errors import EolError
 from eol_ros.lab import choose, presets
 from eol_ros.lab.automaton.ofc import Automaton
-from eol_ros.lab.science import one_over_f, sounding, surrogates
 from eol_ros.lab.science.quiescent import cascades
-from eol_ros.settings import GrainsSettings, setting
+from eol_ros.settings import setting
 
 DRIVES = ('pull', 'circle', 'hands')
 CIRCLE_M, CIRCLE_YAW, CIRCLE_YAW_PACE = 0.06, 0.12, 0.7 / 0.9  # as in the scenes S4
 HANDS_MPS = sum(PUSH_MPS) / 2  # the mean speed of a push
 HANDS_STEP_S = 1 / 30
 MOST_DISORDER = 0.5  # a uniform law of that deviation is still above zero
-SPECTRA_HZ, SPECTRA_HIGH_HZ = 20.0, 5.0  # as `eol report` asks the series of a bag
-HANDS_APART = 'the same hands without coupling'
 EVENTS_AT_ONCE = 1 << 16  # of an automaton, in memory
 Plain = dict[str, Any]
 
@@ -79,7 +75,6 @@ class _Blocks(_Law):
     travel_m: float = setting(8.0, 'simulated are travel_m / speed_mps seconds', 'm', 1e-6, 1e6)
     geometric: bool = setting(False, 'springs turn with their blocks instead of being linear')
     skip: float = setting(0.5, 'share of the cascades, the first ones, left out', '', 0.0, 0.99)
-    spectra: bool = setting(False, 'ask slips and sound whether they are 1/f')
 
 
 @dataclass(frozen=True)
@@ -170,10 +165,6 @@ class Result:
     tau_error: float | None = setting(None, 'standard error of tau that heeds dependent cascades')
     ks: float | None = setting(None, 'distance of the cumulative law')
     p_value: float | None = setting(None, 'of a power law: below 0.05 it is none')
-    slips_slope: float | None = setting(None, 'beta of the slips in time, S(f) ~ f^-beta')
-    slips_one_over_f: str | None = setting(None, 'yes, no or undecided')
-    sound_slope: float | None = setting(None, 'beta of the power of the grains that they sound')
-    sound_one_over_f: str | None = setting(None, 'yes, no or undecided')
     areas: str | None = setting(None, 'how many cascades of each area, as area:count')
 
 
@@ -204,7 +195,7 @@ def _built(task: Table | Plate | Train) -> Plain:
     drive, seconds, loose = _drive(task), _seconds(task), task.stiffness / task.stiffness_ratio
     if isinstance(task, Train):
         return _set(task, builders.train(drive, seconds, task.blocks, loose))
-    shape = _shape(task)
+    shape = Shape(rows=task.rows, columns=task.columns or task.rows)
     if isinstance(task, Plate):
         return _set(task, builders.plate(drive, seconds, shape.rows, shape.columns, loose))
     scene = builders.table(drive, seconds, shape=shape)
@@ -231,11 +222,7 @@ def _set(task: _Blocks, scene: Plain) -> Plain:
 
 
 def _blocks(task: Table | Plate | Train, scenes: Mapping[str, Plain]) -> Result:
-    scene = _built(task)
-    found, run = _simulated(task, scene, task.skip)
-    if not task.spectra or run is None or not run.t_reached:
-        return found
-    return dataclasses.replace(found, **_spectra(task, scene, run))
+    return _simulated(task, _built(task), task.skip)
 
 
 def _any_scene(task: AnyScene, scenes: Mapping[str, Plain]) -> Result:
@@ -256,74 +243,19 @@ def _any_scene(task: AnyScene, scenes: Mapping[str, Plain]) -> Result:
         'drive': _faster(scene['drive'], task.speed_factor),
         'T': task.duration_s or scene['T'],
     }  # fmt: skip
-    return _simulated(task, scene, task.skip)[0]
+    return _simulated(task, scene, task.skip)
 
 
-def _run(scene: Plain) -> Run:
-    checked = from_mapping(scene)
-    return choose.simulate(checked, sample_s=max(scene['T'], 1e-9), ledger=False, limits=Limits())
-
-
-def _simulated(task: _Law, scene: Plain, skip: float) -> tuple[Result, Run | None]:
-    run = _run(scene)
+def _simulated(task: _Law, scene: Plain, skip: float) -> Result:
+    sample_s = max(scene['T'], 1e-9)
+    run = choose.simulate(from_mapping(scene), sample_s, ledger=False, limits=Limits())
     if run.status != 'ok':
-        return Result(f'stopped at {run.t_reached:g} s: {run.status}'), None
+        return Result(f'stopped at {run.t_reached:g} s: {run.status}')
     sizes, areas = cascades(run.event_block, run.event_start)
     first = int(skip * len(areas))
     found = _law(task, areas[first:], int(sizes[first:].sum()), scene['n'])
     rate_hz = len(areas) / run.t_reached if run.t_reached else None
-    return dataclasses.replace(found, rate_hz=rate_hz, sliding=_sliding(run)), run
-
-
-def _spectra(task: Table | Plate | Train, scene: Plain, run: Run) -> Plain:
-    """Ask slips and sound for 1/f; hands are a control, too, on blocks that are not coupled."""
-    begin_s = task.skip * run.t_reached
-    span_s = run.t_reached - begin_s
-    rule = GrainsSettings()
-
-    @functools.cache
-    def apart() -> tuple[np.ndarray, np.ndarray]:
-        return _slips(_run(builders.uncoupled(scene, _shape(task))), begin_s)
-
-    def counts(slips: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        return surrogates.event_counts(slips[0], span_s, SPECTRA_HZ)
-
-    def power(slips: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        times_s, block = slips
-        return sounding.power(
-            times_s[sounding.heard(times_s, block, rule)], span_s, SPECTRA_HZ, rule
-        )
-
-    def alone(series: Callable[[tuple[np.ndarray, np.ndarray]], np.ndarray]) -> np.ndarray:
-        return series(apart())
-
-    slips = _slips(run, begin_s)
-    found: Plain = {}
-    asked: tuple[tuple[str, Any, Plain], ...] = (
-        ('slips', counts, {'times_s': slips[0]}), ('sound', power, {'rest': 0.0}),
-    )  # fmt: skip
-    for name, series, more in asked:
-        others = None
-        if task.drive == 'hands':
-            others = {HANDS_APART: functools.partial(alone, series)}
-            more['drive_s'] = one_over_f.GESTURE_S * max(1.0, HANDS_MPS / task.speed_mps)
-        one = one_over_f.Series(name, series(slips), SPECTRA_HZ, SPECTRA_HIGH_HZ, **more)
-        answer = one_over_f.ask(one, np.random.default_rng(task.seed), others)
-        found[f'{name}_one_over_f'] = answer.answer
-        found[f'{name}_slope'] = answer.slope.beta if answer.slope is not None else None
-    return found
-
-
-def _shape(task: Table | Plate | Train) -> Shape:
-    if isinstance(task, Train):
-        return Shape(rows=1, columns=task.blocks)
-    return Shape(rows=task.rows, columns=task.columns or task.rows)
-
-
-def _slips(run: Run, begin_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return when slips after `begin_s` began, since then, and their blocks."""
-    those = (run.event_start != 0) & (run.event_t >= begin_s)
-    return run.event_t[those] - begin_s, run.event_block[those]
+    return dataclasses.replace(found, rate_hz=rate_hz, sliding=_sliding(run))
 
 
 def _sliding(run: Run) -> float:
