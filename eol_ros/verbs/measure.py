@@ -22,7 +22,7 @@ HELP = (
 )
 EXAMPLES = [
     'eol measure springs my/rehearsal.yaml --weights 300,600,900,1200,900,600,300',
-    'eol measure springs --weights 300,600,900,600,300 --bag bags/2026-11-22 --picture fit.png',
+    'eol measure springs --weights 300,600,900,600,300 --bag bags/2026-11-22',
     'eol measure friction my/rehearsal.yaml --mass 251',
     'eol measure friction --stiffness 81.3 --bag bags/2026-11-22',
 ]
@@ -69,7 +69,6 @@ def add_arguments(parser):
         '--seconds', type=within(5, 3600), default=90.0, metavar='S',
         help='friction: how long to look at most (default: 90)',
     )  # fmt: skip
-    parser.add_argument('--picture', metavar='P.png', help='figure of the fit; .svg and .pdf, too')
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
     reach.add_arguments(parser)
 
@@ -85,13 +84,9 @@ def run(args) -> int:
         loaded = scene_text.to_write(Path(args.scene), 'twin')
         settings, scene = loaded.nodes['twin'], Table.of(loaded.table)
     args.table = _table(args, scene)
-    values, about, picture = measure(args, settings)
+    values, about = measure(args, settings)
     verdict = _verdict(args.what, values)
     print(json.dumps(about | {'verdict': verdict._asdict()}) if args.json else verdict)
-    if args.picture:
-        from eol_ros.analysis import measured
-
-        measured.save(args.picture, picture)
     if args.scene:
         scene_text.write(Path(args.scene), 'twin', values)
         said = ', '.join(f'{name} {scene_text.plain(value)}' for name, value in values.items())
@@ -135,7 +130,7 @@ def _verdict(what: str, values: dict[str, float]) -> Verdict:
     )  # fmt: skip
 
 
-def _springs(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
+def _springs(args, twin) -> tuple[dict[str, float], dict[str, Any]]:
     from eol_ros.core.measure import springs
 
     weights = _weights(args.weights)
@@ -189,10 +184,10 @@ def _springs(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
         f'the block was held by {abs(found.friction_n):.2f} N, and the fit leaves over {rms:.2f} N'
         f' of up to {found.pull.max():.1f} N'
     )
-    return values, about, found
+    return values, about
 
 
-def _friction(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
+def _friction(args, twin) -> tuple[dict[str, float], dict[str, Any]]:
     import numpy as np
 
     from eol_ros.core.measure import friction
@@ -252,7 +247,7 @@ def _friction(args, twin) -> tuple[dict[str, float], dict[str, Any], Any]:
         f'one spring moves a block at {1e3 * break_m:.1f} mm: grains.ambience_break_m {break_m:.4f}'
     )
     about['break_m'] = break_m
-    return values, about, found
+    return values, about
 
 
 def _so_far(track, stiffness: float, mass: float, natural_m: float) -> tuple[int, str]:
