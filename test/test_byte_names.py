@@ -56,9 +56,8 @@ def folder(tmp_path):
 @pytest.mark.parametrize(
     ('words', 'code'),
     [
-        (('track', f'{ODD}.avi', '--overlay', f'{ODD}.png'), 0),
+        (('track', f'{ODD}.avi'), 0),
         (('track', ODD, '--output', f'{ODD}.npz'), 0),
-        (('track', f'{ODD}.avi', '--overlay', f'{ODD}.mp4'), 78),
         (('calibrate', 'blocks', f'{ODD}/1.png'), 78),
         (('corpus', f'{ODD}.wav'), 78),
         (('bag', 'info', f'{ODD}-bag'), 0),

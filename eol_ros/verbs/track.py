@@ -20,7 +20,7 @@ EXAMPLES = [
     'eol track images.npy --fps 60 --output answer.npz --json',
     'eol track film.mp4 --calibration table.yaml --output answer.npz',
     'eol track film.mkv --stamps film.txt --output answer.npz',
-    'eol track bags/2026-11-21 --output answer.npz --overlay seen.mp4',
+    'eol track bags/2026-11-21 --output answer.npz',
 ]
 SLIP = [
     ('slip', 'u4'), ('block', 'u1'), ('onset_s', 'f8'), ('onset_sigma_s', 'f8'),
@@ -63,7 +63,6 @@ def add_arguments(parser):
         help='scene with the table (default: that of the bag or calibration)',
     )
     parser.add_argument('-o', '--output', metavar='ANS.npz', help='where the answer goes')
-    parser.add_argument('--overlay', metavar='OUT.mp4', help='video, or image, with what was seen')
     parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
 
 
@@ -96,7 +95,7 @@ def run(args) -> int:
         tracker.tap(*tap)
         motion.tap(Knock(round(tap[0] * 1e9), *tap[1:]))
     oddities, events = _Oddities(tracker), _Events()
-    overlay, spent = None, []
+    spent: list[float] = []
     rows: list[Any] = []
     for stamp_s, image in track(source.read(), 'tracking', total=source.count):
         if not rows:
@@ -110,16 +109,8 @@ def run(args) -> int:
         x, y = tracked.world.T
         seen = tracked.seen & (tracked.state == TRACKING)
         events.add(*motion.update(stamp_s, x, y, seen, tracked.sigma_m))
-        if args.overlay:
-            overlay = overlay or _overlay(args.overlay, source.fps, image, table)
-            overlay.add(
-                image, tracked, motion.detector.moving, tracker.side_px(),
-                tracker.image_angles(tracked),
-            )  # fmt: skip
     for note in source.notes:
         print(note, file=sys.stderr)
-    if overlay is not None:
-        overlay.close()
     if not rows:
         raise ConfigError(f'{args.frames}: no image in it')
     events.finish(motion.cascades.finish(rows[-1].stamp_s))
@@ -141,12 +132,6 @@ def _check_size(tracker, image, path) -> None:
         tracker.calibration.check_image(image)
     except ConfigError as error:
         raise ConfigError(f'{path}: {error}') from None
-
-
-def _overlay(path, fps, image, table):
-    from eol_ros.devices.camera.overlay import Overlay
-
-    return Overlay(path, fps, image.shape, table)
 
 
 def _summary(rows: list, spent: list, answer: dict) -> dict:

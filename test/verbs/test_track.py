@@ -11,12 +11,9 @@ from support.paper import rest_lattice
 
 from eol_ros import cli
 from eol_ros.core.motion.motion import Motion
-from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
-from eol_ros.core.vision.states import TRACKING
-from eol_ros.core.vision.tracker import Tracked, Tracker
-from eol_ros.devices.camera import overlay
+from eol_ros.core.vision.tracker import Tracker
 from eol_ros.devices.files import calibration_file
 from eol_ros.settings import MotionSettings, TrackerSettings
 
@@ -207,23 +204,14 @@ def test_a_film_needs_as_many_stamps_as_it_has_images(stack, tmp_path, capsys):
     assert cli.main(['track', str(film), '--stamps', str(tmp_path / 'none.txt')]) == 69
 
 
-def test_json_film_and_picture(stack, tmp_path, capsys):
-    film = tmp_path / 'seen.mp4'
+def test_json(stack, tmp_path, capsys):
     short = tmp_path / 'short.npy'
     np.save(short, np.load(stack)[:12])
-    assert cli.main(['track', str(short), '--overlay', str(film), '--json']) == 0
+    assert cli.main(['track', str(short), '--json']) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary['frames'] == 12
     assert summary['coverage'] == 1.0
     assert 0 < summary['ms_median'] <= summary['ms_p99']
-    capture = cv2.VideoCapture(str(film))
-    ok, image = capture.read()
-    assert ok
-    assert image.shape == (800, 1280, 3)
-    assert (image.max(axis=2) - image.min(axis=2)).max() > 60  # something coloured is drawn
-    picture = tmp_path / 'seen.png'
-    assert cli.main(['track', str(short), '--overlay', str(picture)]) == 0
-    assert cv2.imread(str(picture)).shape == (800, 1280, 3)
 
 
 @pytest.fixture(scope='module')
@@ -237,20 +225,12 @@ def turned_in_a_mirror(tmp_path_factory):
 
 
 def test_a_film_through_a_mirror(turned_in_a_mirror, tmp_path, capsys):
-    out, seen = tmp_path / 'answer.npz', tmp_path / 'seen.png'
-    words = ['track', str(turned_in_a_mirror), '--output', str(out), '--overlay', str(seen)]
+    out = tmp_path / 'answer.npz'
+    words = ['track', str(turned_in_a_mirror), '--output', str(out)]
     assert cli.main([*words, '--mirror']) == 0
     answer = np.load(out)
     assert np.abs(answer['world'][-1, :, :2] - rest_lattice()).max() < 2e-4
     assert np.abs(answer['yaw'][-1] - 0.3).max() < 2e-3
-    half = 0.042 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    c, s = np.cos(0.3), np.sin(0.3)
-    corners = rest_lattice()[:, None] + half @ np.array([[c, s], [-s, c]])
-    drawn = cv2.imread(str(seen))
-    camera = Calibration.ideal(mirror=True)
-    for u, v in np.rint(camera.to_pixels(corners.reshape(-1, 2))).astype(int):
-        about = drawn[v - 3 : v + 4, u - 3 : u + 4].astype(int)
-        assert (about[..., 1] - about[..., 0]).max() > 60  # the green outline has its corner here
 
     table = tmp_path / 'table.yaml'
     calibration_file.save(table, Calibration.ideal())
@@ -320,7 +300,6 @@ def test_other_bad_wishes(stack, tmp_path, capsys):
     empty = tmp_path / 'empty'
     empty.mkdir()
     assert cli.main(['track', str(empty)]) == 69
-    assert cli.main(['track', str(stack), '--overlay', str(tmp_path / 'seen.gif')]) == 78
 
 
 TAP = f"""std_msgs/Header header
@@ -375,16 +354,3 @@ def test_a_bag_is_tracked_by_its_own_stamps(stack, tmp_path, capsys, encoding):
     for k, (stamp, image) in enumerate(zip(stamps, images, strict=True)):
         tracked = tracker.update(stamp * 1e-9, image)
         assert tracked.px.tobytes() == found['px'][k].tobytes()
-
-
-def test_the_overlay_draws_the_blocks_that_there_are():
-    ring = Table(absent=(6, 7, 8, 11, 12, 13, 16, 17, 18))
-    camera, every = Calibration.ideal(), np.ones(25)
-    tracked = Tracked(
-        0.0, camera.to_pixels(ring.rest), 0 * every, ring.rest, every > 0, every, every, TRACKING,
-        False,
-    )  # fmt: skip
-    picture = overlay.draw(np.zeros((800, 1280)), tracked, every < 0, 40.0, 0 * every, ring)
-    for block, (u, v) in enumerate(np.round(tracked.px).astype(int)):
-        drawn = picture[v - 30 : v + 30, u - 30 : u + 30].any()
-        assert drawn == ring.present[block]

@@ -144,18 +144,6 @@ class Tracker:
             return np.full(self.table.cells, np.nan)
         return corners.sides_px(self._image, squares_of(calibration, follower.blocks), calibration)
 
-    def side_px(self) -> float:
-        """Return the side of a block in the middle of the last image, 0 when none was found."""
-        if self.follower is None or not self.follower.blocks['seen'].any():
-            return 0.0
-        return float(np.median(self.follower.found['side_px'][self.follower.blocks['seen']]))
-
-    def image_angles(self, tracked: Tracked) -> np.ndarray:
-        """Return the angle (cells,) of each block in the image, u right and v up, for overlays."""
-        if self.calibration is None:
-            return tracked.yaw
-        return self.calibration.yaw_to_image(tracked.px, tracked.yaw)
-
     def cover_height_m(self) -> float:
         """Return the height of what is measured above the platform."""
         return self.calibration.cover_height_m if self.calibration is not None else 0.0
