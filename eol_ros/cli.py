@@ -60,7 +60,7 @@ GROUPS = {
         'calibrate': 'calibrate the camera',
         'camera': 'focus a camera, set its exposure, see how late its images come',
         'board': 'list the blocks with battery and firmware; find, test and write them',
-        'measure': 'measure springs, friction and delay of light of your own table',
+        'measure': 'measure springs and friction of your own table',
         'corpus': 'cut a sound into grains and describe them',
         'compile': 'compile the loops that a first run would wait for',
     },

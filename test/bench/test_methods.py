@@ -6,11 +6,11 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from support.automaton_rule import by_the_rule
 
 from benchmarks import method_parts, methods
 from eol_ros.core.sound.select import Selector
 from eol_ros.settings import GrainsSettings
-from support.automaton_rule import by_the_rule
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,11 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from support.automaton_rule import by_the_rule
 
 from eol_ros.core.science import powerlaw
 from eol_ros.errors import ConfigError
 from eol_ros.lab.automaton.ofc import Automaton
-from support.automaton_rule import by_the_rule
 
 pytestmark = pytest.mark.slow  # numba compiles, unless it has before
 

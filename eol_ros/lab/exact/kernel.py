@@ -48,7 +48,8 @@ def make_lanes(n: int, order: int) -> Lanes:
     wide = (n + LANES - 1) // LANES * LANES
     side = min(DENSE, wide)
     return Lanes._make([
-        np.full(n, -1, np.int64), np.empty(n, np.int64), np.zeros((order + 2, wide)), *[np.zeros(wide) for _ in range(5)], np.zeros((side, side)),
+        np.full(n, -1, np.int64), np.empty(n, np.int64), np.zeros((order + 2, wide)),
+        *[np.zeros(wide) for _ in range(5)], np.zeros((side, side)),
         *[np.zeros(wide) for _ in range(3)],
     ])  # fmt: skip
 

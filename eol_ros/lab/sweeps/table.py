@@ -35,7 +35,7 @@ class Table:
         if self.path.suffix != '.csv':
             raise UsageError(f'--output {path}: a name that ends in .csv is wanted')
         self._columns = columns(model)
-        self._about = {
+        self._about: Row = {
             'model': model, 'columns': list(self._columns), 'made_by': made_by,
             'units': {name: c.unit for name, c in self._columns.items()},
             'descriptions': {name: c.text for name, c in self._columns.items()},
