@@ -349,7 +349,6 @@ SAME_BITS = (
 FREE = {  # of these modules, with the reason
     'core/sound/meter.py': 'levels for people',
     'core/sound/presets.py': 'what a preset becomes is recorded as settings',
-    'lab/automaton/ofc.py': 'powers of integers',
     'core/vision/appearance/squares.py': 'whole powers, which numba multiplies out',
     'core/vision/symmetry.py': 'erfc of the C library in a sum that a threshold decides',
 }

@@ -99,13 +99,6 @@ def frame_starts(cuts: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
     return cuts[owner, 0] + nth * HOP, owner
 
 
-def frames_of(samples: np.ndarray, cut: np.ndarray, size: int) -> np.ndarray:
-    """Return the frames (k, size) inside one cut; what lies past its end is silence."""
-    grain = samples[cut[0] : cut[1]]
-    found = _batches(grain, np.array([[0, len(grain)]]), size)
-    return np.concatenate([frames for _, frames in found])
-
-
 def _batches(
     samples: np.ndarray,
     cuts: np.ndarray,
