@@ -15,9 +15,10 @@ from eol_ros.core.motion.motion import NumberedSlip
 from eol_ros.core.motion.slips import SlipEvent
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.triggers import TRIGGER
+from eol_ros.core.table import Table
 from eol_ros.devices.board.lights import Sent, Tap
 from eol_ros.settings import DESCRIPTORS
-from eol_ros.streams import cascades, corpus, felt, leds, slips, taps, triggers
+from eol_ros.streams import cascades, checks, corpus, felt, leds, slips, taps, triggers
 from eol_ros.streams.cdr import Decoder
 from eol_ros.streams.definition import parse
 
@@ -95,6 +96,16 @@ def test_constants_are_those_of_the_definition():
     }
     text = (MESSAGES / 'GrainTrigger.msg').read_text()
     assert f'{triggers.NO_BLOCK} for none' in text
+
+
+def test_a_definition_says_which_numbers_may_be_missing():
+    rules = checks.rules(Table())
+    for path in MESSAGES.glob('*.msg'):
+        type_name = f'eol_msgs/msg/{path.stem}'
+        fields = parse(path.read_text(), type_name)[f'eol_msgs/{path.stem}'].fields
+        found = {field.name for field in fields if 'NaN' in field.comment}
+        missing = {'x', 'y', 'u', 'v'} if path.stem == 'Block' else set()
+        assert found == missing | set(rules.get(type_name, checks.Rule()).nan), path.stem
 
 
 def test_rows_have_what_core_found():
