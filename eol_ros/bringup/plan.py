@@ -126,7 +126,7 @@ def processes(
         images = any(NODES[node].images for node in nodes)
         environment = {
             **_ENVIRONMENT,
-            **network.environment(scene.network, images, 'replay' in nodes),
+            **network.environment(scene.network, images, network.asks(scene, nodes)),
             **domain_id,
         }
         command = (sys.executable, '-m', 'eol_ros.nodes', *nodes, '--scene', str(file))

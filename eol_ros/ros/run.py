@@ -111,7 +111,7 @@ def _spin(names: Sequence[str], scene: scenes.Scene, ros_args: list[str]) -> int
     images = bool(set(IMAGE_SOURCES) & set(names))
     if scene.domain is not None:
         os.environ['ROS_DOMAIN_ID'] = str(scene.domain)
-    network.configure(scene.network, images, asks='replay' in names)
+    network.configure(scene.network, images, network.asks(scene, names))
 
     # Messages load their types through this package, which brings its generator of message code
     # along, 3 MB with its parsers, wherever that can be imported.

@@ -62,6 +62,8 @@ def test_a_machine_runs_its_nodes_and_tells_them_of_all(tmp_path, monkeypatch):
     assert by_address == by_name and set(by_name.nodes) == set(scene.nodes)
     mine = plan.only(by_name, (*by_name.machines['audio'].nodes, 'machine'))
     sound, machine = plan.processes(mine, path)
+    for process in (sound, machine):  # what a cable loses is soon sent again
+        assert '-asks.xml' in process.environment['FASTRTPS_DEFAULT_PROFILES_FILE']
     assert sound.nodes == ('sound',)
     assert machine.command[-2:] == ('-r', 'machine:__node:=machine_audio')
     assert by_name.nodes['machine'].name == 'audio'
