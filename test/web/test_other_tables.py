@@ -129,8 +129,8 @@ def test_the_table_page_draws_rim_blocks_and_springs(shown, browser, request):
     assert complaints(browser) == []
 
 
-def test_a_page_of_another_table_loads_again(shown, browser):
-    _, server, _ = shown
+def test_a_page_of_another_table_loads_again(serve, browser):
+    server = serve(table=WIDE)
     visit(browser, f'http://127.0.0.1:{server.port}', '/table')
     server.routes.lattice = {**server.routes.lattice, 'rows': 2}
     server.routes.documents['lattice'] = wire.text(server.routes.lattice).encode()

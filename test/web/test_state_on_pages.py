@@ -22,8 +22,7 @@ PLACES = {'/': 'work-state', '/table': 'work', '/about': 'state', '/wall/left': 
 WALK = ['test', *(code for code in STATES if code != 'test')]
 
 
-@pytest.mark.parametrize('language', ['en', 'zh-Hant'])
-@pytest.mark.parametrize('path', PLACES)
+@pytest.mark.parametrize(('path', 'language'), zip(PLACES, 2 * ('en', 'zh-Hant'), strict=True))
 def test_a_page_shows_every_state(serve, browser, path, language):
     server = serve()
     heights = (terrain.landscape(1) * 65535).astype('<u2').tobytes()
