@@ -148,32 +148,23 @@ def test_a_compilation_is_killed_twenty_times(run):
     assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
 
 
-def flipped(data):
-    return [data[:at] + bytes([data[at] ^ 16]) + data[at + 1 :]
-            for at in (0, 60, len(data) // 2, len(data) - 1)]  # fmt: skip
-
-
 @pytest.mark.parametrize('damage', [
-    flipped,
-    lambda data: [b''],
-    lambda data: [data[: len(data) // 2]],
-    lambda data: [bytes(len(data))],
-    lambda data: [data + b'\0'],
-], ids=['flipped', 'emptied', 'halved', 'zeroed', 'longer'])  # fmt: skip
+    lambda data: data[: len(data) // 2],
+    lambda data: bytes([*data[:60], data[60] ^ 16, *data[61:]]),
+], ids=['halved', 'flipped'])  # fmt: skip
 def test_a_damaged_object_is_compiled_again_and_said(run, tmp_path, damage):
+    """What is damaged is told by test/verbs/test_compile.py, without a compiler."""
     assert run(ONCE).stdout == '8\n'
     files = objects(tmp_path)
     assert len(files) == 12
     used = [path for path in files if '.term-' not in path.name]  # within these
-    whole = [path.read_bytes() for path in files]
-    for k in range(len(damage(whole[0]))):
-        for path, data in zip(files, whole, strict=True):
-            path.write_bytes(damage(data)[k])
-        done = run(ONCE)
-        assert (done.returncode, done.stdout) == (0, '8\n'), done.stderr
-        assert all(f'{path} is damaged; compiling it again' in done.stderr for path in used)
-        done = run(ONCE)
-        assert (done.returncode, done.stdout, done.stderr) == (0, '0\n', '')
+    for path in files:
+        path.write_bytes(damage(path.read_bytes()))
+    done = run(ONCE)
+    assert (done.returncode, done.stdout) == (0, '8\n'), done.stderr
+    assert all(f'{path} is damaged; compiling it again' in done.stderr for path in used)
+    done = run(ONCE)
+    assert (done.returncode, done.stdout, done.stderr) == (0, '0\n', '')
 
 
 def test_an_object_that_is_whole_and_cannot_be_loaded(run, tmp_path):

@@ -69,7 +69,9 @@ def test_a_lock_that_is_never_given_back_holds_nobody_for_good():
     lambda data: data[: len(data) // 2],
     lambda data: bytes(len(data)),
     lambda data: data[:-1] + b'?',
-], ids=['emptied', 'halved', 'zeroed', 'flipped'])  # fmt: skip
+    lambda data: b'?' + data[1:],
+    lambda data: data + b'\0',
+], ids=['emptied', 'halved', 'zeroed', 'another end', 'another begin', 'longer'])  # fmt: skip
 @pytest.mark.parametrize('name', ['loop.object', 'sound.json'])
 def test_a_damaged_file_is_not_taken_for_done(cache, damage, name):
     compiled.store('loop.object', {}, b'machine code')
