@@ -105,8 +105,9 @@ def objects(tmp_path):
     return sorted((tmp_path / 'cache').rglob('*.object'))
 
 
-def test_eight_processes_on_one_cold_cache(run):
-    done = run(TOGETHER)
+@pytest.mark.parametrize('caches', [1, pytest.param(3, marks=pytest.mark.soak)])
+def test_eight_processes_on_one_cold_cache(run, caches):
+    done = run(TOGETHER.replace('range(3)', f'range({caches})'))
     assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
 
 
@@ -143,8 +144,9 @@ def test_eight_processes_with_the_oldest_numba_that_is_allowed(run, tmp_path):
     assert both == ['8\n', '8\n', '0\n', '0\n']  # in one folder, and neither takes the other's
 
 
-def test_a_compilation_is_killed_twenty_times(run):
-    done = run(KILLED)
+@pytest.mark.parametrize('times', [5, pytest.param(20, marks=pytest.mark.soak)])
+def test_a_compilation_is_killed(run, times):
+    done = run(KILLED.replace('range(20)', f'range({times})'))
     assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
 
 
