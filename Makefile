@@ -59,7 +59,7 @@ lock:  ## renew the versions and hashes of all wheels (ARGS=--upgrade: the newes
 film: setup-test  ## the film that the README opens with, and its sound (needs Chromium)
 	$(PY) -m assets.film $(ARGS)
 
-screens: setup-test  ## every page at every size, in both languages and five states (needs Chromium)
+screens: setup-test  ## every page at every size, in both languages and six states (needs Chromium)
 	$(PY) -m assets.screens $(ARGS)
 
 films: setup-test  ## path-trace printed covers for `eol bench vision --films films` (needs LLVM 19)

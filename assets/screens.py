@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every page at every size, in both languages and in each state of the work, on sheets to look at.
 
-    python -m assets.screens            about six minutes; writes build/screens/STATE-LANGUAGE.png
+    python -m assets.screens            about eight minutes; writes build/screens/STATE-LANGUAGE.png
 
 A row of a sheet is a page, a column a size. What a machine can see is printed, with exit code 1:
 small text, small controls on a touch screen, text that is cut off, a page wider than its screen.
@@ -44,7 +44,10 @@ STATES = {  # with the requests that lead there from the one before
     'test': ['test'],
     'muted': ['mute'],
     'asleep': ['unmute', 'sleep'],
+    'stale': ['wake'],  # each page then loses its connection: CUT
 }
+CUT = 'eol.link.open = () => {}; eol.link.socket.close();'
+STALE_S = 7  # after which every page marks what it shows
 HIGH = 300  # of a picture on a sheet, px
 READY = {
     '/': '#camera canvas',
@@ -159,6 +162,10 @@ def row_of(
     browser.execute_script(f"localStorage.setItem('language', '{language}')")
     browser.refresh()
     wait(browser, f"eol.link.viewer && document.querySelector('{READY[path]}')")
+    if state == 'stale':
+        time.sleep(2)  # there is something to show, which gets old
+        browser.execute_script(CUT)
+        wait(browser, f'eol.link.age() > {STALE_S}')
     for width, height in SIZES:
         touch = width <= TOUCH_PX
         metrics = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': touch}
