@@ -425,8 +425,8 @@ class LedsSettings:
     blink_off_s: float = setting(0.1, 'dark time in each period of blink_block', 's', 0.05, 0.2)
     sleep_fade_s: float = live(
         0.0,
-        'time over which new flashes get dimmer when the work falls asleep, and brighter when it '
-        'wakes; 0: at once',
+        'time over which walls and new flashes get dimmer when the work falls asleep, and '
+        'brighter when it wakes; walls take at least 2 s; 0: flashes stop at once',
         's',
         0,
         60,

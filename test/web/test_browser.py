@@ -1266,6 +1266,34 @@ def test_walls_change_slowly_where_quick_changes_are_unwelcome(graph, browser):
         assert '1.5s' in fades
 
 
+def test_walls_fade_into_sleep_and_out_of_it_as_slowly_as_the_light(graph, browser):
+    show(graph, browser, '/wall/left', 'eol.view.shows && !eol.view.pending', 640, 360)
+    opacity = 'Number(getComputedStyle(eol.view.holder).opacity)'
+    # The messages are the test's own: what the graph says of its walls and lights is not heard.
+    run(browser, 'const {link} = eol; eol.emit = link.emit.bind(link); eol.name = eol.view.shows;'
+        'link.emit = (name, told) => ["wall", "health"].includes(name) || eol.emit(name, told);'
+        'eol.emit("health", {node: "leds", values: {sleep_fade_s: 8}})')  # fmt: skip
+    tell = 'eol.emit("wall", {change: arguments[0], left: arguments[1], right: "", ahead: [],'
+    tell += ' flip: eol.link.now(), moving: false, fade: 0})'
+    begun = time.monotonic()
+    run(browser, tell, 10_001, '')
+    half = until_page(browser, f'{opacity} < 0.5')
+    assert half and time.monotonic() - begun > 3.5
+    assert run(browser, 'return eol.view.shows === eol.name')  # the picture, not yet black
+    run(browser, tell, 10_002, run(browser, 'return eol.name'))  # woken half-way
+    until_page(browser, f'{opacity} === 1')
+    assert run(browser, 'return eol.view.shows === eol.name')
+    run(browser, tell, 10_003, '')
+    until_page(browser, f'{opacity} === 0 && !eol.view.shows')
+    assert time.monotonic() - begun > 8
+    run(browser, 'eol.emit("health", {node: "leds", values: {sleep_fade_s: 0}})')
+    begun = time.monotonic()
+    run(browser, tell, 10_004, run(browser, 'return eol.name'))
+    until_page(browser, f'{opacity} === 1 && eol.view.shows === eol.name')
+    assert time.monotonic() - begun > 1.9
+    assert complaints(browser) == []
+
+
 def test_a_wall_outlives_the_panel_and_the_panel_forgets_nothing(graph, browser):
     address, work = graph
     visit(browser, address, '/')

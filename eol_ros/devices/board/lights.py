@@ -438,6 +438,7 @@ class Lights:
             else f'off: {self._settings.flash_limit_off_because}',
             'lengthened': self.frames.field.lengthened,
             'late_slips': self.frames.late,
+            'sleep_fade_s': self._settings.sleep_fade_s,  # of the walls, too
         }
         if board.round_trip_ms:
             values['round_trip_ms'] = round(min(board.round_trip_ms), 2)

@@ -7,6 +7,7 @@ import { calm } from './paint.js';
 const CALM_GAP_MS = 4000; // where quick changes are unwelcome, and each is a slow cross-fade
 const CALM_FADE_S = 1.5;
 const HEAL_FADE_S = 2; // from one degree of damage of a picture to another
+const SLEEP_FADE_S = 2; // at least, into sleep and out of it; `sleep_fade_s` of leds asks for more
 const SAFE_GAP_MS = 340; // WCAG 2.3.1; the server never asks for less, a bad network might
 
 export class WallView {
@@ -30,12 +31,16 @@ export class WallView {
     this.current = null;
     this.pending = null;
     this.lastFlip = -1e9;
+    this.sleepFade = SLEEP_FADE_S;
     this.onflip = () => {};
     this.finish = () => {}; // a last stroke over each picture, when it is painted
     new ResizeObserver(() => this.resize()).observe(holder);
     this.holder = holder;
     this.resize();
     link.on('wall', (wall) => this.take(wall));
+    link.on('health', ({ node, values }) => {
+      if (node === 'leds') this.sleepFade = Math.max(values.sleep_fade_s ?? 0, SLEEP_FADE_S);
+    });
   }
 
   // Name of the picture that is shown; empty when black.
@@ -55,7 +60,11 @@ export class WallView {
     this.looks = { ...this.looks, ...wall.looks };
     const news = !this.current || this.current.change !== wall.change; // else only the state changed
     this.current = wall;
-    if (news) this.pending = { name, change: wall.change, at: wall.flip };
+    if (news) {
+      this.pending = { name, change: wall.change, at: wall.flip + (name ? 0 : this.sleepFade) };
+      this.holder.style.transition = `opacity ${this.sleepFade}s linear`;
+      this.holder.style.opacity = name ? '' : 0;
+    }
     this.load([name, ...this.ahead, ...this.drawn]);
     this.run(this.shows);
     if (news) this.watch();
@@ -214,7 +223,7 @@ export class WallView {
     else this.films.get(source(this.shows))?.hold();
     const slow = calm.matches ? CALM_FADE_S : 0;
     const mends = next.name && whole(next.name) === whole(this.shows);
-    const fade = goesOn ? 0 : Math.max(this.fade, mends ? HEAL_FADE_S : next.name ? slow : 2); // into sleep: softly
+    const fade = goesOn ? 0 : Math.max(this.fade, mends ? HEAL_FADE_S : slow);
     this.front = 1 - this.front;
     this.lastFlip = now;
     this.pending = null;
