@@ -510,9 +510,10 @@ class GrainsSettings:
     )
     blend: float = live(1.0, 'interpolation between descriptor values (0) and layout (1)', '', 0, 1)
     space_m: float = live(
-        1.2,
-        'side of the square of the table that the space covers; space_m and radius are for '
-        'the default table and scale with the area that the blocks of another one reach',
+        1.0,
+        'side of the square of the table that the space covers; blocks beyond it play the grains '
+        'at its edge; space_m and radius are for the default table and scale with the area that '
+        'the blocks of another one reach',
         'm',
         0.1,
         10,

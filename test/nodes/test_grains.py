@@ -125,7 +125,7 @@ def test_the_corpus_is_told_whole(stage, sounds):
     values = np.reshape(message.values, (len(corpus), len(DESCRIPTORS)))
     np.testing.assert_allclose(values[:, 1], corpus.grains['periodicity_mean'], rtol=1e-6)
     assert (message.x_name, message.y_name) == DESCRIPTORS[:2]
-    assert list(message.bounds) == [-0.6, -0.6, 0.6, 0.6]
+    assert list(message.bounds) == [-0.5, -0.5, 0.5, 0.5]
     assert message.radius == pytest.approx(0.1)
 
 

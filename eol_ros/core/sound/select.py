@@ -22,7 +22,8 @@ Ambience: with `ambience_rate` set, blocks at rest under stress creak: grains of
 slow, by chance and the oftener the greater the stress (`stress.py`). No rule above holds for them.
 
 `space_m` and `radius` are those of the default table: positions are scaled to it by the area
-that the blocks of a table reach along x and y, so that every table covers the space alike.
+that the blocks of a table reach along x and y, so that every table covers the space alike. A block
+beyond the space is taken to be at its edge.
 
 Everything follows from the sequence of images alone: chance is a hash of seed, stamp, block and
 grain.
@@ -303,11 +304,13 @@ class Selector:
     def _distances(self, at: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
         """Return the distances (n, grains) of grains from places (n, 2), in m on the default table.
 
-        It is infinite for grains that blocks `rows` (n,) cannot play.
+        A place beyond the space counts as the nearest one in it. The distance is infinite for
+        grains that blocks `rows` (n,) cannot play.
         """
         left, low, right, high = table_bounds(self.settings.space_m)
         x = left + self._places[0] * (right - left)
         y = low + self._places[1] * (high - low)
+        at = np.clip(at, (left, low), (right, high))
         far = np.sqrt((x - at[:, :1]) ** 2 + (y - at[:, 1:]) ** 2)
         if rows is not None and self.settings.weights:
             far[self._absent()[rows]] = np.inf

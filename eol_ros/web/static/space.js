@@ -212,9 +212,18 @@ export class SpaceView {
   blocksOver(grain) {
     if (!this.seen || !this.reach) return [];
     const { bounds: [x0, y0, x1, y1], x, y } = this.corpus;
-    const { rows } = this.seen;
-    const [gx, gy] = [x0 + (x1 - x0) * x[grain], y0 + (y1 - y0) * y[grain]];
-    return IDS.filter((id) => Math.hypot(rows[id * 8] - gx, rows[id * 8 + 1] - gy) < this.reach);
+    return IDS.filter((id) => {
+      const [bx, by] = this.place(id);
+      return Math.hypot((x1 - x0) * (bx - x[grain]), (y1 - y0) * (by - y[grain])) < this.reach;
+    });
+  }
+
+  // Where in the space, 0..1, a block plays: beyond the edge, at the edge.
+  place(id) {
+    const [x0, y0, x1, y1] = this.corpus.bounds;
+    const [x, y] = this.seen.rows.slice(id * 8, id * 8 + 2);
+    const within = (v) => Math.min(Math.max(v, 0), 1);
+    return [within((x - x0) / (x1 - x0)), within((y - y0) / (y1 - y0))];
   }
 
   hover(event) {
@@ -452,11 +461,10 @@ export class SpaceView {
   drawBlocks(brush) {
     if (!this.seen) return;
     const [x0, y0, x1, y1] = this.corpus.bounds;
-    const { rows } = this.seen;
     const perM = (this.box.w * (1 - 2 * PAD)) / (x1 - x0);
     const tallM = (this.box.h * (1 - 2 * PAD)) / (y1 - y0);
     for (const id of IDS) {
-      const [bx, by] = [(rows[id * 8] - x0) / (x1 - x0), (rows[id * 8 + 1] - y0) / (y1 - y0)];
+      const [bx, by] = this.place(id);
       if (!Number.isFinite(bx + by)) continue;
       const [x, y] = this.at(bx, by);
       const live = this.moving[id];

@@ -100,7 +100,9 @@ class Oracle:
         for b in range(25):
             if not (self.moving[b] and seen[b]):
                 continue
-            far = [math.sqrt((gx - x[b]) ** 2 + (gy - y[b]) ** 2) for gx, gy in self.grains]
+            half = s.space_m / 2
+            at = [min(max(v, -half), half) for v in (x[b], y[b])]
+            far = [math.sqrt((gx - at[0]) ** 2 + (gy - at[1]) ** 2) for gx, gy in self.grains]
             for g, d in enumerate(far):
                 if d > s.radius * s.rearm_ratio:
                     self.disarmed.discard((b, g))
@@ -319,7 +321,7 @@ def test_faster_is_louder_and_place_is_pan():
     speed = 0.2 / 99 * FPS
     assert slow == pytest.approx((speed / STILL.full_mps) ** STILL.gain_curve, rel=1e-5)
     right = run(STILL, [(0.75, 0.5)], line((0.2, 0), (0.4, 0), 30))
-    assert right['pan'][0] == pytest.approx(STILL.pan_width * right_x(right) / 0.6, abs=1e-6)
+    assert right['pan'][0] == pytest.approx(STILL.pan_width * right_x(right) / (STILL.space_m / 2), abs=1e-6)
 
 
 def right_x(found):
@@ -368,7 +370,7 @@ def test_another_table_covers_the_space_alike():
     assert first['grain'].tolist() == second['grain'].tolist()
     np.testing.assert_allclose(first['pan'], second['pan'], atol=1e-6)
     assert selector.bounds == pytest.approx(
-        [s * 0.6 * r for s in (-1, 1) for r in reach[1] / reach[0]]
+        [s * 0.5 * r for s in (-1, 1) for r in reach[1] / reach[0]]
     )
 
 
