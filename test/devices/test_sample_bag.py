@@ -13,13 +13,14 @@ import soundfile
 from support.bag_samples import write_bag
 
 from eol_ros import cli
-from eol_ros.analysis import open_bag
+from eol_ros.analysis import open_bag, report, series
 from eol_ros.analysis.retrack import EQUAL, retrack
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.ros.definitions import describe
 from eol_ros.streams.graph import TOPICS
 
 SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
+LONG = SAMPLE.with_name('sample_long')
 MAKE = 'make it again with `python tools/make_sample_bag.py`'
 
 
@@ -39,7 +40,9 @@ def bag():
     return BagReader(SAMPLE)
 
 
-def test_its_messages_are_those_of_today(bag):
+@pytest.mark.parametrize('path', [SAMPLE, LONG], ids=lambda path: path.name)
+def test_its_messages_are_those_of_today(path):
+    bag = BagReader(path)
     by_type = {row.type_name: name for name, row in TOPICS.items()}
     recorded = {topic.type: topic for topic in bag.topics.values()}
     for kind, topic in recorded.items():
@@ -68,6 +71,19 @@ def test_it_is_small_and_whole_and_shows_something(bag):
 
 
 @pytest.mark.slow
+def test_the_long_one_is_small_and_enough_for_laws_and_spectra():
+    assert sum(f.stat().st_size for f in LONG.iterdir()) <= 2.6e6
+    bag = open_bag(LONG)
+    assert bag.duration_s > 895 and 'sample' in bag.about
+    cascades = bag.table('cascades')
+    assert len(cascades) >= 800 and cascades['area'].max() == 25
+    assert 'why' not in report.law(cascades['area'], 25)
+    assert 'why' not in report.catalogue_of(bag, cascades)['waiting']
+    answer = series.ask(series.triggers(bag))
+    assert answer.spectrum is not None and answer.spectrum.low_hz < 0.01
+
+
+@pytest.mark.slow
 def test_what_it_holds_is_what_today_makes_of_its_blocks():
     again = retrack(open_bag(SAMPLE))
 
@@ -88,6 +104,10 @@ def test_a_folder_stands_for_it_only_until_something_is_recorded(tmp_path):
     replay = write_bag(tmp_path / 'playback', 3, about={'replay_of': str(tmp_path)})
     replay.close()
     shutil.copytree(SAMPLE, tmp_path / 'sample')
+    shutil.copytree(LONG, tmp_path / 'sample_long')
+    os.utime(tmp_path / 'sample', (1e9, 1e9))
+    assert BagReader(tmp_path).path.name == 'sample'
+    os.utime(tmp_path / 'sample_long', (0, 0))  # whichever was unpacked last
     assert BagReader(tmp_path).path.name == 'sample'
 
     write_bag(tmp_path / 'rehearsal', 3).close()

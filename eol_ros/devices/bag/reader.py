@@ -363,7 +363,7 @@ def _newest(path: Path) -> Path:
             continue
         if SAMPLE not in about:
             return bag
-        sample = bag
+        sample = min(sample or bag, bag)  # of those that ship, by name
     if sample:
         return sample
     if bags:

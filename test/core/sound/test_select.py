@@ -321,7 +321,9 @@ def test_faster_is_louder_and_place_is_pan():
     speed = 0.2 / 99 * FPS
     assert slow == pytest.approx((speed / STILL.full_mps) ** STILL.gain_curve, rel=1e-5)
     right = run(STILL, [(0.75, 0.5)], line((0.2, 0), (0.4, 0), 30))
-    assert right['pan'][0] == pytest.approx(STILL.pan_width * right_x(right) / (STILL.space_m / 2), abs=1e-6)
+    assert right['pan'][0] == pytest.approx(
+        STILL.pan_width * right_x(right) / (STILL.space_m / 2), abs=1e-6
+    )
 
 
 def right_x(found):
