@@ -70,7 +70,7 @@ def test_half_of_an_option_is_refused(words, capsys):
             "--size: '4m' is not a whole number; units are left",
         ),
         (['bag', 'cut', 'x'], '-o/--output is missing (new bag folder'),
-        (['simulate'], 'SCENE is missing (a JSON file'),
+        (['simulate'], 'SCENE is missing (JSON file'),
         (['calibrate'], 'way is missing (blocks, points, board, print); FILE is missing (images'),
         (['midi', 'lern'], "action: no such choice as 'lern'. Did you mean learn?"),
         (['measure', 'all'], "what: no such choice as 'all'. There are springs, friction"),

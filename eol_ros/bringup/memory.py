@@ -62,7 +62,7 @@ class Memory:
         }
         for node, kept in found.items():
             if rows[node].get('table', {}) != self._table and kept.pop('covers', ''):
-                self.left_out = 'what was learnt of the covers of another table'
+                self.left_out = 'learnt covers of another table'
         return found
 
     def note(self, kept: Kept) -> None:

@@ -25,7 +25,7 @@ from eol_ros.streams.graph import IMAGE_SOURCES
 if TYPE_CHECKING:
     from eol_ros.bringup.notify import Notifier
 
-HELP = 'Start a scene, watch its nodes, start them again when they die; stop with Ctrl-C.'
+HELP = 'Start a scene, watch its nodes and restart those that die. Ctrl-C stops it.'
 EXAMPLES = [
     'eol run',
     'eol run museum',
@@ -39,13 +39,15 @@ EXAMPLES = [
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('scene', nargs='?', default='rehearsal', help='file, or one that ships')
+    parser.add_argument(
+        'scene', nargs='?', default='rehearsal', help='scene file, or name of a shipped scene'
+    )
     parser.add_argument(
         '--for',
         dest='seconds',
         type=within(1e-3, 1e9),
         metavar='SECONDS',
-        help='stop this long after all is OK',
+        help='stop SECONDS after all nodes are OK',
     )
     parser.add_argument(
         '--bag', metavar='DIR', help='record into this folder, even if the scene says recorder: off'
@@ -53,19 +55,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--only',
         metavar='NODES',
-        help='start these alone, parted by commas; the recorder too only if named',
+        help='start only these nodes, separated by commas; the recorder only if it is named',
     )
     parser.add_argument(
         '--machine',
         metavar='NAME',
-        help='run what `machines` of the scene says of this one (default: by its address)',
+        help='run the nodes that `machines` of the scene gives this machine (default: by address)',
     )
     parser.add_argument(
         '--ros-args',
         nargs=argparse.REMAINDER,
         metavar='ARGS',
-        help='-r __ns:=/NAME puts all into this namespace, in place of that of the scene; other '
-        'remappings, -p [NODE:]NAME:=VALUE and --params-file FILE reach the nodes',
+        help='-r __ns:=/NAME replaces the namespace of the scene; other remappings, -p '
+        '[NODE:]NAME:=VALUE and --params-file FILE apply to the nodes',
     )
 
 

@@ -197,7 +197,7 @@ class TrackerNode(EolNode):
                 learnt.check(covers, self.table.cells)
             return covers
         except (ConfigError, ValueError, TypeError) as error:
-            self.get_logger().warning(f'what was learnt of the blocks before is lost: {error}')
+            self.get_logger().warning(f'learnt covers of the blocks are lost: {error}')
             return b''
 
     def _begin_with(self, kind: str, data: bytes) -> None:

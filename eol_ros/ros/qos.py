@@ -116,7 +116,9 @@ class NodeQoS:
         def replace() -> None:
             self._node.destroy_subscription(made)
             self._replaced[made] = make()
-            self._node.get_logger().info(f'{topic}: its publisher offers best effort: taken so')
+            self._node.get_logger().info(
+                f'{topic}: subscribed with best effort, as its publisher offers'
+            )
 
         made = make()
         return made

@@ -22,11 +22,11 @@ from eol_ros.errors import ConfigError, DeviceMissing, writing
 from eol_ros.scene import Scene
 
 HELP = (
-    'Write one file with what cannot be installed again: the scene with its includes, calibration, '
-    'background, state of the run (learnt covers, presets, corners of walls, counts of the day), '
-    'moved grains, and the names of the bags that are kept. Sounds, images and bags are not in it, '
-    'nor are secrets, unless --secrets asks for them: the file is then encrypted under a '
-    'password. `eol restore` names the files in which the others are to be entered again.'
+    'Write one file with all that cannot be installed again: the scene with its includes, '
+    'calibration, background, state of the run (learnt covers, presets, corners of walls, counts '
+    'of the day), moved grains, and the names of the bags that are kept. It holds no sounds, '
+    'images or bags. It holds secrets only with --secrets, which encrypts the file with a '
+    'password. After a backup without secrets, `eol restore` names the files that need them.'
 )
 EXAMPLES = ['eol backup museum', 'eol backup my/scene.yaml --output /media/usb/eol.tar.gz']
 MANIFEST = 'manifest.json'
@@ -36,14 +36,16 @@ MOST = 100_000_000  # bytes of a backup, packed or not (chosen); one has some 10
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('scene', nargs='?', default='museum', help='file, or one that ships')
+    parser.add_argument(
+        'scene', nargs='?', default='museum', help='scene file, or name of a shipped scene'
+    )
     parser.add_argument(
         '-o', '--output', metavar='FILE',
         help='the file to write (default: eol-backup-DATE.tar.gz here, .sealed with --secrets)',
     )  # fmt: skip
     parser.add_argument(
         '--secrets', action='store_true',
-        help='with PIN, passwords, keys and certificate, encrypted under a password',
+        help='include PIN, passwords, keys and certificate, and encrypt the file with a password',
     )  # fmt: skip
     add_password(parser)
 

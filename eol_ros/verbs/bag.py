@@ -10,7 +10,7 @@ from pathlib import Path
 from eol_ros.cli import within
 from eol_ros.errors import BagDamaged, UsageError, printable, writing
 
-HELP = 'Look at bags, prove them, repair them, cut and merge them. No ROS needed.'
+HELP = 'Inspect, verify, repair, cut and merge bags. Needs no ROS.'
 EXAMPLES = [
     'eol bag info bags                              # the newest run in bags/',
     'eol bag verify bags/rehearsal_2026-11-21_10-00-00',
@@ -35,16 +35,18 @@ def add_arguments(parser):
 
     source = 'bag folder, .mcap file, or a folder of bags: its newest run'
     out = 'new bag folder, or new file if it ends in .mcap'
-    info = command('info', 'Say what is in a bag: topics, times, what was lost.')
+    info = command('info', 'Print the topics, times and losses of a bag.')
     info.add_argument('bag', help=source)
-    info.add_argument('--json', action='store_true', help='as one JSON object')
+    info.add_argument('--json', action='store_true', help='print one JSON object')
     info.add_argument(
         '--index', action='store_true',
-        help='believe the index: quick for a bag of many GB, and blind to damage elsewhere',
+        help='trust the index: fast for many GB, but blind to damage elsewhere',
     )  # fmt: skip
-    check = command('verify', 'Prove every checksum, index and count; exit code 1 if one is wrong.')
+    check = command(
+        'verify', ('Verify every checksum, index and count; exit code 1 if one is wrong.')
+    )
     check.add_argument('bag', help=source)
-    check.add_argument('--json', action='store_true', help='as one JSON object')
+    check.add_argument('--json', action='store_true', help='print one JSON object')
     recover = command(
         'recover',
         'Repair a truncated bag, or with --output write what can be read as a new one. A bag that '
@@ -56,16 +58,24 @@ def add_arguments(parser):
     cut.add_argument('bag', help=source)
     cut.add_argument('-o', '--output', metavar='OUT', required=True, help=out)
     cut.add_argument(
-        '--start', type=within(0, 1e9), default=0.0, metavar='S', help='from S seconds in'
+        '--start',
+        type=within(0, 1e9),
+        default=0.0,
+        metavar='S',
+        help='begin S seconds after the start of the bag',
     )
-    cut.add_argument('--end', type=within(0, 1e9), metavar='S', help='up to S seconds in')
-    cut.add_argument('--topics', metavar='TOPICS', help='these, parted by commas (default: all)')
+    cut.add_argument(
+        '--end', type=within(0, 1e9), metavar='S', help='end S seconds after the start of the bag'
+    )
+    cut.add_argument(
+        '--topics', metavar='TOPICS', help='topics, separated by commas (default: all)'
+    )
     merge = command('merge', 'Write several bags as one, in order of reception.')
     merge.add_argument('bags', nargs='+', metavar='BAG', help=source)
     merge.add_argument('-o', '--output', metavar='OUT', required=True, help=out)
     keep = command('keep', 'Mark a bag: the recorder never removes it (recorder.keep_gb).')
     keep.add_argument('bag', help='bag folder, or a folder of bags: its newest run')
-    keep.add_argument('--off', action='store_true', help='take the mark away')
+    keep.add_argument('--off', action='store_true', help='remove the mark')
 
 
 def run(args):

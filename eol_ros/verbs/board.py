@@ -15,7 +15,7 @@ from eol_ros.core.serial_protocol import MOST_BLOCKS
 from eol_ros.core.verdict import Verdict
 from eol_ros.errors import DeviceMissing, UsageError
 
-HELP = 'List the blocks with battery and firmware; find them, let them test themselves, write them.'
+HELP = 'List the blocks with battery and firmware; find, test and program them.'
 EXAMPLES = [
     'eol board',
     'eol board --port /dev/serial/by-id/usb-bridge --json',
@@ -35,7 +35,7 @@ TESTS_FROM = (2, 1)  # firmware
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('--port', default='auto', help='serial port, as leds.port of a scene')
+    parser.add_argument('--port', default='auto', help='serial port, as in leds.port of a scene')
     parser.add_argument(
         '--blink',
         type=within(0, MOST_BLOCKS - 1, int),
@@ -51,7 +51,7 @@ def add_arguments(parser):
         nargs='?',
         const='all',
         metavar='BLOCK',
-        help='let one, or all, measure their LEDs and their accelerometer',
+        help='let one block, or all, test their LEDs and their accelerometer',
     )
     parser.add_argument(
         '--flash',
@@ -59,21 +59,29 @@ def add_arguments(parser):
         help='write firmware and number into the block at the programmer, with avrdude; '
         'or write the bridge at --port, with stm32flash',
     )
-    parser.add_argument('--new', action='store_true', help='write the fuses of the chip before')
     parser.add_argument(
-        '--program', metavar='FILE', help='default: firmware/build/block.hex, or bluepill.bin'
+        '--new', action='store_true', help='with --flash: write the fuses first, for a new chip'
     )
-    parser.add_argument('--programmer', default='usbasp', help="as avrdude's -c (default: usbasp)")
-    parser.add_argument('--programmer-port', default='', metavar='PORT', help="as avrdude's -P")
     parser.add_argument(
-        '--dry-run', action='store_true', help='of --flash: print what would be run'
+        '--program',
+        metavar='FILE',
+        help='firmware file (default: firmware/build/block.hex, or bluepill.bin)',
+    )
+    parser.add_argument(
+        '--programmer', default='usbasp', help="programmer for avrdude's -c (default: usbasp)"
+    )
+    parser.add_argument(
+        '--programmer-port', default='', metavar='PORT', help="port for avrdude's -P"
+    )
+    parser.add_argument(
+        '--dry-run', action='store_true', help='with --flash: print the commands, and run none'
     )
     parser.add_argument(
         '--seconds',
         type=within(0.01, 3600),
         help='duration of --blink (default: 5) or --knocks (default: 60)',
     )
-    parser.add_argument('--json', action='store_true', help='for programs')
+    parser.add_argument('--json', action='store_true', help='print JSON')
 
 
 def run(args) -> int:

@@ -21,9 +21,9 @@ from eol_ros.scene_secrets import without
 from eol_ros.verbs import reach
 
 HELP = (
-    'Gather what somebody needs to know to help with this installation: versions, machine, scene, '
-    'the state of the running graph, logs, devices, and what is in the newest bags. No recorded '
-    'data, no image, no PIN.'
+    'Collect what a supporter of this installation needs: versions, machine, scene, state of the '
+    'running graph, logs, devices, and contents of the newest bags. It holds no recorded data, no '
+    'images and no PIN.'
 )
 EXAMPLES = ['eol bundle museum', 'eol bundle my/scene.yaml --output for-support.zip']
 NEWEST_BAGS = 5
@@ -34,7 +34,9 @@ COMMAND_S = 20.0  # no program that is asked may take longer
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('scene', nargs='?', default='museum', help='file, or one that ships')
+    parser.add_argument(
+        'scene', nargs='?', default='museum', help='scene file, or name of a shipped scene'
+    )
     parser.add_argument(
         '-o', '--output', metavar='FILE', default=time.strftime('eol-bundle-%Y%m%d-%H%M%S.zip'),
         help='the file to write (default: eol-bundle-DATE.zip here)',

@@ -36,8 +36,8 @@ def add_arguments(parser):
     parser.add_argument(
         'way',
         choices=['blocks', 'points', 'board', 'print'],
-        help='what the camera sees; `print` writes a board to be printed: .pdf '
-        'or .svg to scale, .png as pixels',
+        help='what the camera sees; `print` writes a board for printing: .pdf or .svg to scale, '
+        '.png in pixels',
     )
     parser.add_argument(
         'sources',
@@ -46,14 +46,14 @@ def add_arguments(parser):
         help='images, a video, a .npy stack, a folder or a bag; for `points` a '
         'CSV of u,v,x,y a line: pixels, then metres (x right, y away)',
     )
-    parser.add_argument('-o', '--output', metavar='C.yaml', help='where the calibration goes')
+    parser.add_argument('-o', '--output', metavar='C.yaml', help='calibration file to write')
     parser.add_argument('--picture', metavar='P.png', help='figure of the residuals')
-    parser.add_argument('--lens', metavar='YAML', help='camera_info file, whose lens is kept')
+    parser.add_argument('--lens', metavar='YAML', help='camera_info file with the lens')
     parser.add_argument(
         '--focal',
         type=within(10, 1e6),
         metavar='PX',
-        help='focal length in px, where no --lens is known',
+        help='focal length in px, without --lens',
     )
     parser.add_argument(
         '--mirror',
@@ -65,23 +65,25 @@ def add_arguments(parser):
         type=within(0, 0.5),
         default=0.0,
         metavar='M',
-        help='covers above the platform, in metres',
+        help='height of the covers above the platform, in metres',
     )
     parser.add_argument(
         '--covers',
         metavar='FOLDER',
-        help='of the STL files of `python -m assets.covers`: their relief moves what the camera '
-        'sees of a block',
+        help='folder with the STL files of `python -m assets.covers`, whose relief shifts the '
+        'visible outline of a block',
     )
     parser.add_argument(
         '--cover-gap',
         type=within(0, 0.5),
         default=0.001,
         metavar='M',
-        help='lower rims of these covers above the platform, in metres',
+        help='height of the lower rims of these covers above the platform, in metres',
     )
     parser.add_argument('--size', metavar='WxH', help='image size, for points without --lens')
-    parser.add_argument('--board', default='11x8', metavar='CxR', help='squares of the board')
+    parser.add_argument(
+        '--board', default='11x8', metavar='CxR', help='number of squares of the board'
+    )
     side = within(1e-3, 2)
     parser.add_argument('--square', type=side, default=0.06, metavar='M', help='side of a square')
     parser.add_argument('--marker', type=side, default=0.045, metavar='M', help='side of a marker')
@@ -89,7 +91,7 @@ def add_arguments(parser):
         '--paper',
         default='auto',
         metavar='A4..A0|WxH',
-        help='to print on, sizes in mm (default: the smallest that does)',
+        help='paper size, or size in mm (default: the smallest that fits)',
     )
     parser.add_argument(
         '--dictionary', default='DICT_4X4_100', help='ArUco dictionary of the board'
@@ -105,7 +107,7 @@ def add_arguments(parser):
     parser.add_argument(
         '--scene', metavar='SCENE', help='scene with the table (default: of the bag, or 5 x 5)'
     )
-    parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def run(args) -> int:

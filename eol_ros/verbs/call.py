@@ -8,7 +8,7 @@ from dataclasses import replace
 from eol_ros.errors import DeviceMissing, EolError, UsageError
 from eol_ros.verbs import reach
 
-HELP = 'Ask the nodes for something, as the panel does, and print their answers.'
+HELP = 'Send a request to the nodes, as the panel does, and print their answers.'
 EXAMPLES = [
     'eol call --list',
     'eol call sleep',
@@ -24,12 +24,15 @@ EXAMPLES = [
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('kind', nargs='?', help='what to ask for; --list shows all')
+    parser.add_argument('kind', nargs='?', help='kind of request; --list prints all kinds')
     parser.add_argument(
-        'words', nargs='*', metavar='NODE | NAME=VALUE', help='ask only this node; what it takes'
+        'words',
+        nargs='*',
+        metavar='NODE | NAME=VALUE',
+        help='send it to this node only; arguments of the request',
     )
-    parser.add_argument('--list', action='store_true', help='list what can be asked for, and end')
-    parser.add_argument('--json', action='store_true', help='the answers as one JSON list')
+    parser.add_argument('--list', action='store_true', help='list the kinds of request and end')
+    parser.add_argument('--json', action='store_true', help='print the answers as one JSON list')
     reach.add_arguments(parser)
 
 

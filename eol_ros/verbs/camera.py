@@ -19,9 +19,9 @@ from eol_ros.core.verdict import Verdict, judged, worst
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError
 
 HELP = (
-    'Focus, exposure and delay of a camera, as numbers in the terminal and as a picture in a '
-    'browser: V4L2, GenICam (genicam:NAME), the twin (twin), or a video. The camera node must not '
-    'have it open.'
+    'Measure focus, exposure and delay of a camera: V4L2, GenICam (genicam:NAME), the twin (twin), '
+    'or a video. Prints numbers, and shows the picture in a browser with --view. Stop the camera '
+    'node first.'
 )
 EXAMPLES = [
     'eol camera focus',
@@ -43,16 +43,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument(
         'show', choices=SHOWS,
-        help='focus: blur of the edges, to turn the lens by; expose: brightness and saturated '
-             'share; latency: from exposure to arrival, jitter and losses',
+        help='focus: blur of the edges, while you turn the lens; expose: brightness and saturated '
+            'share; latency: from exposure to arrival, jitter and losses',
     )  # fmt: skip
-    parser.add_argument('--scene', help='take camera (or twin) and its settings from here')
-    parser.add_argument('--device', help='as camera.device of a scene, or twin')
-    parser.add_argument('--size', metavar='WxH', help='of the images (default: 1280x800)')
+    parser.add_argument('--scene', help='scene with the settings of camera or twin')
+    parser.add_argument('--device', help='value of camera.device in a scene, or twin')
+    parser.add_argument('--size', metavar='WxH', help='image size (default: 1280x800)')
     parser.add_argument('--fps', type=within(0, 240), help='images a second')
     parser.add_argument('--exposure-us', type=within(50, 16000, int), help='manual exposure')
-    parser.add_argument('--gain', type=within(-1000, 1e6), help="in the camera's own unit")
-    parser.add_argument('--trigger', help='input of a GenICam camera')
+    parser.add_argument('--gain', type=within(-1000, 1e6), help="gain, in the camera's own unit")
+    parser.add_argument('--trigger', help='trigger input of a GenICam camera')
     parser.add_argument(
         '--seconds', type=within(0.01, 86400), help='stop after SECONDS (latency: 10; else: Ctrl-C)'
     )
@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--view', metavar='PORT', type=within(0, 65535, int),
         help='show the picture at http://127.0.0.1:PORT (over ssh: ssh -L PORT:127.0.0.1:PORT)',
     )  # fmt: skip
-    parser.add_argument('--json', action='store_true', help='one object a line, for programs')
+    parser.add_argument('--json', action='store_true', help='print one JSON object a line')
 
 
 def run(args: argparse.Namespace) -> int:

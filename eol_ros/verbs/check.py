@@ -21,9 +21,9 @@ from eol_ros.settings import TableSettings
 from eol_ros.yaml_text import Mistake
 
 HELP = (
-    'Check a scene and say every mistake at once, with file, line and column: its keys and values, '
-    'the files that it names, and what the nodes would refuse when they start; and whether ROS and '
-    'the messages that it needs are installed here.'
+    'Check a scene and report all mistakes with file, line and column: keys, values, missing '
+    'files, and settings that nodes would reject at start. Also check that ROS and the messages '
+    'that the scene needs are installed.'
 )
 EXAMPLES = [
     'eol check museum',
@@ -36,12 +36,16 @@ Check = tuple[str, Callable[[], object]]  # the setting that is meant, and what 
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('scene', nargs='?', default='rehearsal', help='file, or one that ships')
     parser.add_argument(
-        '--devices', action='store_true', help='and whether its camera, board and sound card are'
-        ' there',
+        'scene', nargs='?', default='rehearsal', help='scene file, or name of a shipped scene'
+    )
+    parser.add_argument(
+        '--devices', action='store_true',
+        help='also check that its camera, board and sound card are connected',
     )  # fmt: skip
-    parser.add_argument('--json', action='store_true', help='the checked scene, or the mistakes')
+    parser.add_argument(
+        '--json', action='store_true', help='print the checked scene, or the mistakes, as JSON'
+    )
 
 
 def run(args):

@@ -34,7 +34,9 @@ def add_arguments(parser):
         f'(default: {",".join(compiled.AT_FIRST)})',
     )
     parser.add_argument(
-        '--here', action='store_true', help='in this process, and print how many functions are done'
+        '--here',
+        action='store_true',
+        help='compile in this process, and print the number of compiled functions',
     )
 
 

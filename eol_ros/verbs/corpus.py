@@ -14,7 +14,7 @@ from eol_ros.errors import UsageError
 from eol_ros.settings import DESCRIPTORS, FORMS
 from eol_ros.verbs.progress import Progress
 
-HELP = 'Cut sounds into grains, describe them and lay them out for the blocks to play.'
+HELP = 'Cut sounds into grains, compute their descriptors and lay them out in the space.'
 EXAMPLES = [
     'eol corpus iceberg.wav --output iceberg.json',
     'eol corpus field/*.flac --grain 0.1 --overlap 0.5 --x pitch_hz --y loudness_lufs -o f.json',
@@ -42,14 +42,32 @@ def add_arguments(parser):
         type=within(0.02, 60),
         default=0.25,
         metavar='S',
-        help='grain length; with onset the greatest',
+        help='grain length; with onset the greatest length',
     )
     add('--overlap', type=within(0, 0.9), nargs='?', const=0.5, default=0.0, metavar='SHARE',
         help='share of a grain that the next repeats (0.5 if no number is given)')  # fmt: skip
     add('--labels', metavar='FILE', default='', help='Audacity label track to cut at')
-    add('--onset', type=within(0.1, 60), default=4.0, metavar='DB', help='rise that begins a grain')
-    add('--gate-on', type=within(-120, 0), default=-40.0, metavar='DB', help='grains begin above')
-    add('--gate-off', type=within(-120, 0), default=-50.0, metavar='DB', help='grains end below')
+    add(
+        '--onset',
+        type=within(0.1, 60),
+        default=4.0,
+        metavar='DB',
+        help='rise in level that begins a grain',
+    )
+    add(
+        '--gate-on',
+        type=within(-120, 0),
+        default=-40.0,
+        metavar='DB',
+        help='level above which a grain begins',
+    )
+    add(
+        '--gate-off',
+        type=within(-120, 0),
+        default=-50.0,
+        metavar='DB',
+        help='level below which a grain ends',
+    )
     add(
         '--silence',
         type=within(-200, 0),
@@ -73,12 +91,12 @@ def add_arguments(parser):
         '--seed',
         type=within(0, 1e18, int),
         default=1,
-        help='of the ice recording, where no sound is given',
+        help='seed of the ice recording, if no sound is given',
     )
-    add('-o', '--output', metavar='FILE', help='corpus JSON; with show, the image')
-    add('--csv', metavar='FILE', help='one line per grain')
-    add('--labels-out', metavar='FILE', help='the grains as an Audacity label track')
-    add('--json', action='store_true', help='the corpus to stdout')
+    add('-o', '--output', metavar='FILE', help='corpus file (JSON); with show, the image')
+    add('--csv', metavar='FILE', help='table with one line a grain')
+    add('--labels-out', metavar='FILE', help='Audacity label track of the grains')
+    add('--json', action='store_true', help='print the corpus as JSON')
 
 
 _NAMES = 'one of ' + ', '.join(DESCRIPTORS)

@@ -8,13 +8,13 @@ import sys
 from eol_ros.core.verdict import Verdict
 from eol_ros.errors import printable
 
-HELP = 'List cameras, boards, sound cards and screens, with the line that a scene wants.'
+HELP = 'List cameras, boards, sound cards and screens, each with its line for a scene.'
 EXAMPLES = ['eol devices', 'eol devices --json']
 
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('--json', action='store_true', help='for programs')
+    parser.add_argument('--json', action='store_true', help='print JSON')
 
 
 def run(args):

@@ -20,15 +20,15 @@ EXAMPLES = [
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('topic', help='with or without the namespace')
-    parser.add_argument('--once', action='store_true', help='one message, then end')
-    parser.add_argument('--json', action='store_true', help='one JSON object a line')
-    parser.add_argument('--full', action='store_true', help='all of long arrays and texts')
+    parser.add_argument('topic', help='topic, with or without its namespace')
+    parser.add_argument('--once', action='store_true', help='print one message and end')
+    parser.add_argument('--json', action='store_true', help='print one JSON object a line')
+    parser.add_argument('--full', action='store_true', help='print long arrays and texts in full')
     parser.add_argument(
         '--timeout',
         type=within(1e-3, 1e9),
         metavar='S',
-        help='give up (exit code 69) when S seconds bring no message',
+        help='end with exit code 69 after S seconds without a message',
     )
     reach.add_arguments(parser)
 

@@ -10,10 +10,10 @@ from eol_ros.disk import content
 from eol_ros.ros import wireguard
 
 HELP = (
-    'Say who may reach the graph from other machines in a scene with `network: secure`: each by '
-    'a key of its own, through WireGuard. On the machine of the work: make, add, revoke, list. '
-    'On the other one: join, then `eol topics --secure` and the like; `env` prints what stock '
-    'ROS 2 tools need (eval "$(eol keys env)").'
+    'Manage the keys with which other machines reach a graph with `network: secure`, through '
+    'WireGuard. On the machine of the work: make, add, revoke, list. On the other machine: join, '
+    'then for example `eol topics --secure`; `env` prints the environment for stock ROS 2 tools '
+    '(eval "$(eol keys env)").'
 )
 EXAMPLES = [
     'eol keys make',
@@ -28,22 +28,26 @@ EXAMPLES = [
 def add_arguments(parser):
     """Declare the command line."""
     verbs = parser.add_subparsers(dest='action', required=True, metavar='ACTION')
-    make = verbs.add_parser('make', help='make the keys of this machine, which others will reach')
+    make = verbs.add_parser('make', help='make the keys of the machine of the work')
     make.add_argument('--subnet', default=wireguard.SUBNET, help='addresses inside of the tunnel')
     make.add_argument(
         '--port', type=within(1, 65535, int), default=wireguard.PORT, help='UDP port to listen on'
     )
-    add = verbs.add_parser('add', help='let somebody in; prints what their machine joins with')
+    add = verbs.add_parser(
+        'add', help='add a key, and print the file with which their machine joins'
+    )
     add.add_argument('name')
     add.add_argument(
         '--endpoint', metavar='HOST[:PORT]', default=socket.gethostname(),
-        help='under which they reach this machine (default: its name)',
+        help='address under which they reach this machine (default: its name)',
     )  # fmt: skip
-    add.add_argument('--public', metavar='KEY', default='', help='their key, where they made it')
-    revoke = verbs.add_parser('revoke', help='let somebody in no longer')
+    add.add_argument(
+        '--public', metavar='KEY', default='', help='their public key, if they made the pair'
+    )
+    revoke = verbs.add_parser('revoke', help='revoke a key')
     revoke.add_argument('name')
-    verbs.add_parser('list', help='say who is let in, and whether the tunnel is up')
-    join = verbs.add_parser('join', help='take what `add` gave to this machine')
+    verbs.add_parser('list', help='list the keys, and whether the tunnel is up')
+    join = verbs.add_parser('join', help='install the file that `add` printed on this machine')
     join.add_argument('file', help='the file, or - for standard input')
     verbs.add_parser('env', help='print the environment for stock ROS 2 tools')
 

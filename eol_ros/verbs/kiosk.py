@@ -36,11 +36,11 @@ def add_arguments(parser):
         '--screens',
         nargs=2,
         metavar='WxH+X+Y',
-        help='geometry of both screens, instead of what xrandr says',
+        help='geometry of both screens, in place of that from xrandr',
     )
-    parser.add_argument('--browser', default='', help='command of a Chromium')
+    parser.add_argument('--browser', default='', help='command that starts Chromium')
     parser.add_argument(
-        '--for', dest='seconds', type=within(0, 1e9), metavar='SECONDS', help='close after so long'
+        '--for', dest='seconds', type=within(0, 1e9), metavar='SECONDS', help='close after SECONDS'
     )
 
 

@@ -11,7 +11,7 @@ from eol_ros import folders
 from eol_ros.cli import within
 from eol_ros.errors import UsageError, writing
 
-HELP = 'run the earthquake automaton and fit the law of its sizes'
+HELP = 'Run the earthquake automaton and fit the law of its sizes.'
 EXAMPLES = [
     'eol lattice --size 64 --alpha 0.2 --events 200000 --warmup 1000000 --json',
     'eol lattice --size 12 --events 500 --output events.npz',
@@ -34,16 +34,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='events to record (1000000)',
     )  # fmt: skip
     parser.add_argument(
-        '--warmup', type=within(0, 1e12, int), default=0, metavar='W', help='events before that (0)'
+        '--warmup',
+        type=within(0, 1e12, int),
+        default=0,
+        metavar='W',
+        help='number of events before them (0)',
     )
     parser.add_argument(
-        '--seed', type=within(0, 1e18, int), default=1, metavar='S', help='of the start (1)'
+        '--seed', type=within(0, 1e18, int), default=1, metavar='S', help='seed of the start (1)'
     )
-    parser.add_argument('--fit', default='', metavar='FROM:TO', help='sizes that tau is fitted on')
     parser.add_argument(
-        '-o', '--output', metavar='FILE.npz', help='write size, area, duration, first'
+        '--fit', default='', metavar='FROM:TO', help='range of sizes for the fit of tau'
     )
-    parser.add_argument('--json', action='store_true', help='the result as JSON')
+    parser.add_argument(
+        '-o', '--output', metavar='FILE.npz', help='file for size, area, duration and first'
+    )
+    parser.add_argument('--json', action='store_true', help='print the result as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -16,9 +16,8 @@ from eol_ros.errors import ConfigError, DeviceMissing, EolError, UsageError
 from eol_ros.verbs import reach
 
 HELP = (
-    'Measure springs and friction of your own table with its camera, and write them into a\n'
-    'scene, whose twin then is that table.\n'
-    'docs/guides/measure.md says what to prepare.'
+    'Measure springs and friction of your table with its camera, and write them into the scene of\n'
+    'its twin. docs/guides/measure.md says what to prepare.'
 )
 EXAMPLES = [
     'eol measure springs my/rehearsal.yaml --weights 300,600,900,1200,900,600,300',
@@ -40,36 +39,37 @@ def add_arguments(parser):
     parser.add_argument('what', choices=['springs', 'friction'], help='what to measure')
     parser.add_argument(
         'scene', nargs='?', metavar='SCENE',
-        help='a scene file with a twin, into which the values go; its comments stay',
+        help='scene file with a twin to write the values into; its comments stay',
     )  # fmt: skip
     parser.add_argument(
-        '--bag', metavar='BAG', help='a recording of it, in place of the running graph'
+        '--bag', metavar='BAG', help='bag to measure, in place of the running graph'
     )
     parser.add_argument(
         '--weights', metavar='G,G,...',
-        help='springs: grams that hang on the thread, one after the other, up and down again',
+        help='springs: weights in grams, hung on the thread one after the other, up and down again',
     )  # fmt: skip
     parser.add_argument(
         '--block', type=within(0, 224, int), metavar='ID',
-        help='springs: the block that is pulled, at the rim (default: the middle of the right)',
+        help='springs: block at the rim that the thread pulls (default: middle of the right side)',
     )  # fmt: skip
     parser.add_argument(
         '--natural', type=within(1, 1000), metavar='MM',
-        help='length of a spring that nothing pulls, by a ruler (default: as in the scene)',
+        help='length of a free spring, by a ruler (default: as in the scene)',
     )  # fmt: skip
     parser.add_argument(
         '--mass', type=within(50, 2000), metavar='G',
-        help='friction: grams of a block with its cover, by a scale (default: as in the scene)',
+        help='friction: mass of a block with its cover in grams (default: as in the scene)',
     )  # fmt: skip
     parser.add_argument(
         '--stiffness', type=within(5, 2000), metavar='N/M',
-        help='friction: of a spring, taken for exact (default: as in the scene, with its error)',
+        help='friction: stiffness of a spring, taken as exact (default: as in the scene, with its '
+            'error)',
     )  # fmt: skip
     parser.add_argument(
         '--seconds', type=within(5, 3600), default=90.0, metavar='S',
-        help='friction: how long to look at most (default: 90)',
+        help='friction: longest measuring time (default: 90)',
     )  # fmt: skip
-    parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
     reach.add_arguments(parser)
 
 

@@ -11,8 +11,8 @@ from eol_ros.cli import within
 from eol_ros.errors import DeviceMissing, UsageError
 
 HELP = (
-    'MIDI: list the inputs, watch what comes, and learn which controller plays which setting of\n'
-    'grains and sound (docs/guides/play.md).'
+    'List MIDI inputs, print incoming messages, and assign controllers to settings of grains and\n'
+    'sound (docs/guides/play.md).'
 )
 EXAMPLES = [
     'eol midi list',
@@ -28,17 +28,26 @@ def add_arguments(parser):
     """Declare the command line."""
     add = parser.add_argument
     parser.add_argument('action', choices=('list', 'watch', 'learn'))
-    parser.add_argument('what', nargs='?', help='learn: what it does: a line without its begin')
-    parser.add_argument('scene', nargs='?', metavar='SCENE', help='learn: write the line into it')
-    add('--input', default='auto', metavar='NAME', help='by name or part of it, auto or virtual')
-    add('--jack', action='store_true', help='list: the inputs of JACK')
+    parser.add_argument(
+        'what', nargs='?', help='learn: target of the controller, such as a setting and its range'
+    )
+    parser.add_argument(
+        'scene', nargs='?', metavar='SCENE', help='learn: scene file to write the line into'
+    )
+    add(
+        '--input',
+        default='auto',
+        metavar='NAME',
+        help='input by name or part of it, auto or virtual',
+    )
+    add('--jack', action='store_true', help='list: show the inputs of JACK')
     add(
         '--for',
         dest='seconds',
         type=within(0, 1e9),
         default=0.0,
         metavar='S',
-        help='end after; 0: Ctrl-C',
+        help='end after S seconds; 0: at Ctrl-C',
     )
 
 

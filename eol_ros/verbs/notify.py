@@ -10,16 +10,19 @@ from eol_ros.errors import ConfigError, EolError
 from eol_ros.said import said
 
 HELP = (
-    'Send a test message by every way that the scene names under notify (webhook, mail), and say '
-    'what each server answered. No graph needs to run. Exit code 1 where one was not taken.'
+    'Send a test message through each channel under `notify` of the scene (webhook, mail) and '
+    'print the answer of each server. No graph needs to run. Exit code 1 if a server rejects its '
+    'message.'
 )
 EXAMPLES = ['eol notify museum', 'eol notify my/scene.yaml --json']
 
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('scene', nargs='?', default='museum', help='file, or one that ships')
-    parser.add_argument('--json', action='store_true', help='what each answered, as one object')
+    parser.add_argument(
+        'scene', nargs='?', default='museum', help='scene file, or name of a shipped scene'
+    )
+    parser.add_argument('--json', action='store_true', help='print the answers as one JSON object')
 
 
 def run(args):

@@ -21,8 +21,8 @@ def add_arguments(parser):
     parser.add_argument('action', choices=('list', 'get', 'set'))
     parser.add_argument('node')
     parser.add_argument('name', nargs='?')
-    parser.add_argument('value', nargs='?', help='as YAML')
-    parser.add_argument('--json', action='store_true', help='as JSON')
+    parser.add_argument('value', nargs='?', help='the new value, as YAML')
+    parser.add_argument('--json', action='store_true', help='print JSON')
     reach.add_arguments(parser)
 
 

@@ -6,15 +6,19 @@ import contextlib
 from collections.abc import Iterator
 from typing import Any
 
-NAMESPACE_HELP = 'of the graph; without it that of the one that runs here, else eol'
+NAMESPACE_HELP = 'namespace of the graph (default: that of the graph on this machine, else eol)'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what all verbs take that look at a running graph."""
     where = parser.add_mutually_exclusive_group()
-    where.add_argument('--lan', action='store_true', help='look on the network, not only here')
     where.add_argument(
-        '--secure', action='store_true', help='look where `eol keys` lets this machine in, too'
+        '--lan', action='store_true', help='search the network, not only this machine'
+    )
+    where.add_argument(
+        '--secure',
+        action='store_true',
+        help='also search graphs that this machine has a key for (`eol keys`)',
     )
     parser.add_argument('--namespace', metavar='NAME', help=NAMESPACE_HELP)
 

@@ -24,12 +24,16 @@ TAIL_S = 0.5  # after the last grain: the DC block and the limiter come to rest
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('source', metavar='BAG|TRIGGERS.csv', help='what to play')
-    parser.add_argument('--corpus', metavar='C.json', help='its grains (default: those of the bag)')
-    parser.add_argument('-o', '--output', metavar='X.wav', required=True, help='wav, flac, ogg ...')
-    parser.add_argument('--scene', metavar='FILE', help='take the settings of sound from here')
+    parser.add_argument('source', metavar='BAG|TRIGGERS.csv', help='bag, or CSV file of triggers')
+    parser.add_argument(
+        '--corpus', metavar='C.json', help='corpus of the grains (default: that of the bag)'
+    )
+    parser.add_argument(
+        '-o', '--output', metavar='X.wav', required=True, help='sound file: wav, flac, ogg ...'
+    )
+    parser.add_argument('--scene', metavar='FILE', help='scene with the settings of node sound')
     parser.add_argument('--seconds', type=within(1e-3, 1e6), help='duration (default: to the end)')
-    parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def run(args) -> int:

@@ -28,23 +28,25 @@ def add_arguments(parser):
     speed.add_argument(
         '--rate', type=within(0.01, 100), default=1.0, help='speed, 0.01 to 100; 0.5 is half'
     )
-    speed.add_argument('--fast', action='store_true', help='as fast as the readers acknowledge')
-    parser.add_argument('--loop', action='store_true', help='begin again at the end')
+    speed.add_argument(
+        '--fast', action='store_true', help='play as fast as the subscribers acknowledge'
+    )
+    parser.add_argument('--loop', action='store_true', help='start again at the end')
     parser.add_argument(
         '--start', type=within(0, 1e9), default=0.0, metavar='S', help='start at S seconds'
     )
     parser.add_argument(
         '--only',
         metavar='TOPICS',
-        help='these, parted by commas, or all but diagnostics (default: the images if all were '
-        'kept, else blocks; and the taps and requests that go with them)',
+        help='topics to play, separated by commas; all: every topic but diagnostics (default: the '
+        'images if all were kept, else blocks; with their taps and requests)',
     )
     parser.add_argument(
         '--wait',
         type=within(0, 1e9),
         default=3.0,
         metavar='S',
-        help='wait so long for a first reader (default 3)',
+        help='wait up to S seconds for a first subscriber (default 3)',
     )
     reach.add_arguments(parser)
 

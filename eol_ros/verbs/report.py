@@ -10,7 +10,7 @@ from eol_ros import folders
 from eol_ros.cli import within
 from eol_ros.errors import DeviceMissing, UsageError, pip_install
 
-HELP = 'Figures, numbers and tables from a bag: one HTML page, SVG, PDF and CSV. No ROS needed.'
+HELP = 'Write figures, numbers and tables of a bag: one HTML page, SVG, PDF and CSV. Needs no ROS.'
 EXAMPLES = [
     'eol report bags                                # the newest run in bags/',
     'eol report run_0.mcap --output analysis',
@@ -24,7 +24,7 @@ def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument(
         'bag', nargs='+', help='bag folder, .mcap file, or a folder of bags: its newest run; '
-        'several become one report, a folder with all that is in it'
+        'several make one report, in which a folder stands for all its bags'
     )  # fmt: skip
     parser.add_argument(
         '--workers',
@@ -36,11 +36,13 @@ def add_arguments(parser):
         '--scheduler', metavar='tcp://HOST:8786',
         help='read many bags on a Dask cluster, whose workers find them at the same paths',
     )  # fmt: skip
-    parser.add_argument('--all', action='store_true', help='all bags of a folder as one report')
     parser.add_argument(
-        '-o', '--output', metavar='DIR', help='where it goes (default: report-NAME here)'
+        '--all', action='store_true', help='make one report of all bags in the folder'
     )
-    parser.add_argument('--csv', metavar='TOPICS', help='write these topics as CSV, no report')
+    parser.add_argument(
+        '-o', '--output', metavar='DIR', help='output folder (default: report-NAME here)'
+    )
+    parser.add_argument('--csv', metavar='TOPICS', help='write these topics as CSV, and no report')
     parser.add_argument(
         '--retrack',
         action='store_true',
@@ -48,10 +50,10 @@ def add_arguments(parser):
     )
     parser.add_argument(
         '--measured', metavar='SCENE',
-        help='a scene into which `eol measure` has written springs, friction and mass of the table,'
-        ' for moments and energies (default: those of the twin, if the bag is of one)',
+        help='scene with the springs, friction and mass that `eol measure` found, for moments and '
+            'energies (default: those of the twin, if it was recorded)',
     )  # fmt: skip
-    parser.add_argument('--json', action='store_true', help='the numbers to stdout as JSON')
+    parser.add_argument('--json', action='store_true', help='print the numbers as JSON')
 
 
 def run(args):

@@ -29,8 +29,8 @@ EXAMPLES = [
 def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('backup', help='the file that `eol backup` wrote')
-    parser.add_argument('folder', nargs='?', help='of the scene (default: where it was)')
-    parser.add_argument('--force', action='store_true', help='replace files that are there')
+    parser.add_argument('folder', nargs='?', help='folder for the scene (default: where it was)')
+    parser.add_argument('--force', action='store_true', help='replace existing files')
     add_password(parser)
 
 

@@ -16,8 +16,8 @@ from eol_ros.disk import DISK, check_file
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, UsageError
 
 HELP = (
-    'Start the work at boot, watched by systemd, and its two walls when the user has logged in. '
-    'To be run as root, from the folder in which the scene is started by hand.'
+    'Start the work at boot under systemd, and its two walls when the user logs in. Run this as '
+    'root, from the folder in which you start the scene by hand.'
 )
 EXAMPLES = [
     'sudo .venv/bin/eol service install museum --user museum --log-in',
@@ -132,11 +132,13 @@ autologin-user-timeout=0
 def add_arguments(parser):
     """Declare the command line."""
     commands = parser.add_subparsers(dest='what', metavar='COMMAND', required=True)
-    install = commands.add_parser('install', help='write the units, and start them from now on')
-    install.add_argument('scene', nargs='?', default='museum', help='file, or one that ships')
+    install = commands.add_parser('install', help='write the units and enable them')
+    install.add_argument(
+        'scene', nargs='?', default='museum', help='scene file, or name of a shipped scene'
+    )
     install.add_argument(
         '--user', default=os.environ.get('SUDO_USER', ''),
-        help='who runs it: an ordinary user of this machine (default: who called sudo)',
+        help='user that runs it, not root (default: the user who called sudo)',
     )  # fmt: skip
     install.add_argument(
         '--log-in', action='store_true', help='log this user in at boot, for the walls'
@@ -154,7 +156,7 @@ def add_arguments(parser):
         'one)',
     )
     install.set_defaults(does=_install)
-    remove = commands.add_parser('remove', help='stop it, and start it at boot no more')
+    remove = commands.add_parser('remove', help='stop the work and no longer start it at boot')
     remove.set_defaults(does=_remove)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from eol_ros.cli import within
 
-HELP = 'simulate a spring-block scene: exact, event-driven, or in time steps'
+HELP = 'Simulate a spring-block scene: exact, event-driven, or in time steps.'
 EXAMPLES = [
     'eol simulate S3L --json',
     'eol simulate scene.json --output result.npz --sample 0.1',
@@ -20,8 +20,10 @@ EXAMPLES = [
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('scene', metavar='SCENE', help='a JSON file, or a named scene (S1 ... S6b)')
-    parser.add_argument('-o', '--output', metavar='FILE.npz', help='write t, u, v and the events')
+    parser.add_argument('scene', metavar='SCENE', help='JSON file, or a named scene (S1 ... S6b)')
+    parser.add_argument(
+        '-o', '--output', metavar='FILE.npz', help='file for t, u, v and the events'
+    )
     parser.add_argument(
         '--sample',
         type=within(1e-9, 1e9),
@@ -30,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='time between samples (0.1 s)',
     )
     parser.add_argument(
-        '--path', default='auto', choices=('auto', 'exact', 'event', 'stepping'), help='the solver'
+        '--path', default='auto', choices=('auto', 'exact', 'event', 'stepping'), help='solver'
     )
     parser.add_argument(
         '--tol',
@@ -46,13 +48,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='step of the time-stepping solver (1e-4 s)',
     )
     parser.add_argument(
-        '--repeat', type=within(1, 1e9, int), default=1, metavar='N', help='time the best of N runs'
+        '--repeat',
+        type=within(1, 1e9, int),
+        default=1,
+        metavar='N',
+        help='number of runs; the shortest time counts',
     )
     most = within(1, 1e9, int)
     parser.add_argument('--max-steps', type=most, default=20_000_000, metavar='N')
     parser.add_argument('--max-events', type=most, default=4_000_000, metavar='N')
     parser.add_argument('--write-scene', metavar='FILE.json', help='save the scene and stop')
-    parser.add_argument('--json', action='store_true', help='the result as JSON')
+    parser.add_argument('--json', action='store_true', help='print the result as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -9,8 +9,8 @@ from eol_ros.errors import EolError
 from eol_ros.verbs import reach
 
 HELP = (
-    'Say how the running graph is; exit code 0 all ok, 1 a warning or no answer, 2 an error, '
-    '69 none runs.'
+    'Print the state of the running graph. Exit code 0: all OK; 1: a warning or no answer; 2: an '
+    'error; 69: no graph runs.'
 )
 EXAMPLES = ['eol status', 'eol status --watch', 'eol status --json', 'eol status --namespace north']
 
@@ -18,7 +18,7 @@ EXAMPLES = ['eol status', 'eol status --watch', 'eol status --json', 'eol status
 def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument('--watch', action='store_true', help='refresh it every second')
-    parser.add_argument('--json', action='store_true', help='as one JSON object')
+    parser.add_argument('--json', action='store_true', help='print one JSON object')
     parser.add_argument('--namespace', metavar='NAME', help=reach.NAMESPACE_HELP)
 
 

@@ -25,7 +25,7 @@ EXAMPLES = [
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('spec', metavar='SPEC.yaml', nargs='?', help='what is to be computed')
+    parser.add_argument('spec', metavar='SPEC.yaml', nargs='?', help='sweep file')
     parser.add_argument(
         '-o',
         '--output',
@@ -36,14 +36,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--workers',
         type=within(1, 1000, int),
         metavar='N',
-        help='processes on this machine (default: its cores)',
+        help='number of processes on this machine (default: its cores)',
     )
     parser.add_argument(
-        '--scheduler', metavar='tcp://HOST:8786', help='of a Dask cluster, which computes instead'
+        '--scheduler',
+        metavar='tcp://HOST:8786',
+        help='address of a Dask cluster that computes in their place',
     )
-    parser.add_argument('--count', action='store_true', help='check the file, count the tasks')
+    parser.add_argument(
+        '--count', action='store_true', help='check the sweep file, count its tasks and end'
+    )
     parser.add_argument('--parameters', metavar='MODEL', help='list the parameters of a model')
-    parser.add_argument('--json', action='store_true', help='what was done, as JSON')
+    parser.add_argument('--json', action='store_true', help='print the summary as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

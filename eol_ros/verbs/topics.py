@@ -23,12 +23,12 @@ EXAMPLES = [
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('--json', action='store_true', help='as one JSON list')
+    parser.add_argument('--json', action='store_true', help='print one JSON list')
     parser.add_argument(
         '--hz',
         action='store_true',
-        help='measure the rate of each topic for 3 s; what is published only while '
-        'somebody subscribes is published for that',
+        help='subscribe to each topic for 3 s and measure its rate; this starts topics that are '
+        'published on demand',
     )
     parser.add_argument(
         '--seconds',

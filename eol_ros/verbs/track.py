@@ -15,7 +15,7 @@ from eol_ros import scene as scenes
 from eol_ros.cli import within
 from eol_ros.errors import ConfigError
 
-HELP = 'Follow the blocks through a .npy stack, a video, a folder of images or a bag.'
+HELP = 'Track the blocks in a .npy stack, a video, a folder of images or a bag.'
 EXAMPLES = [
     'eol track images.npy --fps 60 --output answer.npz --json',
     'eol track film.mp4 --calibration table.yaml --output answer.npz',
@@ -51,19 +51,19 @@ def add_arguments(parser):
     )  # fmt: skip
     parser.add_argument(
         '--calibration', metavar='C.yaml',
-        help='of this camera; without one, it is learnt from the still blocks',
+        help='calibration of this camera (default: estimated from the blocks at rest)',
     )  # fmt: skip
     parser.add_argument(
         '--mirror', action='store_true',
-        help='the camera sees the table in a mirror; a calibration file says it by itself',
+        help='the camera sees the table in a mirror; not needed with --calibration',
     )  # fmt: skip
     parser.add_argument(
         '--scene',
         metavar='SCENE',
         help='scene with the table (default: that of the bag or calibration)',
     )
-    parser.add_argument('-o', '--output', metavar='ANS.npz', help='where the answer goes')
-    parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
+    parser.add_argument('-o', '--output', metavar='ANS.npz', help='file for the result')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def run(args) -> int:

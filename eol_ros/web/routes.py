@@ -180,7 +180,7 @@ class Routes:
     def _refusal(self, request: web.Request, state: str) -> web.Response:
         if state == 'locked':
             wait_s = math.ceil(self.pin.wait_s(request.remote or '', time.monotonic()))
-            self.say(f'PIN: too many wrong ones; {request.remote} has to wait {wait_s} s')
+            self.say(f'too many wrong PINs from {request.remote}: locked out for {wait_s} s')
             refusal = _error(429, said('pin_wait', seconds=wait_s))
             refusal.headers['Retry-After'] = str(wait_s)
             return refusal

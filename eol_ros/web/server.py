@@ -184,7 +184,7 @@ class WebServer:
                 continue
             address = guard.network_of(peer[0])
             if len(held) >= held.most:
-                self.say(f'too many connections: {held.most} are open, one of {peer[0]} comes')
+                self.say(f'too many connections: {held.most} are open, {peer[0]} opens another')
             if held.make_room(address):
                 one = Connection(
                     held, address, server, loop=self._loop, logger=log, keepalive_timeout=15.0,
@@ -234,7 +234,7 @@ class WebServer:
             certificate.load(tls, self.settings.certificate)
             self.say('certificate: renewed')
         except ConfigError as error:
-            self.say(f'certificate: the one before is kept: {error}')
+            self.say(f'certificate not renewed, the old one stays in use: {error}')
 
     def _on_loop_error(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         self.say(f'web: {context.get("exception") or context.get("message")}')

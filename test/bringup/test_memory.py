@@ -75,7 +75,7 @@ def test_covers_of_another_table_are_left_out(scene, tmp_path):
     path.write_text(path.read_text() + 'table: {absent: [12]}\n')  # as many places
     memory = Memory(scenes.load(path), 0)
     assert memory.recall() == {name: kept for name, kept in SAME.items() if name != 'tracker'}
-    assert memory.left_out == 'what was learnt of the covers of another table'
+    assert memory.left_out == 'learnt covers of another table'
     cut_short(scenes.load(path), KEPT)
     again = Memory(scenes.load(path), 0)
     assert (again.recall(), again.left_out) == (SAME, '')

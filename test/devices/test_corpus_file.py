@@ -471,7 +471,7 @@ def test_a_grain_put_back_lies_where_the_layout_has_it(sound):
     again = build([sound], Options())
     assert corpus_file.moved(again) == [7]
     assert again.grains[['x', 'y']][3] == corpus.grains[['x', 'y']][3]
-    with pytest.raises(ConfigError, match='grain 3: was not moved'):
+    with pytest.raises(ConfigError, match='grain 3 was not moved'):
         corpus_file.restore(again, 3)
     with pytest.raises(ConfigError, match='grain 99: the corpus has grains 0 to 15'):
         corpus_file.restore(again, 99)

@@ -204,7 +204,7 @@ def test_what_is_wrong_with_a_block_is_a_line(fake, make_lights):
     battery, sensor, link = lights.faults()
     assert battery == 'the battery of block 4 is at 3.0 V: charge it'
     assert sensor.startswith('the accelerometer of block 7 repeats one value')
-    assert link.startswith('block 9 is not heard')
+    assert link.startswith('block 9 does not answer')
     assert lights.values()['lowest_battery_v'] == 3.0
 
 
@@ -215,7 +215,7 @@ def test_two_blocks_of_one_number_and_a_board_of_fewer_blocks_are_a_line_each(fa
     assert count.startswith('the board drives 24 blocks, and the table has 25')
     fake.report(6, flags=protocol.LINKED | protocol.TWICE)
     wait_until(lambda: len(lights.faults()) == 2)
-    assert lights.faults()[1].startswith('more than one block says that it is 6: give all but')
+    assert lights.faults()[1].startswith('several blocks have the number 6: give all but')
     assert lights.board.ready  # the rest goes on
 
 

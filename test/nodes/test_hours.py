@@ -115,7 +115,7 @@ def test_a_clock_that_was_never_set_is_told(rig):
     rig.now_s = 180.0
     rig.until(
         lambda: (
-            (1, 'the clock says 1970-01-01 00:03: it is not trusted, and the work stays open')
+            (1, 'the clock says 1970-01-01 00:03, which cannot be right: the work stays open')
             in rig.around.states
         )
     )

@@ -193,7 +193,7 @@ def test_a_test_sounds_from_each_channel_and_says_how_loud(graph, tmp_path):
     probe.ask('test')
     assert turn(lambda: len(probe.results) == 2)
     refused, heard = probe.results
-    assert not refused.accepted and refused.reason == 'the test of before still sounds'
+    assert not refused.accepted and refused.reason == 'the previous test still sounds'
     assert heard.accepted, heard.reason
     assert heard.reason.startswith('writing') and 'out.wav: measured left -' in heard.reason
     probe.ask('mute')

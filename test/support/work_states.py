@@ -29,7 +29,7 @@ STATES = {
     ),
     'work_fault': (
         running(leds=row(ERROR, said('no_board_answers', path='/dev/ttyUSB0'))),
-        'fault: leds: nothing on /dev/ttyUSB0 answers like a board',
+        'fault: leds: no board answers on /dev/ttyUSB0',
         '故障：leds：/dev/ttyUSB0 上沒有控制板回應',
     ),
     'no_camera': (running(twin=row(WARN, rate=0.0)), 'no camera image', '沒有攝影機影像'),

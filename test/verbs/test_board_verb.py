@@ -57,7 +57,7 @@ def test_says_what_is_wrong(fake, capsys, monkeypatch):
     assert told['blocks'][3]['millivolts'] == 3000
     assert len(told['faults']) == 2  # who sleeps is well
     assert 'the battery of block 3 is at 3.0 V: charge it' in err
-    assert 'block 4 is not heard' in err
+    assert 'block 4 does not answer' in err
 
 
 def test_lets_one_block_flash(fake, capsys):

@@ -777,7 +777,7 @@ def test_the_panel_by_keyboard_alone(graph, browser):
     names = {s['name'] for s in seen if s}
     assert all(s['name'] and s['ring'] for s in seen if s), [s for s in seen if s and not s['name']]
     for name in ('Sleep', 'Wake', 'Test', 'Calibrate', 'Learn background',
-                 'Listen here', 'Table', 'Reach', '中文'):  # fmt: skip
+                 'Listen here', 'Table', 'Trigger radius', '中文'):  # fmt: skip
         assert name in names
     assert len({s['at'] for s in seen if s}) == count
     # Keys of the image, and Enter on a control.

@@ -89,7 +89,7 @@ def test_a_renewed_certificate_is_taken_up_and_a_bad_one_is_not(serve, pem):
     before = serial(server, pem)
     pem.write_text('damaged')
     server.renew(server._tls)
-    assert 'certificate: the one before is kept' in server.lines[-1]
+    assert 'certificate not renewed, the old one stays in use' in server.lines[-1]
     shutil.copy(RENEWED, pem)
     server._said.clear()
     server.renew(server._tls)

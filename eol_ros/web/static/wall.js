@@ -2,7 +2,7 @@
 // A wall of the room. Never an error text: on a lost connection the last pair stays, and after a
 // minute it fades to black.
 
-import { language, speak } from './i18n.js';
+import { language, say, speak } from './i18n.js';
 import { Link } from './link.js';
 import { Pin } from './pin.js';
 import { WallView } from './wallview.js';
@@ -49,7 +49,7 @@ function testCard(on) {
 let testing = false;
 function tellWork() {
   const words = link.workWords(link.age() > LOST_S);
-  document.title = `${side === 'left' ? 'Left' : 'Right'} wall: ${words}`;
+  document.title = `${say(`${side}_wall`)}: ${words}`;
   document.getElementById('work').textContent = words;
   const tests = link.work.code === 'test' && link.age() < LOST_S;
   if (tests !== testing) testCard((testing = tests));
