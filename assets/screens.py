@@ -125,7 +125,7 @@ def begin(folder: Path, ending: contextlib.ExitStack, only_panel: bool = False) 
         probe.bind(('127.0.0.1', 0))
         port = probe.getsockname()[1]
     scene = folder / 'screens.yaml'
-    nodes = {'panel': {'port': port}, 'recorder': 'off', 'sound': {'card_needed': False}}
+    nodes = {'panel': {'port': port}, 'recorder': 'off', 'sound': {'device': 'wav', 'wav': ''}}
     scene.write_text(json.dumps({'scene': 'screens', 'include': 'rehearsal', 'nodes': nodes}))
     module = ['eol_ros.nodes.panel', '--scene'] if only_panel else ['eol_ros.bringup']
     work = subprocess.Popen(

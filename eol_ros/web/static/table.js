@@ -158,7 +158,8 @@ function tell() {
     : !link.viewer || performance.now() < 1000 * STALE_S ? ''
       : !link.mayPush ? say('table_locked')
         : link.age('truth') > STALE_S ? (link.work.code === 'starting' ? ''
-          : state?.rim ? say('no_data', { seconds: link.age('truth').toFixed(0) }) : say('table_none'))
+          : !playing ? say('table_none') // no twin has been heard
+            : state?.rim ? say('no_data', { seconds: link.age('truth').toFixed(0) }) : say('no_data_yet'))
           : counts.cascade && !modes.captions ? say('table_cascade', { area: counts.cascade }) : '';
   write($('words'), words);
   if (hands.holding) playing = 'people'; // the twin says so a moment later
