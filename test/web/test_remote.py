@@ -7,7 +7,7 @@ import pytest
 from support import needs
 from support.chromium import complaints, phone, picture, press, run, touch, until_page, visit
 from support.waiting import wait_until
-from test_browser import AXE, flaws, speak
+from test_browser import flaws, speak
 
 from eol_ros.said import clauses, said
 from eol_ros.streams.work_state import work_state
@@ -130,7 +130,7 @@ def test_with_a_pin_nothing_can_be_asked_before_it(page, browser):
     wait_until(lambda: server.bridge.calls and server.bridge.calls[-1][0] == 'sleep')
 
 
-def test_the_remote_by_keyboard_and_for_screen_readers(page, browser):
+def test_the_remote_by_keyboard(page, browser):
     page()
     seen = []
     for _ in range(13):
@@ -138,11 +138,3 @@ def test_the_remote_by_keyboard_and_for_screen_readers(page, browser):
         seen.append(run(browser, 'return document.activeElement.textContent || "slider"'))
     assert seen[:7] == ['Sleep', 'Wake', 'Mute', 'Unmute', 'slider', 'Test', 'day']
     assert seen[10] == 'English'
-    if not AXE.exists():
-        pytest.skip('tools/setup_env.sh test installs axe-core, with npm')
-    run(browser, AXE.read_text(encoding='utf-8'))
-    barriers = browser.execute_async_script(
-        'const done = arguments[arguments.length - 1];'
-        "axe.run({rules: {'target-size': {enabled: true}}}).then((r) => done(r.violations));"
-    )
-    assert [(b['id'], n['html']) for b in barriers for n in b['nodes']] == []
