@@ -34,7 +34,8 @@ def test_a_page_shows_every_state(serve, browser, path, language):
         words = translated(state, language)
         until_page(browser, f'document.getElementById("{PLACES[path]}").textContent === "{words}"')
         if path.startswith('/wall'):
-            until_page(browser, f'document.title === "Left wall: {words}"')
+            wall = {'en': 'Left wall', 'zh-Hant': '左牆'}[language]
+            until_page(browser, f'document.title === "{wall}: {words}"')
             tests = str(state == said('test')).lower()
             until_page(browser, f'document.getElementById("card").hidden !== {tests}')
         code = state.parts[0][0]
