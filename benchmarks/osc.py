@@ -3,8 +3,9 @@
 
 The node runs in a process of its own over real DDS; this process sends the packets, publishes the
 slips and stands for the nodes that answer. `out`: slips, twenty of an image. `setting`: one fader.
-`settings`: eight faders in turn. `call`: requests, of which the node lets 256 wait. Share of a core
-of the process of `osc`, user and system time, the share while nothing comes told apart.
+`settings`: eight faders in turn. `call`: the same request again and again. `calls`: each request
+another one. The node lets 256 wait. `dds`: what a node costs that receives the slips of `out` and
+does nothing. Share of a core of the process, user and system time, less that while nothing comes.
 """
 
 import argparse
@@ -29,7 +30,6 @@ from eol_ros.errors import EolError
 
 HELP = 'Processor time of the node osc at a thousand packets a second, out and in, over DDS.'
 EXAMPLES = ['eol bench osc', 'eol bench osc --rate 200 --seconds 5 --json']
-PARTS = 'out', 'setting', 'settings', 'call'
 CHUNK = 20  # packets at once, each 20 ms at the usual rate
 FADERS = ('radius', 'blend', 'gain', 'pan_width', 'k', 'reverse', 'overlap', 'gain_floor')
 
@@ -103,6 +103,7 @@ def _givers(
         'setting': fader(1),
         'settings': fader(len(FADERS)),
         'call': lambda number: send('/eol/call/sleep/montage'),
+        'calls': lambda number: send('/eol/call/restore_grain', number),
     }
 
 
@@ -124,7 +125,7 @@ def _graph(process: subprocess.Popen) -> Iterator[tuple[Callable[[int], None], l
             self.NAME = name
             super().__init__(settings)
             take = lambda one: asked.append(one.kind)  # noqa: E731
-            self.requests.serve(sleep=take, set=take)
+            self.requests.serve(sleep=take, set=take, restore_grain=take)
 
     rclpy.init()
     nodes = [Answers('grains', GrainsSettings()), Answers('montage', MontageSettings())]

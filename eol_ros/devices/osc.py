@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Open Sound Control 1.0 over UDP: packets out to other programs, and in from the peers allowed.
 
-python-osc reads packets. The sockets are ours: a node sends from its callbacks and looks from a
-timer.
+python-osc reads messages that hold more than numbers. The sockets are ours: a node sends from its
+callbacks and looks from a timer.
 """
 
+import functools
 import ipaddress
 import logging
 import socket
@@ -17,15 +18,17 @@ from eol_ros.devices.address import networks
 from eol_ros.errors import DeviceMissing, pip_install
 
 try:
-    from pythonosc.osc_packet import OscPacket, ParseError
+    from pythonosc.osc_message import OscMessage, ParseError
 except ImportError:  # in a ROS workspace, where rosdep has no key for it
     raise DeviceMissing(f'the node osc needs python-osc: {pip_install("python-osc")}') from None
 
 LARGEST = 65536  # bytes in a datagram
 DEEPEST = 16  # bundles in bundles; the specification names no limit, Python's stack has one
 NTP_S = 2_208_988_800  # s from 1900, where time tags count from, to 1970
+SHORT = 20  # tags of numbers in a message that is read without python-osc, at most
 KNOWN = 1000  # peers with a budget of messages in memory; with one more all start full
-_BUNDLE, _HEAD = b'#bundle\0', 16  # then a time tag, then sizes with what they measure
+_BUNDLE, _HEAD = b'#bundle\0', 16  # with the time tag; then sizes with what they measure
+_NUMBERS = frozenset((int, float))
 # python-osc says on the root logger what is wrong with a packet; here it is counted instead, or a
 # stranger's packets would fill the logs.
 logging.getLogger().addFilter(lambda record: 'pythonosc' not in record.pathname)
@@ -45,8 +48,22 @@ Value = int | float | str | bool
 IMMEDIATELY = TimeTag(1)
 
 
+@functools.lru_cache(1000)
+def _layout(address: str, kinds: tuple[type, ...]) -> tuple[bytes, struct.Struct]:
+    """Return address and tags of a message of int and float, and what packs its values."""
+    tags = ''.join('f' if kind is float else 'i' for kind in kinds)
+    return _text(address) + _text(',' + tags), struct.Struct('>' + tags)
+
+
 def encode(address: str, *values: Value) -> bytes:
     """Return one OSC message."""
+    kinds = tuple(map(type, values))
+    if _NUMBERS.issuperset(kinds):
+        head, layout = _layout(address, kinds)
+        try:
+            return head + layout.pack(*values)
+        except (struct.error, OverflowError):
+            pass  # int32 or float32 cannot hold one of them
     tags, data = ',', [_text(address), b'']
     for value in values:
         tag, part = _encoded(value)
@@ -85,30 +102,43 @@ def _text(text: str) -> bytes:
     return data + bytes(4 - len(data) % 4)
 
 
-def decode(packet: bytes) -> list[tuple]:
+def decode(packet: bytes, depth: int = 0) -> list[tuple]:
     """Return (address, value, ...) of each message in a packet; raises ValueError if it is none."""
-    _measure(packet)
-    try:
-        messages = [timed.message for timed in OscPacket(packet).messages]
-    except (ParseError, struct.error, IndexError) as error:
-        raise ValueError(str(error)) from None
-    return [(message.address, *message.params) for message in messages]
-
-
-def _measure(packet: bytes, depth: int = 0) -> None:
-    """Raise ValueError for a bundle whose sizes do not add up: python-osc (1.10.2) follows a size
-    below 0 backwards, for ever."""
     if not packet.startswith(_BUNDLE):
-        return
+        return [_message(packet)]
     if depth == DEEPEST:
         raise ValueError(f'bundles in more than {DEEPEST} bundles')
-    at = _HEAD
+    if len(packet) <= _HEAD:
+        raise ValueError('a bundle without a message')
+    found, at = [], _HEAD
     while at < len(packet):
         size = int.from_bytes(packet[at : at + 4], 'big', signed=True)
         at += 4 + size
         if not 0 <= size <= len(packet) - (at - size):
             raise ValueError(f'a bundle with a part of {size} bytes')
-        _measure(packet[at - size : at], depth + 1)
+        found += decode(packet[at - size : at], depth + 1)
+    return found
+
+
+def _message(packet: bytes) -> tuple:
+    """Return one message; numbers alone in a tenth of the time that python-osc takes."""
+    if not packet.startswith(b'/'):
+        raise ValueError('neither a message nor a bundle')
+    address_end = packet.find(b'\0')
+    at = (address_end | 3) + 1  # a multiple of 4
+    end = packet.find(b'\0', at)
+    tags = packet[at:end]
+    if at < end < at + SHORT and tags[:1] == b',' and not tags[1:].strip(b'if'):
+        try:
+            values = struct.unpack_from('>' + tags[1:].decode(), packet, (end | 3) + 1)
+            return (packet[:address_end].decode(), *values)
+        except struct.error:
+            pass  # too short: python-osc says what for
+    try:
+        message = OscMessage(packet)
+    except (ParseError, struct.error, IndexError) as error:
+        raise ValueError(str(error)) from None
+    return (message.address, *message.params)
 
 
 class Peer(NamedTuple):

@@ -4,6 +4,7 @@
 import functools
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from eol_ros.core.sound.senses import FirstSense
 from eol_ros.core.tuio import Tokens, tuio1, tuio2
 from eol_ros.core.vision.states import TRACKING
-from eol_ros.devices.osc import OscIn, Peer, TimeTag, bundle, encode
+from eol_ros.devices.osc import IMMEDIATELY, OscIn, Peer, TimeTag, bundle, encode
 from eol_ros.devices.udp import UdpOut
 from eol_ros.errors import ConfigError, EolError, printable
 from eol_ros.ros.main_clock import MainClock
@@ -26,8 +27,8 @@ from eol_ros.streams.graph import NODES, full_name
 from eol_ros.streams.requests import SET, Asked
 from eol_ros.streams.work_state import States
 
-LOOK_S = 0.02
-FULL = 400  # messages of a bundle, some 30 KB: UDP carries 64 KB
+LOOK_S = 0.05
+FULL = 30_000  # bytes that wait for a bundle: UDP carries 64 KB
 MOST_OPEN = 256  # requests that wait for their answers
 WARN_S, WARNED = 60.0, 20  # one warning an address, of so many addresses
 
@@ -37,6 +38,7 @@ class OscNode(EolNode):
 
     NAME = 'osc'
     MAPS_TIME = True
+    READS_ONLY = True
     REST_S = 0.002
 
     def __init__(self, settings, **kwargs):
@@ -53,8 +55,9 @@ class OscNode(EolNode):
         self.to = names if self.outs else {}
         self.there = {*self.scene.nodes, *self.scene.elsewhere}
         self.sent = self.refused = 0
-        # by time and targets: what goes out together
-        self.leaving: dict[tuple[int, ...], tuple[list[UdpOut], list[bytes]]] = {}
+        # by time and targets: who sends what goes out together, and its size in all
+        self.leaving: dict[tuple, tuple[list[Callable[[bytes], None]], list[bytes]]] = {}
+        self.leaving_size = 0
         self.warned: dict[str, float] = {}  # addresses, and when
         self.input = OscIn(s.port, s.peers, s.peer_rate_hz) if s.port else None
         if self.input:
@@ -116,23 +119,29 @@ class OscNode(EolNode):
             self.transmit(self.outs, unix_ns, [(self.to[name], *line) for line in lines])
 
     def transmit(self, outs: list[UdpOut], unix_ns: int, messages: list) -> None:
-        """Let messages go out with all others of this time that arrive with them, in one bundle."""
-        if not self.leaving and self.executor is not None:
-            self.executor.create_task(self.flush)
-        _, waiting = self.leaving.setdefault((unix_ns, *map(id, outs)), (outs, []))
-        waiting += [encode(*message) for message in messages]
-        if len(waiting) > FULL:
-            self.flush()
+        """Send messages in one bundle with all others of this time that arrive with them."""
+        key = unix_ns, *map(id, outs)
+        self.gather(key, [out.send for out in outs], [encode(*message) for message in messages])
         self.sent += len(messages)
         self.health.tick(len(messages))
 
+    def gather(self, key: tuple, sends: list, packets: list[bytes]) -> None:
+        """Let packets of one time and receiver wait for the others that are on their way."""
+        if not self.leaving and self.executor is not None:
+            self.executor.create_task(self.flush)
+        self.leaving.setdefault(key, (sends, []))[1].extend(packets)
+        self.leaving_size += sum(map(len, packets))
+        if self.leaving_size > FULL:
+            self.flush()
+
     def flush(self) -> None:
-        """Send what waits, a bundle for each time."""
-        leaving, self.leaving = self.leaving, {}
-        for (unix_ns, *_), (outs, messages) in leaving.items():
-            packet = bundle(TimeTag.of(unix_ns), messages)
-            for out in outs:
-                out.send(packet)
+        """Send what waits, a bundle for each time and receiver; a single reply without."""
+        leaving, self.leaving, self.leaving_size = self.leaving, {}, 0
+        for (unix_ns, *_), (sends, messages) in leaving.items():
+            tag = TimeTag.of(unix_ns) if unix_ns else IMMEDIATELY
+            packet = bundle(tag, messages) if unix_ns or len(messages) > 1 else messages[0]
+            for send in sends:
+                send(packet)
 
     def tell(self, name: str, message) -> None:
         self.send(name, [osc.ROWS[name].of(message)], to_ns(message.header.stamp))
@@ -227,34 +236,39 @@ class OscNode(EolNode):
     def look(self) -> None:
         """Do what peers ask, in order; settings of one node that come together are one request.
 
-        Of a setting that comes several times, the last counts.
+        Of a setting that comes several times, the last counts; requests of one machine that are
+        alike are one.
         """
         assert self.input is not None  # there is a timer only then
-        latest: dict[object, tuple[Peer, str, list]] = {}
+        latest: dict[tuple, tuple[list[tuple[Peer, str]], list]] = {}
         for peer, (address, *values) in self.input.take(time.monotonic(), self.warn):
-            key: object = address if address.startswith(self.sets) else len(latest)
-            latest.pop(key, None)
-            latest[key] = peer, address, values
+            is_set = address.startswith(self.sets)
+            key = (address,) if is_set else (peer.host, address, repr(values))
+            alike, _ = latest.pop(key, ([], []))
+            senders = [] if is_set else alike
+            senders.append((peer, address))
+            latest[key] = senders, values
         together: dict[tuple[str, str], tuple[Asked, list[tuple[Peer, str]]]] = {}
-        for peer, address, values in latest.values():
-            asked = self.read(peer, address, values)
+        for senders, values in latest.values():
+            asked = self.read(senders, values)
             if asked is None:
                 continue
             if asked.kind == SET:
-                first, senders = together.get((asked.source, asked.node), (asked, []))
+                first, others = together.get((asked.source, asked.node), (asked, []))
                 asked = replace(asked, values=first.values | asked.values)
-                together[asked.source, asked.node] = asked, [*senders, (peer, address)]
+                together[asked.source, asked.node] = asked, [*others, *senders]
                 continue
             for one in together.values():
                 self.ask(*one)
             together = {}
-            self.ask(asked, [(peer, address)])
+            self.ask(asked, senders)
         for one in together.values():
             self.ask(*one)
         self.client.look()
 
-    def read(self, peer: Peer, address: str, values: list) -> Asked | None:
+    def read(self, senders: list[tuple[Peer, str]], values: list) -> Asked | None:
         """Return the request of a message; None for a button let go, and for what is refused."""
+        peer, address = senders[-1]
         try:
             asked = osc.asked_of(address, values, self.namespace)
             if asked is None:
@@ -263,7 +277,7 @@ class OscNode(EolNode):
                 kind = NODES[asked.node].settings
                 asked = replace(asked, values=checked_live(kind, asked.node, asked.values))
         except EolError as error:
-            self.refuse(peer, address, str(error))
+            self.refuse(senders, str(error))
             return None
         return replace(asked, source=f'osc {peer.host}')
 
@@ -273,28 +287,27 @@ class OscNode(EolNode):
                 raise EolError(f'{MOST_OPEN} requests wait for their answers already')
             expected = expected_of(asked.kind, asked.node, self.there.__contains__)
         except EolError as error:
-            for sender in senders:
-                self.refuse(*sender, str(error))
-            return
+            return self.refuse(senders, str(error))
         self.client.ask(asked, expected, functools.partial(self.answered, senders))
 
     def answered(self, senders: list[tuple[Peer, str]], answers: Answers) -> None:
-        for sender in senders:
-            if answers.refusal or not answers.whole:
-                self.refuse(*sender, answers.refusal or answers.silent)
-            else:
-                self.reply(*sender, 1, answers.text)
+        if answers.refusal or not answers.whole:
+            return self.refuse(senders, answers.refusal or answers.silent)
+        self.reply(senders, 1, answers.text)
 
-    def refuse(self, peer: Peer, address: str, why: str) -> None:
-        self.refused += 1
-        self.warn(address, why)
-        self.reply(peer, address, 0, why)
+    def refuse(self, senders: list[tuple[Peer, str]], why: str) -> None:
+        self.refused += len(senders)
+        for address in {address for _, address in senders}:
+            self.warn(address, why)
+        self.reply(senders, 0, why)
 
-    def reply(self, peer: Peer, address: str, done: int, text: str) -> None:
+    def reply(self, senders: list[tuple[Peer, str]], done: int, text: str) -> None:
         assert self.input is not None
-        to = Peer(peer.host, self.settings.reply_port or peer.port)
-        words = printable(address)[:200], done, printable(text)
-        self.input.reply(to, encode(full_name('reply', self.namespace), *words))
+        name, text = full_name('reply', self.namespace), printable(text)
+        for peer, address in senders:
+            to = Peer(peer.host, self.settings.reply_port or peer.port)
+            packet = encode(name, printable(address)[:200], done, text)
+            self.gather((0, *to), [functools.partial(self.input.reply, to)], [packet])
 
     def warn(self, what: str, why: str) -> None:
         """Warn of what is not done, once an address or host and a minute."""

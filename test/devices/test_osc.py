@@ -7,6 +7,7 @@ from typing import ClassVar
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pythonosc.osc_message import OscMessage, ParseError
 from support.waiting import wait_until
 
 from eol_ros.devices.osc import IMMEDIATELY, OscIn, Peer, TimeTag, bundle, decode, encode
@@ -57,6 +58,18 @@ def test_a_bundle_whose_sizes_do_not_add_up_is_refused():
         nested = bundle(IMMEDIATELY, [nested])
     with pytest.raises(ValueError, match='more than 16'):
         decode(nested)
+
+
+@given(st.lists(st.sampled_from([*range(256), *b'ifTFs,/\0\0\0']), max_size=24).map(bytes))
+def test_messages_are_read_as_python_osc_does(rest):
+    packet = b'/a\0\0,' + rest
+    try:
+        theirs = OscMessage(packet)
+    except (ParseError, ValueError, IndexError):
+        with pytest.raises(ValueError):
+            decode(packet)
+    else:
+        assert repr(decode(packet)) == repr([(theirs.address, *theirs.params)])  # NaN, too
 
 
 @st.composite

@@ -180,7 +180,7 @@ def test_poses_of_blocks_that_have_moved(node, ear):
 
 
 def test_a_bundle_holds_what_udp_carries(node, ear, monkeypatch):
-    monkeypatch.setattr(module, 'FULL', 2)
+    monkeypatch.setattr(module, 'FULL', 150)  # a slip has 72 bytes
     one, at = node(send=('slip',)), now_ns()
     for block in range(4):
         one.tell('slip', stamped(Slip(block=block), at, at))
@@ -355,15 +355,29 @@ def test_replies_go_to_the_port_that_the_scene_names(node, ear):
 def test_no_more_requests_wait_than_can_be_answered(node, ear, monkeypatch):
     monkeypatch.setattr(module, 'MOST_OPEN', 2)
     one = node(('sound',), port=free_udp_port(), send_to=())
-    for _ in range(3):
-        ear.say(one.input.port, ('/eol/call/mute',))
+    ear.say(one.input.port, ('/eol/call/mute',), ('/eol/call/unmute',), ('/eol/call/sleep',))
     wait_until(lambda: one.look() or one.input.received == 3)
-    assert [words[1:3] for words in ear.take()] == [('/eol/call/mute', 0)]
+    assert [words[1:3] for words in ear.take()] == [('/eol/call/sleep', 0)]
     assert one.client.waiting == 2
     for answers in one.client._open.values():
         answers.until_s = 0.0  # their time is over
     one.look()
     assert len(ear.take()) == 2 and not one.client.waiting and one.refused == 3
+
+
+def test_requests_that_are_alike_are_one_and_their_replies_one_bundle(node, ear):
+    one, other = node(('sound',), port=free_udp_port(), send_to=()), Ear()
+    packet = bundle(TimeTag(1), [encode('/eol/call/mute')] * 2 + [encode('/eol/call/mute', 1)])
+    ear.throw(one.input.port, packet)
+    other.say(one.input.port, ('/eol/call/mute',))
+    wait_until(lambda: one.look() or one.input.received == 4)
+    assert one.client.waiting == 2  # with its 1 it is another one
+    for answers in list(one.client._open.values()):
+        one.answered(answers.done.args[0], answers)  # in vain, of no node
+    one.flush()
+    assert [len(found) for found in (ear.take(), other.take())] == [3, 1]
+    assert ear.tags == [TimeTag(1)] and other.tags == []
+    other.close()
 
 
 def test_what_cannot_be(ros, ear):
