@@ -2,11 +2,12 @@
 """The sound of a bag: its grain triggers as voices for the mixer that plays live."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from eol_ros.analysis.bag import Bag, Table
+from eol_ros.analysis.bag import Bag
 from eol_ros.analysis.recorded_settings import recorded_settings, recorded_table
 from eol_ros.core.sound.bank import Bank, playable
 from eol_ros.core.sound.offline import play
@@ -25,21 +26,33 @@ DAY_S = 86400.0
 LATE_S = 10.0  # by which a trigger may be received after it was due
 
 
+class Voices(NamedTuple):
+    """What plays a bag. Keep `banks`, which the voices read, until all is played.
+
+    rows: (n,) VOICE. blocks: (n,) id of the block of each, -1 where a person played it. sounds:
+    (n,) path of the sound of each. times_s: (m,) of the triggers. refused: (m,) why each was
+    refused, as a place in REFUSALS.
+    """
+
+    rows: np.ndarray
+    blocks: np.ndarray
+    sounds: np.ndarray
+    times_s: np.ndarray
+    refused: np.ndarray
+    banks: list[Bank]
+
+
 def settings_of(bag: Bag) -> SoundSettings:
     """Return the settings of sound that the bag was recorded with; defaults where it is silent."""
     found: SoundSettings = recorded_settings(bag, 'sound') or SoundSettings()
     return found
 
 
-def voices(
-    bag: Bag, settings: SoundSettings, until_s: float | None = None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[Bank]]:
-    """Return the voices (n,) VOICE, the times (m,) in s of the triggers, why they were refused (m,)
-    as places in REFUSALS, and the banks.
+def voices(bag: Bag, settings: SoundSettings, until_s: float | None = None) -> Voices:
+    """Return the voices of triggers received before `until_s`, None: of all.
 
-    Of triggers received before `until_s`, None: of all. Times count from the start of the bag. Keep
-    the banks, which the voices read, until all is played. Raises ConfigError where the bag has no
-    corpus, or the sound of its corpus is not there.
+    Times count from the start of the bag. Raises ConfigError where the bag has no corpus, or the
+    sound of its corpus is not there.
     """
     played, times = bag_triggers(bag, settings, until_s)
     corpora = bag.table('corpus')
@@ -48,23 +61,33 @@ def voices(
     digests = [''.join(d) for d in corpora['digest']]
     news = [i for i, d in enumerate(digests) if not i or d != digests[i - 1]]
     begins = corpora['stamp'][news]
-    voicing, rows, banks, refused = (
-        Voicing(settings, recorded_table(bag)),
-        [],
-        [],
-        np.zeros(len(times), int),
-    )
+    voicing, refused = Voicing(settings, recorded_table(bag)), np.zeros(len(times), int)
+    parts, banks = [], []
     for k, i in enumerate(news):  # each trigger speaks of the corpus of its time
         mine = np.ones(len(times), bool)
         if k:
             mine &= times >= begins[k]
         if k + 1 < len(news):
             mine &= times < begins[k + 1]
-        banks.append(_bank(corpora[i : i + 1], settings.sample_rate))
-        some, mask = voicing.rows(played[mine], banks[-1])
-        refused[mine] = why_refused(played[mine], mask, banks[-1])
-        rows.append(some)
-    return np.concatenate(rows), played['time_s'], refused, banks
+        row = next(corpus.RECORD.each(corpora[i : i + 1]))
+        banks.append(_bank(row, settings.sample_rate))
+        *part, refused[mine] = voiced(voicing, played[mine], banks[-1], *corpus.to_core(row)[:2])
+        parts.append(part)
+    rows, blocks, sounds = map(np.concatenate, zip(*parts, strict=True))
+    return Voices(rows, blocks, sounds, played['time_s'], refused, banks)
+
+
+def voiced(
+    voicing: Voicing, triggers: np.ndarray, bank: Bank, files: Sequence[str], file: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return rows, blocks, sounds and refused of `Voices` for triggers (m,) of one bank.
+
+    files: paths of its sounds. file: (grains,) which of them each grain is of.
+    """
+    rows, mask = voicing.rows(triggers, bank)
+    of = triggers[voicing.number]
+    sounds = np.array(files, object)[np.asarray(file, int)[of['grain']]]
+    return rows, of['block'], sounds, why_refused(triggers, mask, bank)
 
 
 def why_refused(triggers: np.ndarray, refused: np.ndarray, bank: Bank) -> np.ndarray:
@@ -106,14 +129,13 @@ def bag_triggers(
 
 def rendered(bag: Bag, settings: SoundSettings, seconds: float) -> Iterator[np.ndarray]:
     """Yield the first `seconds` of the bag's sound in blocks (n, channels) f4."""
-    rows, _, _, banks = voices(bag, settings, seconds + LATE_S)
+    found = voices(bag, settings, seconds + LATE_S)
     mixer = new_mixer(settings, table=recorded_table(bag))
-    yield from play(mixer, rows, math.ceil(seconds * settings.sample_rate), BLOCK)
-    del banks  # the voices read them to the end
+    yield from play(mixer, found.rows, math.ceil(seconds * settings.sample_rate), BLOCK)
+    del found  # the voices read its banks to the end
 
 
-def _bank(table: Table, sample_rate: int) -> Bank:
-    row = next(corpus.RECORD.each(table))
+def _bank(row: Any, sample_rate: int) -> Bank:
     files, file, start, duration = corpus.to_core(row)
     here = [str(of_this_machine(path)) for path in files]
     places, told = corpus.places(row), corpus.values(row)

@@ -18,7 +18,9 @@ EXAMPLES = [
     'eol render bags/2026-11-21 --output afternoon.wav',
     'eol render triggers.csv --corpus corpus.json --output x.flac --json',
     'eol render bags --corpus other.json --output other.wav --scene config/museum.yaml',
+    'eol render bags --rate 96000 --stems blocks --output studio.wav',
 ]
+STEM_CEILING_DB = 120.0  # beyond what any stem reaches
 TAIL_S = 0.5  # after the last grain: the DC block and the limiter come to rest
 
 
@@ -32,43 +34,51 @@ def add_arguments(parser):
         '-o', '--output', metavar='X.wav', required=True, help='sound file: wav, flac, ogg ...'
     )
     parser.add_argument('--scene', metavar='FILE', help='scene with the settings of node sound')
+    parser.add_argument(
+        '--rate', type=within(8000, 192_000), help='sample rate, Hz (default: of the settings)'
+    )
+    parser.add_argument(
+        '--stems',
+        choices=('blocks', 'sounds'),
+        help='also a file for each block or sound, such as X-block03.wav, without governor and '
+        'limiter: they add up to the mix before these',
+    )
     parser.add_argument('--seconds', type=within(1e-3, 1e6), help='duration (default: to the end)')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def run(args) -> int:
     """Read, render, write, tell."""
-    import numpy as np
+    import dataclasses
 
     from eol_ros import scene
-    from eol_ros.analysis.sound import BLOCK, REFUSALS
-    from eol_ros.core.sound.offline import play
+    from eol_ros.analysis.sound import REFUSALS
     from eol_ros.core.sound.voicing import new_mixer
     from eol_ros.settings import SoundSettings
-    from eol_ros.verbs.progress import Progress, track
+    from eol_ros.verbs.progress import Progress
 
     loaded = scene.load(args.scene) if args.scene else None
     settings = loaded.settings('sound') if loaded else SoundSettings()
+    if args.rate:
+        settings = dataclasses.replace(settings, sample_rate=round(args.rate))
     with Progress('reading triggers and sounds'):
-        rows, times_s, refused, banks, table = _voices(args, settings, loaded)
-    grains = max(map(len, banks))
-    told = ~(times_s >= (args.seconds or math.inf))  # one without a time is refused
+        voices, table = _voices(args, settings, loaded)
+    rows, grains = voices.rows, max(map(len, voices.banks))
+    told = ~(voices.times_s >= (args.seconds or math.inf))  # one without a time is refused
     count = int(told.sum())
     rate = settings.sample_rate
     end_s = float((rows['time_s'] + rows['length'] / rate).max()) if len(rows) else 0.0
     frames = math.ceil((args.seconds or end_s + TAIL_S + settings.room_s) * rate)
     mixer = new_mixer(settings, table=table)
-    peak, energy = 0.0, 0.0
     channels = settings.channels
-    with writer(args.output, settings.sample_rate, channels) as file:
-        blocks = play(mixer, rows, frames, BLOCK)
-        for block in track(blocks, 'rendering', total=math.ceil(frames / BLOCK)):
-            file.write(block)
-            peak = max(peak, float(np.abs(block).max()))
-            energy += float(np.square(block, dtype=np.float64).sum())
-    del banks  # the voices read them to the end
+    peak, energy = _write(args.output, mixer, rows, frames)
+    plain = dataclasses.replace(settings, governor_db=0.0, ceiling_db=STEM_CEILING_DB)
+    stems = _stems(args.output, args.stems, voices)
+    for path, mine in stems.items():
+        _write(path, new_mixer(plain, table=table), rows[mine], frames)
     state = mixer.state[0]
-    why = {name: int(((refused == k) & told).sum()) for k, name in enumerate(REFUSALS) if k}
+    why = {name: int(((voices.refused == k) & told).sum()) for k, name in enumerate(REFUSALS) if k}
+    del voices  # the rows read its banks to the end
     why['too_many'] = int(state['dropped'])
     figures = {
         'output': args.output,
@@ -82,6 +92,7 @@ def run(args) -> int:
         'peak_dbfs': _decibels(peak),
         'rms_dbfs': _decibels(math.sqrt(energy / max(1, frames * channels))),
         'limiter_least_db': _decibels(float(state['limiter_least'])),
+        'stems': list(stems),
     }
     if args.json:
         print(json.dumps(figures))
@@ -96,6 +107,38 @@ def run(args) -> int:
             if number:
                 print(f'dropped: {number} {_remedy(name, args.corpus, grains)}', file=sys.stderr)
     return 0
+
+
+def _write(path, mixer, rows, frames) -> tuple[float, float]:
+    """Render voices (n,) VOICE to a file; return the peak and the sum of squares."""
+    import numpy as np
+
+    from eol_ros.analysis.sound import BLOCK
+    from eol_ros.core.sound.offline import play
+    from eol_ros.verbs.progress import track
+
+    peak, energy = 0.0, 0.0
+    with writer(path, int(mixer.sample_rate), mixer.channels) as file:
+        blocks = play(mixer, rows, frames, BLOCK)
+        for block in track(blocks, f'rendering {Path(path).name}', math.ceil(frames / BLOCK)):
+            file.write(block)
+            peak = max(peak, float(np.abs(block).max()))
+            energy += float(np.square(block, dtype=np.float64).sum())
+    return peak, energy
+
+
+def _stems(output: str, by: str | None, voices) -> dict:
+    """Return the path of each stem with a mask (n,) of its voices."""
+    if by == 'blocks':
+        numbers = sorted(set(voices.blocks.tolist()))
+        found = {f'block{k:02d}' if k >= 0 else 'hand': voices.blocks == k for k in numbers}
+    else:
+        paths = sorted(set(voices.sounds.tolist())) if by else []
+        found = {
+            f'sound{k:02d}-{Path(path).stem}': voices.sounds == path for k, path in enumerate(paths)
+        }
+    whole = Path(output)
+    return {str(whole.with_stem(f'{whole.stem}-{name}')): mine for name, mine in found.items()}
 
 
 def _remedy(why: str, corpus: str | None, grains: int) -> str:
@@ -117,7 +160,7 @@ def _decibels(amplitude: float) -> float:
 
 
 def _voices(args, settings, loaded):
-    """Return the voices, the times of their triggers, why they were refused, banks and table."""
+    """Return the `analysis.sound.Voices` of what is to be played, and the table."""
     from eol_ros.analysis import sound
     from eol_ros.core.sound.voicing import Voicing
     from eol_ros.core.table import Table
@@ -137,11 +180,14 @@ def _voices(args, settings, loaded):
         bag = open_bag(args.source)
         table = recorded_table(bag)
         if not args.corpus:
-            return *sound.voices(bag, settings), table
+            return sound.voices(bag, settings), table
         triggers, _ = sound.bag_triggers(bag, settings)
-    bank = _bank(args.corpus, settings.sample_rate)
-    rows, mask = Voicing(settings, table).rows(triggers, bank)
-    return rows, triggers['time_s'], sound.why_refused(triggers, mask, bank), [bank], table
+    bank, files, file = _bank(args.corpus, settings.sample_rate)
+    rows, blocks, sounds, refused = sound.voiced(
+        Voicing(settings, table), triggers, bank, files, file
+    )
+    found = sound.Voices(rows, blocks, sounds, triggers['time_s'], refused, [bank])
+    return found, table
 
 
 def _bank(path: str, sample_rate: int):
@@ -154,7 +200,8 @@ def _bank(path: str, sample_rate: int):
     files = [source.path for source in corpus.sources]
     told = {name: grains[name].astype('f4') for name in DESCRIPTORS}  # as nodes do
     file, start, duration = (grains[name] for name in ('file', 'start_s', 'duration_s'))
-    return load_bank(files, file, start, duration, sample_rate, descriptors=told)
+    bank = load_bank(files, file, start, duration, sample_rate, descriptors=told)
+    return bank, list(map(str, files)), file
 
 
 @contextlib.contextmanager

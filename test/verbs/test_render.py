@@ -110,8 +110,8 @@ def test_a_csv_gives_the_samples_of_a_live_run(capsys, tmp_path, sound, corpus, 
     assert np.array_equal(live, file)
 
 
-def record(path, sound, wanted):
-    """Write a bag of a corpus of `sound` and of the triggers `wanted` (n,) TRIGGER."""
+def record(path, sound, wanted, *more):
+    """Write a bag of a corpus of sounds, in turn, and of the triggers `wanted` (n,) TRIGGER."""
     topics = [
         BagTopic(f'/eol/{name}', kind, definition(kind), type_hash(kind), '')
         for name, kind in (
@@ -120,7 +120,8 @@ def record(path, sound, wanted):
     ]  # fmt: skip
     bag = BagWriter(path, topics, {})
     grains = CorpusMessage(
-        name='sea', digest='1', sample_rate=FS, files=[str(sound)], file=[0] * 10,
+        name='sea', digest='1', sample_rate=FS, files=[str(sound), *map(str, more)],
+        file=[k % (1 + len(more)) for k in range(10)],
         start=[0.2 * k for k in range(10)], duration=[0.2] * 10,
     )  # fmt: skip
     bag.write('/eol/corpus', serialize_message(grains), T0, T0, 1)
@@ -129,7 +130,7 @@ def record(path, sound, wanted):
         message = GrainTrigger(
             sequence=k, grain=int(row['grain']), gain=float(row['gain']), rate=float(row['rate']),
             pan=float(row['pan']), attack=float(row['attack_s']), release=float(row['release_s']),
-            block=NO_BLOCK,
+            block=int(row['block']) % (NO_BLOCK + 1),
         )  # fmt: skip
         message.header.stamp = to_msg(ns)
         bag.write('/eol/grain_triggers', serialize_message(message), ns + 20_000_000, ns, k + 1)
@@ -146,6 +147,38 @@ def test_a_bag_brings_its_own_corpus(capsys, tmp_path, sound, triggers, corpus):
     assert ours[:size].any()
     # the bag's times are nanoseconds, those of the CSV doubles; gains follow them
     np.testing.assert_allclose(ours[:size], csv[:size], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize('rate', [FS, 96000])
+def test_stems_add_up_to_the_mix(capsys, tmp_path, sound, triggers, rate):
+    """Each block, or sound, is heard in its own file alone, as spectra show."""
+    tone = 0.2 * np.sin(2 * np.pi * 6000 * np.arange(2 * FS) / FS)
+    soundfile.write(tmp_path / 'tone.wav', tone, FS, subtype='FLOAT')
+    rows = load_triggers(triggers)
+    rows['rate'], rows['gain'] = 1.0, 0.05  # the limiter rests
+    rows['block'] = np.resize([3, 12, -1], len(rows))
+    record(tmp_path / 'bag', sound[0], rows, tmp_path / 'tone.wav')
+    for by, names in {
+        'blocks': ['hand', 'block03', 'block12'], 'sounds': ['sound00-sea', 'sound01-tone'],
+    }.items():  # fmt: skip
+        words = ('--rate', rate, '--stems', by, '--output', tmp_path / 'x.wav', '--json')
+        code, out, err = eol(capsys, tmp_path / 'bag', *words)
+        assert code == 0, err
+        figures = json.loads(out)
+        assert figures['stems'] == [str(tmp_path / f'x-{name}.wav') for name in names]
+        assert (figures['sample_rate'], figures['limiter_least_db']) == (rate, 0.0)
+        whole, found = soundfile.read(tmp_path / 'x.wav')
+        stems = [soundfile.read(path)[0] for path in figures['stems']]
+        assert found == rate and all(stem.any() for stem in stems)
+        np.testing.assert_allclose(sum(stems), whole, rtol=0, atol=1e-6)
+    spectra = [np.abs(np.fft.rfft(stem[:, 0])) ** 2 for stem in stems]
+    near = np.abs(np.fft.rfftfreq(len(whole), 1 / rate) - 6000) < 500
+    sea, tone = (spectrum[near].sum() / spectrum.sum() for spectrum in spectra)
+    assert sea < 0.1 and tone > 0.95
+    if rate == 96000:  # next to nothing above the Nyquist frequency of its sounds
+        high = np.fft.rfftfreq(len(whole), 1 / rate) > 25000
+        above = [spectrum[high].sum() / spectrum.sum() for spectrum in spectra]
+        assert above[0] < 0.003 and above[1] < 1e-6  # noise up to 24 kHz; a tone
 
 
 @pytest.mark.slow

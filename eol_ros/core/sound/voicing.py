@@ -121,6 +121,7 @@ class Voicing:
         self._log_blocks = elementary.log(float(table.count))
         self._cascades = CascadeAreas(settings.cascade_gap_s, table)
         self._ring = Ring(parse(settings.speakers)) if settings.speakers else None
+        self.number = np.zeros(0, int)  # (m,) the trigger of each voice that `rows` gave last
 
     @property
     def loudspeakers(self) -> int:
@@ -151,10 +152,13 @@ class Voicing:
         if s.filter != 'off':
             self._filter(rows, t['grain'][number], area[number], bank)
         if sub is not None:  # each behind its grain, as where they come one by one
-            order = np.argsort(np.concatenate([number, np.flatnonzero(grew)]), kind='stable')
+            number = np.concatenate([number, np.flatnonzero(grew)])
+            order = np.argsort(number, kind='stable')
+            number = number[order]
             both = np.empty(len(order), VOICE)  # to concatenate compares the fields, for 70 us
             both[: len(rows)], both[len(rows) :] = rows, sub
             rows = both[order]
+        self.number = good[number]
         return rows, refused
 
     def _filter(self, rows: np.ndarray, grain: np.ndarray, area: np.ndarray, bank: Bank) -> None:
