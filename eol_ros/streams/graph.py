@@ -128,7 +128,7 @@ _NODES = (
                        'corpus', 'grain_triggers', 'felt_triggers', 'sound_meter', 'work_state',
                        'node_states', 'request_results')),
     NodeSpec('midi', settings.MidiSettings, requires='slips', real_time=SHORT,
-             subscribes=('slips', 'cascades')),
+             subscribes=('slips', 'cascades'), optional=('blocks', 'request_results')),
     NodeSpec('sacn', settings.SacnSettings, requires='led_commands', real_time=SHORT,
              subscribes=('led_commands',)),
     NodeSpec('panel', settings.PanelSettings, nice=3,
