@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.paper import rest_lattice
 
+from assets.covers import __main__ as covers
 from eol_ros import cli
 from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
@@ -64,11 +65,12 @@ def test_printed_covers_are_kept_with_the_calibration(tmp_path, capsys):
     assert cli.main([*way, '--covers', str(stl)]) == 78
     told = capsys.readouterr().err
     assert 'has 0 files cover-*.stl, not 25' in told and '`python -m assets.covers' in told
-    assert cli.main(['covers', '--output', str(stl), '--cells', '12', '--relief', '30']) == 0
+    words = ['--output', str(stl), '--cells', '12', '--relief', '30']
+    assert cli.run_verb(covers, 'assets.covers', words) == 0
     assert cli.main([*way, '--covers', str(stl), '--cover-gap', '0.002']) == 0
-    covers = calibration_file.load(out).covers
-    assert covers.lower_mm == 2.0
-    assert 14.0 <= covers.land_mm.min() < 16 and 30 < covers.land_mm.max() <= 44.0
+    kept = calibration_file.load(out).covers
+    assert kept.lower_mm == 2.0
+    assert 14.0 <= kept.land_mm.min() < 16 and 30 < kept.land_mm.max() <= 44.0
 
 
 def test_points_need_a_size_and_four_columns(tmp_path, capsys):
