@@ -79,7 +79,8 @@ KEYS = {  # key: example, meaning (docs/reference/scene.md)
     ),
     'machines': (
         'machines: {show: {address: 10.0.0.1, nodes: [camera]}}',
-        'nodes of each machine, for one scene on several machines; needs `network: lan`',
+        'nodes of each machine, for one scene on several machines; needs `network: secure` or '
+        '`lan`',
     ),
     'programs': (
         'programs: {count_slips: [python, count_slips.py]}',
@@ -714,8 +715,8 @@ def _machines(
         what = 'not a mapping of machines, such as show: {address: 10.0.0.1, nodes: [camera]}'
         reader.wrong(place, 'machines', what)
         return {}
-    if network != 'lan':
-        what = f'several machines need `network: lan`; it is {network}'
+    if network == 'local':
+        what = 'several machines need `network: secure` or `lan`; it is local'
         reader.wrong(place, 'machines', what)
     if 'replay' in nodes:
         reader.wrong(place, 'machines', 'a replay runs on one machine: leave out `machines`')

@@ -230,7 +230,7 @@ def test_programs_are_commands_by_name(tmp_path, programs, what):
 @pytest.mark.parametrize(
     ('right', 'wrong', 'what'),
     [
-        ('network: lan', 'network: local', 'several machines need `network: lan`; it is local'),
+        ('network: lan', 'network: local', 'several machines need `network: secure` or `lan`; it'),
         ('[sound]', '[sound, grains]', 'grains runs on show already'),
         ('grains, recorder]', 'grains]', 'recorder runs on no machine'),
         ('[sound]', '[sound, hours]', 'hours: not a node of this scene'),

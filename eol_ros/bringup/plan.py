@@ -10,8 +10,8 @@ from pathlib import Path
 
 from eol_ros import compiled
 from eol_ros.bringup.ros_args import RosArgs
-from eol_ros.errors import UsageError, nearest
-from eol_ros.ros import network
+from eol_ros.errors import ConfigError, UsageError, nearest
+from eol_ros.ros import network, wireguard
 from eol_ros.scene import Scene, machine_node
 from eol_ros.streams.graph import NAMESPACE, NODES
 
@@ -70,7 +70,8 @@ def only(scene: Scene, names: Sequence[str]) -> Scene:
 def on_machine(scene: Scene, name: str | None) -> Scene:
     """Return `scene` as the machine `name` runs it; None: the machine that has its address here.
 
-    Its node `machine` knows the name, and a digest of the file. Raises UsageError.
+    Its node `machine` knows the name, and a digest of the file. Raises UsageError, and ConfigError
+    where its keys lack another machine.
     """
     machines = scene.machines
     if not machines:
@@ -82,9 +83,28 @@ def on_machine(scene: Scene, name: str | None) -> Scene:
         known = ', '.join(f'{one} ({machine.address})' for one, machine in machines.items())
         what = f'--machine {name}: no such machine' if name else 'no address of this machine is'
         raise UsageError(f'{what} in scene {scene.name}: {known}; choose one with --machine')
+    if scene.network == 'secure':
+        _check_keys(scene, name)
     digest = hashlib.sha256(scene.text.encode()).hexdigest()
     mine = replace(scene.nodes['machine'], name=name, digest=digest)
     return replace(scene, nodes={**scene.nodes, 'machine': mine})
+
+
+def _check_keys(scene: Scene, name: str) -> None:
+    """Raise ConfigError unless the tunnel of this machine leads to all others of the scene."""
+    keys = wireguard.read()
+    known = {keys.address, *(peer.address for peer in keys.peers)}
+    for other, machine in scene.machines.items():
+        if other == name and machine.address != keys.address:
+            raise ConfigError(
+                f'{keys.path}: the address is {keys.address}, that of machine {name} in scene '
+                f'{scene.name} is {machine.address}'
+            )
+        if machine.address not in known:
+            raise ConfigError(
+                f'{keys.path}: no peer has the address {machine.address} of machine {other}; '
+                'add it as a [Peer]'
+            )
 
 
 def own_part(told: Scene) -> Scene:

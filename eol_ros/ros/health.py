@@ -219,6 +219,11 @@ class Health:
         if self._pipe is not None:
             self._pipe.send(status)
 
+    def order(self, what: str) -> None:
+        """Ask bringup to `restart` all nodes, or to `stop` the run."""
+        if self._pipe is not None:
+            self._pipe.send({'order': what})
+
     def report(self) -> None:
         """Send the status all ways."""
         status = self.status()

@@ -337,6 +337,11 @@ class EolNode(Node):
         return values
 
     @property
+    def answers_as(self) -> str:
+        """The name of this node in results of requests."""
+        return self.NAME
+
+    @property
     def requests(self) -> RequestServer:
         """What people and other nodes ask of this node, and what it asks; see `streams.graph`."""
         assert self._requests is not None, f'{self.NAME} takes no requests'

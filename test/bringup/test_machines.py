@@ -2,6 +2,7 @@
 """One table run by three machines: network namespaces on one cable, each with its own bringup."""
 
 import contextlib
+import functools
 import json
 import signal
 import sys
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from support import needs
 from support.fake_clock import FakeClock
-from support.machines import Machines, ip
+from support.machines import Machines, answer, ip
 from support.waiting import wait_until
 
 from eol_ros.analysis.bag import open_bag
@@ -31,6 +32,22 @@ machines:
   show: {{address: {net}.1, nodes: [twin, tracker, motion, grains, recorder]}}
   audio: {{address: {net}.2, nodes: [sound]}}
   walls: {{address: {net}.3, nodes: [montage, panel]}}
+"""
+# Stock rclpy: calls a service and prints what it answers.
+CALL = """
+import sys
+from eol_ros.ros import network
+network.configure('secure')
+import rclpy
+from std_srvs.srv import Trigger
+rclpy.init()
+node = rclpy.create_node('caller')
+client = node.create_client(Trigger, f'/eol/{sys.argv[1]}')
+assert client.wait_for_service(20)
+called = client.call_async(Trigger.Request())
+rclpy.spin_until_future_complete(node, called, timeout_sec=20)
+assert called.result().success, called.result().message
+print(called.result().message, end='')
 """
 
 
@@ -131,5 +148,61 @@ def test_a_cable_that_loses_packets_loses_no_message(machines, tmp_path):
     assert bag.gaps['lost_before_recorder'] == bag.gaps['dropped_in_recorder'] == '{}'
 
 
+def test_each_machine_is_killed_once_and_comes_back(machines, tmp_path):
+    scene = tmp_path / 'scene.yaml'
+    scene.write_text(SCENE.format(folder=tmp_path, net=machines.net))
+    with contextlib.ExitStack() as stack:
+        rows = stack.enter_context(running(machines, scene, *machines.names))
+
+        def named(lost):
+            text = f'{lost}: not heard for '
+            return all(
+                text in rows(name)['machine']['text'] for name in set(machines.names) - {lost}
+            )
+
+        def triggers():
+            return rows('audio')['sound']['values'].get('triggers', 0)
+
+        wait_until(lambda: _all_well(machines, rows), 120)
+        for lost in machines.names:
+            machines.kill(lost)
+            wait_until(functools.partial(named, lost), 60)
+            stack.enter_context(running(machines, scene, lost))
+            wait_until(lambda: _all_well(machines, rows), 120)
+            heard = triggers()
+            wait_until(lambda heard=heard: triggers() > heard + 20, 60)
+
+
+def test_one_call_restarts_or_stops_all_machines(machines, tmp_path):
+    """In `network: secure`; with `lan` anybody could call."""
+    needs.system('wireguard-tools', 'wireguard-go', 'nftables')
+    call = [sys.executable, '-c', CALL]
+    machines.mesh(tmp_path)
+    scene = tmp_path / 'scene.yaml'
+    text = SCENE.format(folder=tmp_path, net='10.77.0')
+    scene.write_text(text.replace('network: lan', 'network: secure'))
+    with running(machines, scene, *machines.names) as rows:
+        wait_until(lambda: _all_well(machines, rows), 120)
+        before = {row['pid'] for name in machines.names for row in rows(name).values()}
+        done = answer(machines.run('audio', *call, 'restart'))
+        assert sorted(done.split('; ')) == [
+            f'{name}: restart in 2 s' for name in sorted(machines.names)
+        ]
+
+        def new():
+            return not before & {
+                row['pid'] for name in machines.names for row in rows(name).values()
+            }
+
+        wait_until(lambda: _all_well(machines, rows) and new(), 120)
+        answer(machines.run('show', *call, 'stop'))
+        for name in machines.names:
+            wait_until(lambda name=name: not rows(name), 60)
+
+
 def _well(rows, count):
     return len(rows) == count and all(row['level'] < 2 for row in rows.values())
+
+
+def _all_well(machines, rows):
+    return all(_well(rows(name), 11) for name in machines.names)

@@ -14,6 +14,7 @@ from eol_ros.bringup.ros_args import read
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError
+from eol_ros.ros import wireguard
 
 
 def names(scene):
@@ -80,6 +81,26 @@ def test_a_machine_runs_its_nodes_and_tells_them_of_all(tmp_path, monkeypatch):
         plan.on_machine(scene, None)
     with pytest.raises(UsageError, match='scene museum names no machines'):
         plan.on_machine(scenes.load('museum'), 'audio')
+
+
+def test_in_a_closed_network_the_keys_lead_to_all_machines(tmp_path, monkeypatch):
+    path = tmp_path / 's.yaml'
+    path.write_text(
+        'network: secure\nnodes: {twin: {}, tracker: {}, sound: {}, grains: {}, recorder: off}\n'
+        'machines:\n  show: {address: 10.77.0.1, nodes: [twin, tracker, grains]}\n'
+        '  audio: {address: 10.77.0.2, nodes: [sound]}\n'
+    )
+    scene = scenes.load(path)
+    peer, keys = wireguard.Peer('show', '10.77.0.1', 'k'), wireguard.Keys
+    monkeypatch.setattr(
+        wireguard, 'read', lambda: keys(Path('k'), '10.77.0.2', '10.77.0.0/24', (peer,))
+    )
+    assert plan.on_machine(scene, 'audio').nodes['machine'].name == 'audio'
+    with pytest.raises(ConfigError, match='k: the address is 10.77.0.2, that of machine show in'):
+        plan.on_machine(scene, 'show')
+    monkeypatch.setattr(wireguard, 'read', lambda: keys(Path('k'), '10.77.0.2', '10.77.0.0/24', ()))
+    with pytest.raises(ConfigError, match='k: no peer has the address 10.77.0.1 of machine show'):
+        plan.on_machine(scene, 'audio')
 
 
 def test_own_programs_run_on_the_main_machine_in_the_folder_of_the_scene(tmp_path):

@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node `machine` of the machine audio, which hears of show; walls has never been started."""
 
+from dataclasses import replace
+
 import pytest
 from eol_msgs.msg import NodeState
 from rclpy.serialization import serialize_message
 
+from eol_ros.errors import EolError
 from eol_ros.nodes.machine import MachineNode
 from eol_ros.ros.requests import parameter_messages
 from eol_ros.scene import Machine, Scene
 from eol_ros.settings import CameraSettings, MachineSettings, MontageSettings, SoundSettings
+from eol_ros.streams.requests import Asked
 from eol_ros.streams.work_state import ERROR, OK, STARTING, WARN
 
 MS = 1_000_000
@@ -110,6 +114,21 @@ def test_the_offset_of_its_clock_from_the_main_one(audio, ahead_ms, level):
     assert node.health.values['offset_error_ms'] == pytest.approx(1.0)
     if level != OK:
         assert f'clock is {ahead_ms:.1f} ms ahead of that of show' in node.health.text
+
+
+def test_only_in_a_closed_network_all_are_restarted_or_stopped(audio, monkeypatch):
+    node, *_ = audio
+    with pytest.raises(EolError, match='restart needs `network: secure`'):
+        node.on_order(Asked('restart'))
+    monkeypatch.setattr(node, 'scene', replace(SCENE, network='secure'))
+    timers, orders = [], []
+    monkeypatch.setattr(node, 'create_timer', lambda *timer: timers.append(timer))
+    monkeypatch.setattr(node.health, 'order', orders.append)
+    assert node.on_order(Asked('stop')) == 'audio: stop in 2 s'
+    assert not orders  # the others answer first
+    assert node.answers_as == 'machine_audio'
+    timers[0][1]()
+    assert orders == ['stop']
 
 
 def test_no_offset_is_told_while_the_main_machine_is_silent(audio):

@@ -5,7 +5,10 @@ import threading
 
 
 def attended(supervisor, work):
-    """Run `supervisor` while `work()` looks at it from another thread; then stop it."""
+    """Run `supervisor` while `work()` looks at it from another thread; then stop it.
+
+    Return its exit code.
+    """
     errors = []
 
     def look():
@@ -18,6 +21,7 @@ def attended(supervisor, work):
 
     thread = threading.Thread(target=look)
     thread.start()
-    supervisor.run()
+    code = supervisor.run()
     thread.join()
     assert not errors
+    return code

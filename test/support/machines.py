@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from eol_ros import parent_death
+from eol_ros import folders, parent_death
 
 DOMAIN = '61'
 
@@ -66,11 +66,8 @@ class Machines:
 
     def stop(self) -> None:
         """Remove them, and whatever runs in them."""
-        for name in self.names.values():
-            pids = subprocess.run(
-                ['ip', 'netns', 'pids', name], check=False, capture_output=True, text=True
-            ).stdout.split()
-            subprocess.run(['kill', '-9', *pids], check=False, capture_output=True)
+        for machine, name in self.names.items():
+            self.kill(machine)
             subprocess.run(['ip', 'netns', 'del', name], check=False, capture_output=True)
 
     def address(self, machine: str) -> str:
@@ -130,6 +127,45 @@ class Machines:
         finally:
             for name in self.names.values():
                 nft(name, 'delete', 'table', 'ip', 'loss')
+
+    def mesh(self, folder: Path) -> None:
+        """Connect all machines with each other by WireGuard, the n-th as 10.77.0.n."""
+        require(['wg', 'wg-quick'])
+
+        def wg(what: str, given: str = '') -> str:
+            return subprocess.run(
+                ['wg', what], input=given, check=True, capture_output=True, text=True
+            ).stdout
+
+        private = {name: wg('genkey') for name in self.names}
+        numbers = {name: i for i, name in enumerate(self.names, 1)}
+        for name, number in numbers.items():
+            text = f'[Interface]\nAddress = 10.77.0.{number}/24\nListenPort = 51820\n'
+            text += f'PrivateKey = {private[name]}'
+            for other in numbers.keys() - {name}:
+                text += (
+                    f'[Peer]\n# {other}\nPublicKey = {wg("pubkey", private[other])}'
+                    f'AllowedIPs = 10.77.0.{numbers[other]}/32\n'
+                    f'Endpoint = {self.address(other)}:51820\n'
+                )
+            config = folder / name / 'eol0.conf'
+            config.parent.mkdir()
+            config.write_text(text)
+            cache = config.parent / 'cache'  # its own DDS profile, which has its address
+            cache.mkdir()
+            for entry in folders.cache_path().iterdir():
+                if entry.name != 'dds':
+                    (cache / entry.name).symlink_to(entry)
+            self.variables[name] |= {'EOL_CONFIG': str(config.parent), 'EOL_CACHE': str(cache)}
+            self.up(name)
+
+    def kill(self, machine: str) -> None:
+        """End all that runs on a machine, as a power cut does."""
+        name = self.names[machine]
+        pids = subprocess.run(
+            ['ip', 'netns', 'pids', name], check=False, capture_output=True, text=True
+        ).stdout.split()
+        subprocess.run(['kill', '-9', *pids], check=False, capture_output=True)
 
     def let_in(self, guest: str, folder: Path) -> None:
         """Give the work keys, let `guest` in, and bring both ends of the tunnel up."""
