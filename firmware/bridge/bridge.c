@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "bridge.h"
 
+#include <math.h>
+
 static const double HOLD_AT_FIRST_S = 1.001 / 3;
 static const double FOR_EVER_S = 1e30;
 enum {
@@ -70,7 +72,9 @@ static void limit(eol_bridge *b, uint64_t now_us)
 static void lit(eol_bridge *b, uint64_t now_us, uint8_t number, uint8_t share)
 {
     double of_peak = share / (double)EOL_WHOLE;
-    if (each_field(b))
+    if (each_field(b) && !b->peak)
+        eol_local_unknown(&b->light.local, seconds(now_us), number); /* by the peak before, perhaps */
+    else if (each_field(b))
         eol_local_slip(&b->light.local, seconds(now_us), number, of_peak);
     else
         eol_flash_slip(&b->light.field, seconds(now_us), number, of_peak);
@@ -185,11 +189,13 @@ static uint8_t bit(const uint8_t *mask, size_t size, uint8_t k)
     return k / 8u < size && (mask[k / 8] >> k % 8 & 1);
 }
 
-/* Let the blocks of a mask flash to `share`; with orders that are told again, to the brightest of them. */
+/* Let the blocks of a mask flash to `share`; with orders that are told again, to the brightest of them.
+ * A block that would not get brighter by it is left out. */
 static void order(eol_bridge *b, uint64_t now_us, const uint8_t *mask, size_t size, uint8_t share)
 {
     uint16_t again_ms = (uint16_t)(EOL_BRIDGE_ORDER_MS * eol_link_orders(groups(b)));
     uint32_t now_ms = to_ms(now_us);
+    double log_share = share < EOL_WHOLE ? log(share / (double)EOL_WHOLE) : 0.0;
     for (uint8_t g = 0; g < groups(b); g++) {
         eol_bridge_group *group = &b->groups[g];
         uint32_t kept = group->order, fresh = 0;
@@ -197,6 +203,8 @@ static void order(eol_bridge *b, uint64_t now_us, const uint8_t *mask, size_t si
             eol_bridge_block *one = &b->blocks[g * EOL_GROUP + n];
             if ((uint16_t)(now_ms - one->ordered_ms) >= again_ms) kept &= ~((uint32_t)1 << n);
             if (g * EOL_GROUP + n >= b->places || !bit(mask, size, (uint8_t)(g * EOL_GROUP + n))) continue;
+            if (each_field(b) && !eol_local_takes(&b->light.local, seconds(now_us), (uint8_t)(g * EOL_GROUP + n), log_share))
+                continue;
             fresh |= (uint32_t)1 << n;
             one->ordered_ms = (uint16_t)now_ms;
         }

@@ -6,6 +6,7 @@
 
 enum { SQUARE_FALLS = 11, SQUARE = 4 };
 static const double HOLD_RATE = 0.06187540371808753 / 1.07; /* 6 % in a period */
+static const double RISE = 0.07232066157962613;             /* ln 1.075, of falling light */
 static const double FIRST = 0.75;                           /* of `peak`, after rest */
 static const double DARK = 0.5 / 255;
 static const double LONG_AGO_S = -1e30;
@@ -160,20 +161,37 @@ void eol_local_set(eol_local_field *field, double now_s, double decay_s, double 
 void eol_local_slip(eol_local_field *field, double now_s, uint8_t block, double share)
 {
     eol_local_block *one = field->block + block;
-    double before, full, more, peak = share * field->peak, first = FIRST * peak;
+    double before, full, more, height, peak = share * field->peak, first = FIRST * peak;
+    uint8_t falls;
     advance(field, now_s, block);
+    falls = one->fall_s < field->now_s; /* else held, or lit at this very moment */
     before = level(one);
     full = before > peak ? before : peak;
     more = before + (1.0 - FIRST) * peak;
     if (more > first)
-        one->height = full > 0.0 ? log((more < full ? more : full) / DARK) : 0.0;
+        height = full > 0.0 ? log((more < full ? more : full) / DARK) : 0.0;
     else
-        one->height = share < 1.0 ? field->first + log(share) : field->first;
-    if (one->fall_s >= field->now_s) return; /* held, or lit at this very moment */
+        height = share < 1.0 ? field->first + log(share) : field->first;
+    if (falls && before > 0.0 && height < one->height + RISE) {
+        one->height = height;
+        eol_local_hold(field, now_s, now_s, block); /* its change may be complete only then */
+        return;
+    }
+    one->height = height;
+    if (!falls) return;
     if (before > 0.0) ended(one, field->now_s, field->period_s);
     one->fall_s = field->now_s;
     one->fall_s = allowed(field, block, field->now_s);
     field->lengthened += one->fall_s > field->now_s;
+}
+
+uint8_t eol_local_takes(eol_local_field *field, double now_s, uint8_t block, double log_share)
+{
+    eol_local_block *one = &field->block[block];
+    set_now(field, now_s);
+    age(field, block);
+    if (field->peak <= 0.0) return 0;
+    return one->height <= 0.0 || one->height + (one->fall_s < field->now_s ? RISE : 0.0) < field->first - log(FIRST) + log_share;
 }
 
 void eol_local_hold(eol_local_field *field, double now_s, double until_s, uint8_t block)
@@ -181,8 +199,8 @@ void eol_local_hold(eol_local_field *field, double now_s, double until_s, uint8_
     eol_local_block *one = &field->block[block];
     advance(field, now_s, block);
     double least_s = field->now_s + field->period_s;
-    if (one->height > 0.0 && one->fall_s < field->now_s) ended(one, field->now_s, field->period_s);
     one->fall_s = allowed(field, block, until_s > least_s ? until_s : least_s);
+    if (one->height > 0.0) ended(one, least_s, field->period_s); /* a change that has begun may be complete while it holds */
 }
 
 void eol_local_unknown(eol_local_field *field, double now_s, uint8_t block)
@@ -199,7 +217,8 @@ void eol_local_unknown_all(eol_local_field *field, double now_s)
         eol_local_block *one = &field->block[b];
         one->height = -log(DARK);
         one->at_s = field->now_s;
-        one->fall_s = one->free_s[EOL_LOCAL_FALLS - 1] = field->now_s + field->period_s;
+        one->fall_s = field->now_s + field->period_s;
+        one->free_s[EOL_LOCAL_FALLS - 1] = one->fall_s + field->period_s;
     }
 }
 

@@ -52,13 +52,13 @@ def fields(centres_m, eye_m, step_deg=1.5, side_m=0.084):
     return np.array(found).reshape(-1, len(centres_m))
 
 
-def most_in_a_second(levels, areas_sr):
+def most_in_a_second(levels, areas_sr, rate_hz=RATE_HZ):
     """Return the most flashes of any field in any second.
 
-    levels: (samples, blocks) at RATE_HZ; areas_sr: as `fields` returns it. The pairs of a second
+    levels: (samples, blocks) at `rate_hz`; areas_sr: as `fields` returns it. The pairs of a second
     are at most its changes to one side, whichever are fewer.
     """
-    return int(_most(np.asarray(levels, float), np.asarray(areas_sr, float)))
+    return int(_most(np.asarray(levels, float), np.asarray(areas_sr, float), rate_hz))
 
 
 @numba.njit
@@ -78,7 +78,7 @@ def _changes(luminance, up, down):
 
 
 @numba.njit
-def _flashed(marks, blocks, sr, found):
+def _flashed(marks, blocks, sr, concurrent, found):
     """Mark when concurrent changes of the blocks of a field first cover more than 0.006 sr."""
     last = np.full(len(blocks), -(10**9))  # the change of each that no flash has used
     for k in range(len(marks)):
@@ -91,18 +91,19 @@ def _flashed(marks, blocks, sr, found):
             continue
         covered = 0.0
         for n in range(len(blocks)):
-            if last[n] >= k - CONCURRENT_S * RATE_HZ:
+            if last[n] >= k - concurrent:
                 covered += sr[n]
         if covered > 0.006:
             found[k] = 1
             for n in range(len(blocks)):
-                if last[n] >= k - CONCURRENT_S * RATE_HZ:
+                if last[n] >= k - concurrent:
                     last[n] = -(10**9)
 
 
 @numba.njit
-def _most(levels, areas_sr):
+def _most(levels, areas_sr, rate_hz):
     samples, blocks = levels.shape
+    concurrent = CONCURRENT_S * rate_hz
     up, down = np.zeros((samples, blocks), np.int8), np.zeros((samples, blocks), np.int8)
     for block in range(blocks):
         _changes(levels[:, block], up[:, block], down[:, block])
@@ -110,14 +111,14 @@ def _most(levels, areas_sr):
     for field in range(len(areas_sr)):
         seen = np.flatnonzero(areas_sr[field])
         rises, falls = np.zeros(samples, np.int64), np.zeros(samples, np.int64)
-        _flashed(up, seen, areas_sr[field][seen], rises)
-        _flashed(down, seen, areas_sr[field][seen], falls)
+        _flashed(up, seen, areas_sr[field][seen], concurrent, rises)
+        _flashed(down, seen, areas_sr[field][seen], concurrent, falls)
         count_up = count_down = 0
         for k in range(samples):
             count_up += rises[k]
             count_down += falls[k]
-            if k > RATE_HZ:
-                count_up -= rises[k - RATE_HZ - 1]
-                count_down -= falls[k - RATE_HZ - 1]
+            if k > rate_hz:
+                count_up -= rises[k - rate_hz - 1]
+                count_down -= falls[k - rate_hz - 1]
             most = max(most, min(count_up, count_down))
     return most

@@ -58,11 +58,11 @@ class Bridge:
         return self.by_itself
 
     def light(self, now_s: float, mask: int, share: float = 1.0) -> None:
-        """Light the blocks of `mask` to a share of the peak; without the bridge nobody tells
-        them."""
+        """Light the blocks of `mask` that get brighter by it to a share of the peak; without the
+        bridge nobody tells them."""
         if self.linked:
             for block in self.table.ids.tolist():
-                if mask >> block & 1:
+                if mask >> block & 1 and self.field.takes(now_s, block, share):
                     self.field.slip(now_s, block, share)
 
     def link(self, now_s: float, linked: bool) -> None:

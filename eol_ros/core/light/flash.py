@@ -94,6 +94,10 @@ class FlashField:
             self._fall_at_s = max(self._now_s, self._fell_s + MIN_PERIOD_S)
             self.lengthened += self._fall_at_s > self._now_s
 
+    def takes(self, now_s: float, block: int, share: float) -> bool:
+        """Return whether the bridge obeys an order to light `block`: always."""
+        return True
+
     def hold(self, now_s: float, until_s: float, block: int | None = None) -> None:
         """Let nothing fall before `until_s`, whatever the limit says and whichever `block` it is
         for."""

@@ -10,7 +10,8 @@ of every viewer to three (derived from the geometry of the table in `test/suppor
 
 A slip always lights its block at once. It reserves the next fall of that light, and the light is
 held until both rules allow the fall. Held light loses 6 to 7 % in `window_s`, no opposing change of
-10 %. So each such change of a block shares some moment with a fall, and a closed second contains
+10 %. A slip that raises falling light by less than a hold loses makes it hold for `window_s`, which
+counts as a fall. So each change of 10 % is complete within a fall, and a closed second contains
 moments of at most three falls of a block: the fourth begins `window_s` after the end of the first.
 
 Where blocks stand closer than `block_falls` says, each makes one fall in a second. The flashes of a
@@ -30,6 +31,7 @@ BLOCK_FALLS, SQUARE_FALLS = 3, 11
 APART = 1.3  # gap over side from which blocks of any size may make BLOCK_FALLS
 HOLD_RATE = -elementary.log(0.94) / 1.07  # 1/s, 6 % in `window_s` of the default table
 FIELD_OF_VIEW, FIELD, OFF = LIMITS = ('field_of_view', 'field', 'false')
+RISE = 1.075  # of falling light, by which a slip raises it at least: a hold loses up to 7 %
 FIRST = 0.75  # of `peak`, the level of a slip after rest; one that meets light adds the rest
 
 
@@ -85,11 +87,19 @@ class LocalField(FlashField):
         self._ends_s = np.full((n, block_falls(table)), -math.inf)  # of its last falls, rising
 
     def slip(self, now_s: float, block: int, share: float = 1.0) -> None:
-        """Light `block` at `now_s` to a share of the peak; it falls when the limit allows."""
+        """Light `block` at `now_s` to a share of the peak; it falls when the limit allows.
+
+        Where that does not raise falling light by RISE, it holds as by `hold`.
+        """
         self._advance(now_s)
         before, peak = self._level[block], share * self.peak
-        self._level[block] = min(max(before, peak), max(FIRST * peak, before + (1 - FIRST) * peak))
-        if self._fall_s[block] >= self._now_s:  # held, or lit at this very moment
+        lit = min(max(before, peak), max(FIRST * peak, before + (1 - FIRST) * peak))
+        falls = self._fall_s[block] < self._now_s
+        self._level[block] = lit
+        if falls and lit < RISE * before and self.limited:
+            self.hold(now_s, now_s, block)
+            return
+        if not falls:  # held, or lit at this very moment
             return
         if before > 0:
             self._ended(block, self._now_s)
@@ -98,14 +108,21 @@ class LocalField(FlashField):
             self._fall_s[block] = self._allowed_s(block, self._now_s)
             self.lengthened += self._fall_s[block] > self._now_s
 
+    def takes(self, now_s: float, block: int, share: float) -> bool:
+        """Return whether an order to a share of the peak would raise `block`, as far as it must."""
+        self._advance(now_s)
+        least = RISE if self._fall_s[block] < self._now_s else 1.0
+        return bool(least * self._level[block] < share * self.peak)
+
     def hold(self, now_s: float, until_s: float, block: int | None = None) -> None:
         """Let `block`, or none, fall before `until_s`, nor within `window_s`, whatever the
         limit says."""
         self._advance(now_s)
         for one in range(self.table.cells) if block is None else (block,):
-            if self._level[one] > 0 and self._fall_s[one] < self._now_s:
-                self._ended(one, self._now_s)
-            self._fall_s[one] = self._allowed_s(one, max(until_s, self._now_s + self.window_s))
+            least_s = self._now_s + self.window_s
+            self._fall_s[one] = self._allowed_s(one, max(until_s, least_s))
+            if self._level[one] > 0:  # a change that has begun may be complete while it holds
+                self._ended(one, least_s)
 
     def shift(self, by_s: float) -> None:
         """Count from now on in times that are `by_s` greater: the clock was set."""
