@@ -139,7 +139,7 @@ class Play:
     """Lightings under one limit, as time goes on: levels, and by how much each raised its block.
 
     `rises`: time in s, block, by how much, whether its slip was long. Light that runs on lights no
-    block that has been lit within REST_S.
+    block that has been lit within REST_S or shines brighter.
     """
 
     def __init__(self, limit: str, lit: list[tuple[float, int, bool]]):
@@ -154,10 +154,10 @@ class Play:
         """Return the levels at `now_s`."""
         while self._waiting and self._waiting[-1][0] <= now_s:
             at_s, block, share, long, own = self._waiting.pop()
-            if not own and at_s - self._lit_s[block] < REST_S:
+            before = self.field.levels(at_s)[block]
+            if not own and (at_s - self._lit_s[block] < REST_S or before >= share):
                 continue
             self._lit_s[block] = at_s
-            before = self.field.levels(at_s)[block]
             self.field.slip(at_s, block, share)
             self.rises.append((at_s, block, self.field.levels(at_s)[block] - before, long))
         return self.field.levels(now_s)
