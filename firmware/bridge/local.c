@@ -161,7 +161,7 @@ void eol_local_set(eol_local_field *field, double now_s, double decay_s, double 
 void eol_local_slip(eol_local_field *field, double now_s, uint8_t block, double share)
 {
     eol_local_block *one = field->block + block;
-    double before, full, more, height, peak = share * field->peak, first = FIRST * peak;
+    double before, full, more, height, rise, peak = share * field->peak, first = FIRST * peak;
     uint8_t falls;
     advance(field, now_s, block);
     falls = one->fall_s < field->now_s; /* else held, or lit at this very moment */
@@ -172,13 +172,13 @@ void eol_local_slip(eol_local_field *field, double now_s, uint8_t block, double 
         height = full > 0.0 ? log((more < full ? more : full) / DARK) : 0.0;
     else
         height = share < 1.0 ? field->first + log(share) : field->first;
-    if (falls && before > 0.0 && height < one->height + RISE) {
-        one->height = height;
+    rise = height - one->height;
+    one->height = height;
+    if (!falls) return;
+    if (before > 0.0 && rise < RISE) {
         eol_local_hold(field, now_s, now_s, block); /* its change may be complete only then */
         return;
     }
-    one->height = height;
-    if (!falls) return;
     if (before > 0.0) ended(one, field->now_s, field->period_s);
     one->fall_s = field->now_s;
     one->fall_s = allowed(field, block, field->now_s);
