@@ -203,7 +203,7 @@ static void order(eol_bridge *b, uint64_t now_us, const uint8_t *mask, size_t si
             eol_bridge_block *one = &b->blocks[g * EOL_GROUP + n];
             if ((uint16_t)(now_ms - one->ordered_ms) >= again_ms) kept &= ~((uint32_t)1 << n);
             if (g * EOL_GROUP + n >= b->places || !bit(mask, size, (uint8_t)(g * EOL_GROUP + n))) continue;
-            if (each_field(b) && !eol_local_takes(&b->light.local, seconds(now_us), (uint8_t)(g * EOL_GROUP + n), log_share))
+            if (share < EOL_WHOLE && each_field(b) && !eol_local_takes(&b->light.local, seconds(now_us), (uint8_t)(g * EOL_GROUP + n), log_share))
                 continue;
             fresh |= (uint32_t)1 << n;
             one->ordered_ms = (uint16_t)now_ms;

@@ -188,10 +188,11 @@ void eol_local_slip(eol_local_field *field, double now_s, uint8_t block, double 
 uint8_t eol_local_takes(eol_local_field *field, double now_s, uint8_t block, double log_share)
 {
     eol_local_block *one = &field->block[block];
+    if (field->peak <= 0.0) return 0;
+    if (one->height <= 0.0 || one->fall_s >= now_s) return 1; /* 225 of them must not take long */
     set_now(field, now_s);
     age(field, block);
-    if (field->peak <= 0.0) return 0;
-    return one->height <= 0.0 || one->height + (one->fall_s < field->now_s ? RISE : 0.0) < field->first - log(FIRST) + log_share;
+    return one->height <= 0.0 || one->height + RISE < field->first - log(FIRST) + log_share;
 }
 
 void eol_local_hold(eol_local_field *field, double now_s, double until_s, uint8_t block)

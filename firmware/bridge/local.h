@@ -52,7 +52,7 @@ void eol_local_set(eol_local_field *field, double now_s, double decay_s, double 
 /* Light `block` at `now_s` to a share of the peak. */
 void eol_local_slip(eol_local_field *field, double now_s, uint8_t block, double share);
 
-/* 1: an order to a share of the peak would raise `block`, as far as a slip has to where light falls. */
+/* 1: an order to a share of the peak finds `block` held, or raises it as far as a slip has to. */
 uint8_t eol_local_takes(eol_local_field *field, double now_s, uint8_t block, double log_share);
 
 /* Let `block` not fall before `until_s`, nor within a period. */

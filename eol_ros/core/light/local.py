@@ -109,10 +109,10 @@ class LocalField(FlashField):
             self.lengthened += self._fall_s[block] > self._now_s
 
     def takes(self, now_s: float, block: int, share: float) -> bool:
-        """Return whether an order to a share of the peak would raise `block`, as far as it must."""
+        """Return whether the bridge obeys an order; a dimmed one must find `block` held or dim."""
         self._advance(now_s)
-        least = RISE if self._fall_s[block] < self._now_s else 1.0
-        return bool(least * self._level[block] < share * self.peak)
+        falls = self._fall_s[block] < self._now_s
+        return share >= 1 or bool(falls * RISE * self._level[block] < share * self.peak)
 
     def hold(self, now_s: float, until_s: float, block: int | None = None) -> None:
         """Let `block`, or none, fall before `until_s`, nor within `window_s`, whatever the
