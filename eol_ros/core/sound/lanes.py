@@ -1,180 +1,91 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Vectors of sixteen float32 as values in compiled code: `+`, `-`, `*`, `fma`, load, store.
-
-A compiler turns a loop over arrays into vector code by rules of its own: integers of 64 bits or
-places that are gathered may cost all that the vectors gain, and what does not fill one goes through
-scalar code. Here both the width and each operation are written down. On AVX-512 a value is one
-register, on AVX2 two of eight, on SSE or NEON four; a lane never looks at its neighbours, and a
-product and a sum are fused where `fma` says so only. So the bits are the same on every processor
-that has a fused multiply-add, however wide its vectors are.
-"""
-
-import operator
-from typing import Any
+"""What sound does with vectors of sixteen float32, beside `core.lanes`: load, store, resample."""
 
 from numba import types
-from numba.core import cgutils, errors
-from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
-from numba.extending import intrinsic, lower_builtin, models, register_model
+from numba.core import errors
 
-WIDTH = 16
-_ir = cgutils.ir
-_FLOAT, _I32, _I64 = _ir.FloatType(), _ir.IntType(32), _ir.IntType(64)
-_FLOATS, _INTS = _ir.VectorType(_FLOAT, WIDTH), _ir.VectorType(_I32, WIDTH)
-_FOUR = _ir.VectorType(_FLOAT, 4)
-_LANE = _ir.Constant(_INTS, list(range(WIDTH)))
-_intrinsic: Any = intrinsic
+from eol_ros.core.lanes import (
+    FLOAT,
+    I32,
+    I64,
+    fma,
+    ir,
+    least,
+    multiply_add,
+    njit_intrinsic,
+    pointer,
+    shuffle,
+    sixteen,
+    splat,
+    spread,
+    transposed,
+)
 
-
-class Lanes(types.Type):
-    """Sixteen float32."""
-
-    def __init__(self) -> None:
-        super().__init__(name='Lanes')
-
-
-lanes = Lanes()
-
-
-@register_model(Lanes)
-class _LanesModel(models.PrimitiveModel):
-    def __init__(self, manager, kind):
-        super().__init__(manager, kind, _FLOATS)
+__all__ = ['fma', 'least', 'splat']
+WIDTH = sixteen.width
+_FLOATS, _INTS = ir.VectorType(FLOAT, WIDTH), ir.VectorType(I32, WIDTH)
+_FOUR = ir.VectorType(FLOAT, 4)
+_LANE = ir.Constant(_INTS, list(range(WIDTH)))
 
 
-def _operator(function, build: str) -> None:
-    @infer_global(function)
-    class _Typing(ConcreteTemplate):
-        cases = [signature(lanes, lanes, lanes)]
-
-    @lower_builtin(function, lanes, lanes)
-    def _lower(context, builder, sig, args):
-        return getattr(builder, build)(*args)
-
-
-_operator(operator.add, 'fadd')
-_operator(operator.sub, 'fsub')
-_operator(operator.mul, 'fmul')
-
-
-def _pointer(builder, address, kind):
-    return builder.inttoptr(address, kind.as_pointer())
-
-
-def _shuffle(builder, a, b, places):
-    kind = _ir.VectorType(_I32, len(places))
-    return builder.shuffle_vector(a, b, _ir.Constant(kind, list(places)))
-
-
-def _spread(builder, number, kind):
-    """Return a vector of `kind` that holds `number` in every lane."""
-    one = builder.insert_element(_ir.Constant(kind, _ir.Undefined), number, _ir.Constant(_I32, 0))
-    return _shuffle(builder, one, one, [0] * WIDTH)
-
-
-def _multiply_add(builder, *args):
-    kind = _ir.FunctionType(_FLOATS, [_FLOATS] * 3)
-    name = f'llvm.fmuladd.v{WIDTH}f32'
-    return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), args)
-
-
-@_intrinsic
-def splat(typing_context, number):
-    """Return the float32 `number` in all lanes."""
-
-    def codegen(context, builder, sig, args):
-        return _spread(builder, args[0], _FLOATS)
-
-    return lanes(types.float32), codegen
-
-
-@_intrinsic
+@njit_intrinsic
 def load(typing_context, address):
     """Return the float32 from `address` on."""
 
     def codegen(context, builder, sig, args):
-        return builder.load(_pointer(builder, args[0], _FLOATS), align=4)
+        return builder.load(pointer(builder, args[0], _FLOATS), align=4)
 
-    return lanes(types.int64), codegen
+    return sixteen(types.int64), codegen
 
 
-@_intrinsic
+@njit_intrinsic
 def store(typing_context, address, x):
     """Write `x` from `address` on."""
 
     def codegen(context, builder, sig, args):
-        builder.store(args[1], _pointer(builder, args[0], _FLOATS), align=4)
+        builder.store(args[1], pointer(builder, args[0], _FLOATS), align=4)
         return context.get_dummy_value()
 
-    return types.void(types.int64, lanes), codegen
+    return types.void(types.int64, sixteen), codegen
 
 
-@_intrinsic
-def fma(typing_context, a, b, c):
-    """Return a * b + c, rounded once; twice on processors that cannot."""
-
-    def codegen(context, builder, sig, args):
-        return _multiply_add(builder, *args)
-
-    return lanes(lanes, lanes, lanes), codegen
-
-
-@_intrinsic
-def least(typing_context, a, b):
-    """Return the lesser of `a` and `b` in each lane."""
-
-    def codegen(context, builder, sig, args):
-        return builder.select(builder.fcmp_ordered('<', *args), *args)
-
-    return lanes(lanes, lanes), codegen
-
-
-@_intrinsic
+@njit_intrinsic
 def count_from(typing_context, first):
     """Return first, first + 1, ..., first + 15; `first` is an int32."""
 
     def codegen(context, builder, sig, args):
-        return builder.sitofp(builder.add(_spread(builder, args[0], _INTS), _LANE), _FLOATS)
+        return builder.sitofp(builder.add(spread(builder, args[0], _INTS), _LANE), _FLOATS)
 
-    return lanes(types.int32), codegen
+    return sixteen(types.int32), codegen
 
 
-@_intrinsic
+@njit_intrinsic
 def keep(typing_context, x, count):
     """Return the first `count` (int32) lanes of `x` and zeros behind them."""
 
     def codegen(context, builder, sig, args):
         x, count = args
-        kept = builder.icmp_signed('<', _LANE, _spread(builder, count, _INTS))
-        return builder.select(kept, x, _ir.Constant(_FLOATS, None))
+        kept = builder.icmp_signed('<', _LANE, spread(builder, count, _INTS))
+        return builder.select(kept, x, ir.Constant(_FLOATS, None))
 
-    return lanes(lanes, types.int32), codegen
+    return sixteen(sixteen, types.int32), codegen
 
 
-@_intrinsic
+@njit_intrinsic
 def fractions(typing_context, place, step):
     """Return what is behind the point of place + lane * step, int64 with 32 bits behind it."""
 
     def codegen(context, builder, sig, args):
-        place, step = (_spread(builder, builder.trunc(a, _I32), _INTS) for a in args)
+        place, step = (spread(builder, builder.trunc(a, I32), _INTS) for a in args)
         bits = builder.add(place, builder.mul(step, _LANE))
-        bits = builder.lshr(bits, _ir.Constant(_INTS, [1] * WIDTH))  # room for a sign
-        unit = _ir.Constant(_FLOATS, [_ir.Constant(_FLOAT, 2.0**-31)] * WIDTH)
+        bits = builder.lshr(bits, ir.Constant(_INTS, [1] * WIDTH))  # room for a sign
+        unit = ir.Constant(_FLOATS, [ir.Constant(FLOAT, 2.0**-31)] * WIDTH)
         return builder.fmul(builder.sitofp(bits, _FLOATS), unit)
 
-    return lanes(types.int64, types.int64), codegen
+    return sixteen(types.int64, types.int64), codegen
 
 
-def _transposed(builder, rows):
-    """Return four vectors of eight from eight rows of four."""
-    pairs = [_shuffle(builder, rows[k], rows[k + 4], range(8)) for k in range(4)]
-    low, high = (0, 8, 1, 9, 4, 12, 5, 13), (2, 10, 3, 11, 6, 14, 7, 15)
-    mixed = [_shuffle(builder, pairs[i], pairs[i + 1], h) for h in (low, high) for i in (0, 2)]
-    first, second = (0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15)
-    return [_shuffle(builder, mixed[i], mixed[i + 1], h) for i in (0, 2) for h in (first, second)]
-
-
-@_intrinsic
+@njit_intrinsic
 def around(typing_context, address, place, step):
     """Return the float32 before, at, one and two behind the whole part of place + lane * step.
 
@@ -185,20 +96,20 @@ def around(typing_context, address, place, step):
 
     def codegen(context, builder, sig, args):
         address, place, step = args
-        begin = _pointer(builder, builder.sub(address, _ir.Constant(_I64, 4)), _FLOAT)
+        begin = pointer(builder, builder.sub(address, ir.Constant(I64, 4)), FLOAT)
         rows = []
         for _ in range(WIDTH):
-            at = builder.gep(begin, [builder.lshr(place, _ir.Constant(_I64, 32))])
-            rows.append(builder.load(builder.bitcast(at, _FOUR.as_pointer()), align=4))
+            at = builder.gep(begin, [builder.lshr(place, ir.Constant(I64, 32))])
+            rows.append(builder.load(builder.bitcast(at, _FOUR.aspointer()), align=4))
             place = builder.add(place, step)
-        halves = zip(_transposed(builder, rows[:8]), _transposed(builder, rows[8:]), strict=True)
-        columns = [_shuffle(builder, a, b, range(16)) for a, b in halves]
+        halves = zip(transposed(builder, rows[:8]), transposed(builder, rows[8:]), strict=True)
+        columns = [shuffle(builder, a, b, range(16)) for a, b in halves]
         return context.make_tuple(builder, sig.return_type, columns)
 
-    return types.UniTuple(lanes, 4)(types.int64, types.int64, types.int64), codegen
+    return types.UniTuple(sixteen, 4)(types.int64, types.int64, types.int64), codegen
 
 
-@_intrinsic
+@njit_intrinsic
 def butterfly(typing_context, x, stride):
     """Return the sums and differences of lanes `stride` apart: a step of a Hadamard transform.
 
@@ -211,28 +122,28 @@ def butterfly(typing_context, x, stride):
 
     def codegen(context, builder, sig, args):
         lanes_of = range(WIDTH)
-        swapped = _shuffle(builder, args[0], args[0], [j ^ step for j in lanes_of])
-        signs = [_ir.Constant(_FLOAT, -1.0 if j & step else 1.0) for j in lanes_of]
-        signed = builder.fmul(args[0], _ir.Constant(_FLOATS, signs))  # exact, so no step is fused
+        swapped = shuffle(builder, args[0], args[0], [j ^ step for j in lanes_of])
+        signs = [ir.Constant(FLOAT, -1.0 if j & step else 1.0) for j in lanes_of]
+        signed = builder.fmul(args[0], ir.Constant(_FLOATS, signs))  # exact, so no step is fused
         return builder.fadd(swapped, signed)
 
-    return lanes(lanes, stride), codegen
+    return sixteen(sixteen, stride), codegen
 
 
-@_intrinsic
+@njit_intrinsic
 def total(typing_context, x):
     """Return the sum of all lanes, in each of them."""
 
     def codegen(context, builder, sig, args):
         x = args[0]
         for step in (8, 4, 2, 1):
-            x = builder.fadd(x, _shuffle(builder, x, x, [j ^ step for j in range(WIDTH)]))
+            x = builder.fadd(x, shuffle(builder, x, x, [j ^ step for j in range(WIDTH)]))
         return x
 
-    return lanes(lanes), codegen
+    return sixteen(sixteen), codegen
 
 
-@_intrinsic
+@njit_intrinsic
 def convolve(typing_context, row, response):
     """Return what sixteen float32 from address `row` make of a response at rest, cut to sixteen.
 
@@ -244,14 +155,14 @@ def convolve(typing_context, row, response):
         row, response = args
         sums = []
         for j in range(WIDTH):
-            at = builder.add(row, _ir.Constant(_I64, 4 * j))
-            sample = _spread(builder, builder.load(_pointer(builder, at, _FLOAT)), _FLOATS)
-            begin = builder.sub(response, _ir.Constant(_I64, 4 * j))
-            late = builder.load(_pointer(builder, begin, _FLOATS), align=4)
+            at = builder.add(row, ir.Constant(I64, 4 * j))
+            sample = spread(builder, builder.load(pointer(builder, at, FLOAT)), _FLOATS)
+            begin = builder.sub(response, ir.Constant(I64, 4 * j))
+            late = builder.load(pointer(builder, begin, _FLOATS), align=4)
             if j < 4:
                 sums.append(builder.fmul(sample, late))
             else:
-                sums[j % 4] = _multiply_add(builder, sample, late, sums[j % 4])
+                sums[j % 4] = multiply_add(builder, sample, late, sums[j % 4])
         return builder.fadd(builder.fadd(sums[0], sums[1]), builder.fadd(sums[2], sums[3]))
 
-    return lanes(types.int64, types.int64), codegen
+    return sixteen(types.int64, types.int64), codegen
