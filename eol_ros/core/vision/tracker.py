@@ -13,7 +13,7 @@ import numpy as np
 from eol_ros.core.compiled import read_only
 from eol_ros.core.table import Table
 from eol_ros.core.vision.appearance import learnt, model
-from eol_ros.core.vision.appearance.follow import Follower
+from eol_ros.core.vision.appearance.follow import Follower, to_pixels
 from eol_ros.core.vision.background.model import BackgroundModel
 from eol_ros.core.vision.blink import Blink
 from eol_ros.core.vision.calibration import mapping
@@ -364,7 +364,8 @@ class Tracker:
                 seen, visible = blocks['seen'].copy(), found['visible']
                 at = np.column_stack([blocks['x'], blocks['y']])
                 at[~self.table.present] = np.nan
-                px = np.rint(calibration.to_pixels(at) / PX_STEP) * PX_STEP
+                px = np.empty((cells, 2))
+                to_pixels(follower.packed, at, PX_STEP, px)
                 if state != CALIBRATING and self.learning is None:
                     world = np.rint(at / M_STEP) * M_STEP
         return Tracked(

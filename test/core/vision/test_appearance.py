@@ -387,11 +387,10 @@ def test_blocks_of_15_to_118_px_are_tracked(size, px_per_m):
 
 def test_a_block_larger_than_its_room_overflows_nothing():
     camera = Calibration.ideal(1280, 800, 3000.0)  # a block of 252 px
-    d, px, starts = np.empty(12), pixels.empty(), np.zeros(6, np.int64)
-    at = np.empty(px.size // pixels.ROWS, np.int32)
+    d, (patches, px, at, *room) = np.empty(12), pixels.empty_patches(1)
     pixels.taylor(camera.packed(), 0.0, 0.0, 0.3, d)
-    gather(800, 1280, d, HALF_M, 60.0, 90.0, FLAT, 1.0, px, at, starts)
-    assert 8000 < starts[5] * pixels.LANES <= px.shape[0] * pixels.LANES
+    gather(800, 1280, d, HALF_M, 60.0, 90.0, FLAT, 1.0, patches[0], px[0], at[0], *room)
+    assert 8000 < patches['starts'][0, 5] * pixels.LANES <= px.shape[1] * pixels.LANES
 
 
 @pytest.mark.parametrize('module', [find, fit, neighbours, pixels])

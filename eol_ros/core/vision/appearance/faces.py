@@ -20,7 +20,7 @@ from eol_ros.core.vision.appearance.model import (
     SPREAD_LOOKS,
     YOUNG,
 )
-from eol_ros.core.vision.appearance.pixels import AREA, GREY, LIGHT, A, B
+from eol_ros.core.vision.appearance.pixels import AREA, GREY, LIGHT, LIGHT_A, LIGHT_B, A, B
 
 _LEAST, _MOST = model.SPREAD
 
@@ -79,35 +79,37 @@ class Faces:
                 nats[k] -= np.minimum(off**2 / variance, AGREE).sum() / 2 / CELLS_ALIKE
         return nats
 
-    def learn(self, block: int, noise: float, whole: bool) -> bool:
-        """Take a look: the last image's brightness, with the variance `noise` of a pixel.
+    @property
+    def maps(self) -> tuple[np.ndarray, ...]:
+        """Return light, spread, and the sums that they are drawn from."""
+        return self.light, self.spread, self._sum, self._off, self._count
 
-        whole: no cell is covered by something else, however it differs from before. Returns whether
-        the face was drawn again.
-        """
-        self.looks[block] += 1
-        looks = round(self.looks[block])
-        young = looks <= YOUNG
-        sums = self._sum[block], self._off[block], self._count[block]
-        rate = 1 / min(looks, SPREAD_LOOKS)
-        _add(
-            self.light[block],
-            self.spread[block],
-            *sums,
-            self.own[block],
-            self.own_px[block],
-            young or whole,
-            young,
-            noise,
-            rate,
-        )
-        drawn = looks == YOUNG or (not young and (looks in model.REDRAWN or looks % 8 == 0))
-        if drawn:
-            _draw(self.light[block], self.spread[block], *sums, looks == YOUNG)
-            if looks >= model.MAX_LOOKS:
-                for kept in (self._sum, self._count, self.looks):
-                    kept[block] *= 0.75
-        return drawn
+
+@njit(cache=True)
+def learn_face(block, maps, own, own_px, looks, noise, whole):
+    """Take a look: the last image's brightness, with the variance `noise` of a pixel.
+
+    maps, own, own_px, looks: of Faces. whole: no cell is covered by something else, however it
+    differs from before. Returns whether the face was drawn again.
+    """
+    looks[block] += 1
+    n = round(looks[block])
+    young = n <= YOUNG
+    light, spread, total, off, count = (
+        maps[0][block], maps[1][block], maps[2][block], maps[3][block], maps[4][block],
+    )  # fmt: skip
+    _add(
+        light, spread, total, off, count, own[block], own_px[block], young or whole, young, noise,
+        1 / min(n, SPREAD_LOOKS),
+    )  # fmt: skip
+    if not (n == YOUNG or (not young and (n in model.REDRAWN or n % 8 == 0))):
+        return False
+    _draw(light, spread, total, off, count, n == YOUNG)
+    if n >= model.MAX_LOOKS:
+        total *= np.float32(0.75)
+        count *= np.float32(0.75)
+        looks[block] *= 0.75
+    return True
 
 
 @njit(cache=True)
@@ -133,7 +135,8 @@ def brightness(px, groups, half, blur, fit, own, counts):
         p, q = int((a + half) * per_cell), int((b + half) * per_cell)
         seen = (px[k, z + GREY] - fit[4] - (fit[5] * a + fit[6] * b) / half) / fit[3]
         light[q, p] += seen
-        off[q, p] += (seen - px[k, z + LIGHT]) ** 2
+        face = px[k, z + LIGHT] + px[k, z + LIGHT_A] * a + px[k, z + LIGHT_B] * b
+        off[q, p] += (seen - face) ** 2
         counts[q, p] += 1.0
     for q in range(CELLS):
         for p in range(CELLS):

@@ -11,16 +11,32 @@ Tukey's weights (Huber and Ronchetti, Robust Statistics, 2009, 7.8) fit it to th
 none of which is interpolated. E is symmetric about the side: brightness learned wrongly does not
 move a block.
 
-Loops with `fastmath` are inner ones: they are compiled together with `register` and nowhere else,
-for the order in which LLVM adds depends on what it compiles them with.
+Loops over pixels take LANES of them at a time, and say which lanes are added in which order.
 """
 
 import math
+from collections import namedtuple
 
 import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
+from eol_ros.core.lanes import (
+    above,
+    add_products,
+    added,
+    all_below,
+    fma,
+    least,
+    less,
+    magnitude,
+    most,
+    put,
+    signed,
+    splat8,
+    take,
+    weighted,
+)  # fmt: skip
 from eol_ros.core.vision.appearance.model import (
     AGREE,
     FULL,
@@ -34,14 +50,6 @@ from eol_ros.core.vision.appearance.model import (
 )
 from eol_ros.core.vision.appearance.pixels import (
     AREA,
-    BY_A,
-    BY_B,
-    BY_GAIN,
-    BY_O,
-    BY_OA,
-    BY_OB,
-    BY_SLOPE,
-    BY_TURN,
     CLUSTERS,
     EDGE,
     GREY,
@@ -49,10 +57,8 @@ from eol_ros.core.vision.appearance.pixels import (
     LIGHT_A,
     LIGHT_B,
     PART,
-    RESIDUAL,
     SPREAD,
     TRUST,
-    WEIGHT,
     A,
     B,
     Q,
@@ -66,201 +72,196 @@ APART_SUMS = 8  # sums of the covariance for pixels apart from the sides
 INFLUENCES = CLUSTERS + APART_SUMS
 
 
-@njit(inline='always', error_model='numpy')
-def edge(a, half, per_blur):
+# Mills' ratio of a normal distribution, its tail over its density, over sqrt(2 pi): within 1e-4 of
+# the tail when multiplied by the density
+MILLS = (
+    0.5, -0.397256105, 0.237381560, -0.101789536, 0.026252109, -0.002895429,
+)  # fmt: skip
+FAR = 4.2  # standard deviations from a side: E is 0 or 1 there
+
+
+@njit(cache=True, inner=True, forceinline=True)
+def _constant(number):
+    return splat8(np.float32(number))
+
+
+@njit(cache=True, inner=True, forceinline=True)
+def _edge(a, half, per_blur):
     """Return E and its slope at a: E falls at +-half as the integral of a normal distribution.
 
-    Abramowitz and Stegun, Handbook of Mathematical Functions, 7.1.25, with the eighth power of a
-    Taylor polynomial as exponential: within 2e-4, and symmetric about the side.
+    The density is the eighth power of a Taylor polynomial. Within 1e-4, symmetric about the side.
     """
-    f, one = np.float32, np.float32(1.0)
-    z = (abs(a) - half) * per_blur
-    x2 = min(f(0.5) * z * z, f(9.0))
-    u = f(0.125) * x2
-    q = one - u * (one - u * (f(0.5) - u * (f(1 / 6) - u * f(1 / 24))))
+    one = _constant(1.0)
+    d = (magnitude(a) - half) * per_blur
+    z = least(magnitude(d), _constant(FAR))
+    u = z * z * _constant(1 / 16)
+    q = less(_constant(0.5), u, less(_constant(1 / 6), u, _constant(1 / 24)))
+    q = less(one, u, less(one, u, q))
     q = q * q
     q = q * q
     q = q * q
-    t = one / (one + f(0.47047 / math.sqrt(2.0)) * abs(z))
-    tail = f(0.5) * t * (f(0.3480242) - t * (f(0.0958798) - t * f(0.7478556))) * q
-    slope = f(-1 / math.sqrt(2 * math.pi)) * q * per_blur
-    return tail if z > 0 else one - tail, slope if a > 0 else -slope
+    tail = fma(_constant(MILLS[5]), z, _constant(MILLS[4]))
+    tail = fma(fma(tail, z, _constant(MILLS[3])), z, _constant(MILLS[2]))
+    tail = fma(fma(tail, z, _constant(MILLS[1])), z, _constant(MILLS[0])) * q
+    slope = q * per_blur * _constant(-1 / math.sqrt(2 * math.pi))
+    return above(d, _constant(0.0), tail, one - tail), signed(slope, a)
 
 
-@njit(inline='always')
-def _floats(fit):
-    """Return a, b, cosine and sine of the turn, gain and ground of a fit (8,) as float32."""
-    f = np.float32
-    cs, sn = f(cos(fit[2])), f(sin(fit[2]))
-    return f(fit[0]), f(fit[1]), cs, sn, f(fit[3]), f(fit[4]), f(fit[5]), f(fit[6])
+Numbers = namedtuple(
+    'Numbers', 'a b cs sn gain ground by_a by_b slope half per per_blur safe n0 n1 pose gain2'
+)
+"""Of a fit to the pixels of one side, in all lanes."""
 
 
-@njit(inline='always')
-def _noise(noise):
-    """Return the variance of a dark pixel, its growth by grey level, and the least."""
-    return np.float32(noise[0]), np.float32(noise[1]), np.float32(LEAST_VARIANCE)
-
-
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def residuals(px, start, stop, every, half, blur, noise, fit, sigma2_px):
-    """Set Q and EDGE of px, in every `every`-th group from start to stop.
+@njit(cache=True, inner=True, forceinline=True)
+def _numbers(half, blur, noise, fit, sigma2_px):
+    """Return Numbers.
 
     half, blur: half a side and the standard deviation of its edge, px. noise (2,): variance of a
     dark pixel, and by how much it grows with a grey level. sigma2_px: variance of the pose.
     """
-    pa, pb, cs, sn, g, o, oa, ob = _floats(fit)
-    g2, e2, h, zero = g * g, np.float32(sigma2_px), np.float32(half), np.float32(0.0)
-    per_blur, per, full = np.float32(1.0 / blur), np.float32(1.0 / half), np.float32(FULL)
-    (n0, n1, least), slope = _noise(noise), np.float32(fit[NUMBERS])
-    for group in range(start, stop, every):
-        for i in range(LANES):
-            a0, b0, grey = px[group, A + i], px[group, B + i], px[group, GREY + i]
-            x, y = a0 - pa, b0 - pb
-            a, b = cs * x + sn * y, cs * y - sn * x
-            ea, sa = edge(a, h, per_blur)
-            eb, sb = edge(b, h, per_blur)
-            light = px[group, LIGHT + i]
-            light += px[group, LIGHT_A + i] * (a - a0) + px[group, LIGHT_B + i] * (b - b0)
-            e = ea * eb
-            ta, tb = light * sa * eb, light * ea * sb
-            level = g + slope * (max(abs(a), abs(b)) - h) * per
-            r = grey - level * light * e - o - (oa * a + ob * b) * per
-            r = max(r, zero) if grey > full else r
-            s2 = max(n0 + n1 * grey, least)
-            s2 += g2 * (px[group, SPREAD + i] * e + e2 * (ta * ta + tb * tb))
-            px[group, Q + i] = r * r / s2
-            px[group, EDGE + i] = e
+    c = _constant
+    return Numbers(
+        c(fit[0]), c(fit[1]), c(cos(fit[2])), c(sin(fit[2])), c(fit[3]), c(fit[4]),
+        c(fit[5] / half), c(fit[6] / half), c(fit[NUMBERS]), c(half), c(1.0 / half), c(1.0 / blur),
+        c(half - FAR * blur), c(noise[0]), c(noise[1]), c(sigma2_px), c(fit[3] * fit[3]),
+    )  # fmt: skip
 
 
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _derivatives(px, start, stop, every, half, blur, noise, fit, sigma2_px, widen):
-    """Set derivatives, residual and Tukey's weight over the variance, and what residuals sets."""
-    zero, one = np.float32(0.0), np.float32(1.0)
-    pa, pb, cs, sn, g, o, oa, ob = _floats(fit)
-    g2, e2, wd, h = g * g, np.float32(sigma2_px), np.float32(widen), np.float32(half)
-    per_blur, per = np.float32(1.0 / blur), np.float32(1.0 / half)
-    cut, full = np.float32(1.0 / TUKEY), np.float32(FULL)
-    (n0, n1, least), slope = _noise(noise), np.float32(fit[NUMBERS])
-    for group in range(start, stop, every):
-        for i in range(LANES):
-            a0, b0, grey = px[group, A + i], px[group, B + i], px[group, GREY + i]
-            x, y = a0 - pa, b0 - pb
-            a, b = cs * x + sn * y, cs * y - sn * x
-            ea, sa = edge(a, h, per_blur)
-            eb, sb = edge(b, h, per_blur)
-            la, lb = px[group, LIGHT_A + i], px[group, LIGHT_B + i]
-            light = px[group, LIGHT + i] + la * (a - a0) + lb * (b - b0)
-            e = ea * eb
-            ta, tb = light * sa * eb + la * e, light * ea * sb + lb * e
-            ja, jb = a * per, b * per
-            out = (max(abs(a), abs(b)) - h) * per
-            r = grey - (g + slope * out) * light * e - o - oa * ja - ob * jb
-            s2 = max(n0 + n1 * grey, least)
-            s2 = one / (s2 + g2 * (px[group, SPREAD + i] * e + e2 * (ta * ta + tb * tb)))
-            over = max(r, zero) if grey > full else r
-            px[group, Q + i], px[group, EDGE + i] = over * over * s2, e
-            s2 /= wd
-            z = max(one - r * r * s2 * cut, zero)
-            px[group, BY_A + i], px[group, BY_B + i] = -g * ta, -g * tb
-            px[group, BY_TURN + i], px[group, BY_GAIN + i] = g * (ta * b - tb * a), light * e
-            px[group, BY_O + i], px[group, BY_OA + i], px[group, BY_OB + i] = one, ja, jb
-            px[group, BY_SLOPE + i], px[group, RESIDUAL + i] = light * e * out, r
-            px[group, WEIGHT + i] = zero if grey > full else z * z * s2 * px[group, TRUST + i]
+@njit(cache=True, inner=True, forceinline=True)
+def _edges(a, b, n):
+    """Return E and its slope along a and along b; no side is near where lanes are far inside."""
+    ea = eb = _constant(1.0)
+    sa = sb = _constant(0.0)
+    if not all_below(magnitude(a), n.safe):
+        ea, sa = _edge(a, n.half, n.per_blur)
+    if not all_below(magnitude(b), n.safe):
+        eb, sb = _edge(b, n.half, n.per_blur)
+    return ea, sa, eb, sb
 
 
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _row(px, at, start, groups, every, out):
-    for group in range(groups):
-        for i in range(LANES):
-            out[group, i] = px[start + group * every, at + i]
+@njit(cache=True, inner=True, forceinline=True)
+def _light(px, group, a, b):
+    """Return the brightness of the face at a, b near the pixels."""
+    light = fma(take(px, group, LIGHT_B), b, take(px, group, LIGHT))
+    return fma(take(px, group, LIGHT_A), a, light)
 
 
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _times(x, y, n, out):
-    for i in range(n):
-        out[i] = x[i] * y[i]
+@njit(cache=True, inner=True, forceinline=True)
+def _seen(px, group, n):
+    """Return a, b, g dL/da, g dL/db, E L, E, how far outside, residual, grey level, variance."""
+    grey, x, y = take(px, group, GREY), take(px, group, A) - n.a, take(px, group, B) - n.b
+    a, b = fma(n.sn, y, n.cs * x), less(n.cs * y, n.sn, x)
+    ea, sa, eb, sb = _edges(a, b, n)
+    la, lb = take(px, group, LIGHT_A), take(px, group, LIGHT_B)
+    light, e = fma(la, a, fma(lb, b, take(px, group, LIGHT))), ea * eb
+    lit, out = light * e, (most(magnitude(a), magnitude(b)) - n.half) * n.per
+    ta, tb = fma(light * sa, eb, la * e), fma(light * sb, ea, lb * e)
+    r = less(grey - n.ground, fma(n.slope, out, n.gain), lit)
+    r = less(less(r, n.by_a, a), n.by_b, b)
+    s2 = most(fma(n.n1, grey, n.n0), _constant(LEAST_VARIANCE))
+    of_pose = fma(n.pose, fma(ta, ta, tb * tb), take(px, group, SPREAD) * e)
+    return a, b, ta, tb, lit, e, out, r, grey, fma(n.gain2, of_pose, s2)
 
 
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _dots(x, a, b, c, d, n):
-    """Return the products of x with four vectors."""
-    p = q = r = s = np.float32(0.0)
-    for i in range(n):
-        p += x[i] * a[i]
-        q += x[i] * b[i]
-        r += x[i] * c[i]
-        s += x[i] * d[i]
-    return p, q, r, s
+@njit(cache=True, inner=True, forceinline=True)
+def _excess(r, grey):
+    """Return the residual that counts: a saturated pixel may be as bright as the model has it."""
+    return above(grey, _constant(FULL), most(r, _constant(0.0)), r)
 
 
 @njit(cache=True, inner=True)
-def normal_equations(
-    px, start, stop, every, half, blur, noise, fit, sigma2_px, widen, rows, sums
-):  # fmt: skip
-    """Fill sums (44,): the upper triangle of the normal matrix row by row, then the right side.
+def residuals(px, start, stop, every, half, blur, noise, fit, sigma2_px):
+    """Set Q and EDGE of px, in every `every`-th group from start to stop; see _numbers."""
+    n = _numbers(half, blur, noise, fit, sigma2_px)
+    for group in range(start, stop, every):
+        _a, _b, _ta, _tb, _lit, e, _out, r, grey, s2 = _seen(px, group, n)
+        r = _excess(r, grey)
+        put(px, group, Q, r * r / s2)
+        put(px, group, EDGE, e)
 
-    Of every `every`-th group from start to stop. rows (11, n): scratch, n at least the pixels of
-    all of these. widen: by which all variances are multiplied.
+
+@njit(cache=True, inner=True, forceinline=True)
+def _derivatives(px, group, n, per_widen):
+    """Return Tukey's weight over the variance, the derivatives with the residual, Q and E."""
+    a, b, ta, tb, lit, e, out, r, grey, s2 = _seen(px, group, n)
+    one, zero, over = _constant(1.0), _constant(0.0), _excess(r, grey)
+    s2 = one / s2
+    q = over * over * s2
+    s2 = s2 * per_widen
+    z = most(less(one, r * r * s2, _constant(1.0 / TUKEY)), zero)
+    weight = above(grey, _constant(FULL), zero, z * z * s2 * take(px, group, TRUST))
+    turn = n.gain * less(ta * b, tb, a)
+    back = zero - n.gain
+    return weight, (
+        back * ta, back * tb, turn, lit, one, a * n.per, b * n.per, lit * out, r,
+    ), q, e  # fmt: skip
+
+
+@njit(cache=True, inner=True)
+def normal_equations(px, start, stop, every, half, blur, noise, fit, sigma2_px, widen, sums, m):
+    """Fill m (COLUMNS, COLUMNS + 1): the normal matrix, and the right side as its last column.
+
+    Of every `every`-th group from start to stop, of which Q and EDGE are set. widen: by which all
+    variances are multiplied. sums (SUMS + COLUMNS, LANES): scratch.
     """
-    _derivatives(px, start, stop, every, half, blur, noise, fit, sigma2_px, widen)
-    groups = (stop - start + every - 1) // every
-    n, k = groups * LANES, 0
-    for r in range(COLUMNS + 2):
-        _row(px, BY_A + r * LANES, start, groups, every, rows[r].reshape(-1, LANES))
-    for i in range(COLUMNS):
-        _times(rows[COLUMNS + 1], rows[i], n, rows[COLUMNS + 2])
-        for j in range(i, COLUMNS + 1, 4):
-            last = COLUMNS  # the residual
-            at = min(j + 1, last), min(j + 2, last), min(j + 3, last)
-            products = _dots(rows[COLUMNS + 2], rows[j], rows[at[0]], rows[at[1]], rows[at[2]], n)
-            for t in range(4):
-                if j + t < COLUMNS:
-                    sums[k] = products[t]
-                    k += 1
-                elif j + t == COLUMNS:
-                    sums[SUMS + i] = products[t]
-
-
-@njit(cache=True)
-def symmetric(sums, m):
-    """Fill m (COLUMNS, COLUMNS + 1) with the matrix and the right side of `sums`."""
+    n, per_widen = _numbers(half, blur, noise, fit, sigma2_px), _constant(1.0 / widen)
+    nothing = _constant(0.0)
+    for k in range(SUMS + COLUMNS):
+        put(sums, k, 0, nothing)
+    for group in range(start, stop, 2 * every):
+        weight, values, q, e = _derivatives(px, group, n, per_widen)
+        put(px, group, Q, q)
+        put(px, group, EDGE, e)
+        if group + every < stop:
+            other, others, q, e = _derivatives(px, group + every, n, per_widen)
+            put(px, group + every, Q, q)
+            put(px, group + every, EDGE, e)
+        else:
+            other, others = nothing, values
+        add_products(sums, weight, values, other, others)
     k = 0
     for i in range(COLUMNS):
         for j in range(i, COLUMNS):
-            m[i, j] = m[j, i] = sums[k]
+            m[i, j] = m[j, i] = added(take(sums, k, 0))
             k += 1
-        m[i, COLUMNS] = sums[SUMS + i]
+        m[i, COLUMNS] = added(take(sums, SUMS + i, 0))
 
 
-@njit(cache=True)
-def eliminate(m, own, usual, prior, kept, out):
-    """Take the numbers `own` (OWN,) of one side out of its equations m; add the rest to out (7, 8).
+@njit(cache=True, error_model='numpy')
+def eliminate(m, own, usual, gain, prior, kept, out):
+    """Take the numbers `own` (OWN,) of one side out of its equations m; fill out (7, 8).
 
-    prior (OWN,): reciprocal variances of these numbers about what is usual. kept (OWN, 8 +
-    OWN): what `restore` gets them from once the block's numbers are known, then their covariance.
+    usual (OWN,): what they are about, as shares of `gain`. prior (OWN,): reciprocal variances.
+    kept (OWN, 8 + OWN): what `restore` gets them from once the block's numbers are known, then
+    their covariance: an inverse by cofactors.
     """
     at = 3, 4, NUMBERS
-    a = np.zeros((OWN, OWN + NUMBERS + 1 + OWN))
+    a, b, c = m[3, 3] + prior[0], m[4, 4] + prior[1], m[NUMBERS, NUMBERS] + prior[2]
+    d, e, f = m[3, 4], m[3, NUMBERS], m[4, NUMBERS]
+    kept[0, 8], kept[0, 9], kept[0, 10] = b * c - f * f, e * f - c * d, d * f - b * e
+    per = 1.0 / (a * kept[0, 8] + d * kept[0, 9] + e * kept[0, 10])
+    kept[1, 9], kept[1, 10], kept[2, 10] = a * c - e * e, d * e - a * f, a * b - d * d
+    kept[1, 8], kept[2, 8], kept[2, 9] = kept[0, 9], kept[0, 10], kept[1, 10]
     for i in range(OWN):
-        for j in range(OWN):
-            a[i, j] = m[at[i], at[j]]
-        a[i, i] += prior[i]
-        for j in range(NUMBERS):
-            a[i, OWN + j] = m[at[i], j]
-        a[i, OWN + NUMBERS] = m[at[i], COLUMNS] - prior[i] * (own[i] - usual[i])
-        a[i, OWN + NUMBERS + 1 + i] = 1.0
-    for i in range(OWN):
-        a[i] /= a[i, i]
-        for r in range(OWN):
-            if r != i:
-                a[r] -= a[r, i] * a[i]
-    kept[:] = a[:, OWN:]
-    for i in range(NUMBERS):
+        for k in range(OWN):
+            kept[i, 8 + k] *= per
         for j in range(NUMBERS + 1):
-            value = m[i, j if j < NUMBERS else COLUMNS]
-            for k in range(OWN):
-                value -= m[i, at[k]] * kept[k, j]
-            out[i, j] += value
+            kept[i, j] = 0.0
+        for k in range(OWN):
+            by = kept[i, 8 + k]
+            for j in range(NUMBERS):
+                kept[i, j] += by * m[at[k], j]
+            off = own[k] - gain * usual[k]
+            kept[i, NUMBERS] += by * (m[at[k], COLUMNS] - prior[k] * off)
+    for i in range(NUMBERS):
+        for j in range(NUMBERS):
+            out[i, j] = m[i, j]
+        out[i, NUMBERS] = m[i, COLUMNS]
+        for k in range(OWN):
+            by = m[i, at[k]]
+            for j in range(NUMBERS + 1):
+                out[i, j] -= by * kept[k, j]
 
 
 @njit(cache=True)
@@ -300,24 +301,23 @@ def all_equations(
 
     usual (4, OWN): what these are about, as shares of the gain. See eliminate.
     """
-    (rows, sums, m), side_fit = room, np.empty(COLUMNS)
-    equations[:] = 0.0
+    (sums, m), side_fit = room, np.empty(COLUMNS)
     for side in range(5):
         if starts[side] == starts[side + 1]:
-            kept[side] = 0.0
+            kept[side], equations[side] = 0.0, 0.0
             continue
         _of_side(fit, own[side], side_fit)
         normal_equations(
             px, starts[side], starts[side + 1], every, half, blur, noise, side_fit, sigma2_px,
-            widen, rows, sums,
+            widen, sums, m,
         )  # fmt: skip
-        symmetric(sums, m)
         if side < 4:
-            eliminate(m, own[side], fit[3] * usual[side], prior, kept[side], equations[side])
+            eliminate(m, own[side], usual[side], fit[3], prior, kept[side], equations[side])
             continue
         for i in range(NUMBERS):
-            for j in range(NUMBERS + 1):
-                equations[side, i, j] = m[i, j if j < NUMBERS else COLUMNS]
+            for j in range(NUMBERS):
+                equations[side, i, j] = m[i, j]
+            equations[side, i, NUMBERS] = m[i, COLUMNS]
 
 
 @njit(cache=True)
@@ -328,21 +328,22 @@ def solve(equations, without, prior, towards, m):
     column 7, the covariance of the pose in columns 8 to 10. Gauss-Jordan without pivots: the matrix
     is positive definite.
     """
-    m[:] = 0.0
-    for side in range(5):
-        if side != without:
-            m[:, : NUMBERS + 1] += equations[side]
     for i in range(NUMBERS):
+        for j in range(NUMBERS + 1):
+            m[i, j] = 0.0
+            for side in range(5):
+                if side != without:
+                    m[i, j] += equations[side, i, j]
         m[i, NUMBERS] += prior[i] * towards[i]
         m[i, i] += 1e-9 * m[i, i] + prior[i]
-        if i < 3:
-            m[i, 8 + i] = 1.0
+        for j in range(3):
+            m[i, 8 + j] = 1.0 if i == j else 0.0
     for i in range(NUMBERS):
-        p = m[i, i]
-        if not p > 0.0:
+        if not m[i, i] > 0.0:
             return False
+        p = 1.0 / m[i, i]
         for j in range(i, 11):
-            m[i, j] /= p
+            m[i, j] *= p
         for r in range(NUMBERS):
             if r != i:
                 f = m[r, i]
@@ -351,51 +352,40 @@ def solve(equations, without, prior, towards, m):
     return True
 
 
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _influences(px, start, stop, by, apart, sums):
-    """Add the influence of each cluster of pixels on the pose to sums; by (3, COLUMNS) float32."""
-    for group in range(start, stop):
-        place_x = place_y = angle = np.float32(0.0)
-        for i in range(LANES):
-            x = y = turn = np.float32(0.0)
-            for k in range(COLUMNS):
-                j = px[group, BY_A + k * LANES + i]
-                x += by[0, k] * j
-                y += by[1, k] * j
-                turn += by[2, k] * j
-            pull = px[group, WEIGHT + i] * px[group, RESIDUAL + i]
-            place_x += pull * x
-            place_y += pull * y
-            angle += pull * turn
-        row = sums[CLUSTERS + group % APART_SUMS if apart else int(px[group, PART]) // TOGETHER]
-        row[0] += place_x
-        row[1] += place_y
-        row[2] += angle
-
-
 @njit(cache=True, inner=True)
-def covariance(px, starts, without, kept, m, usual, sums):
+def covariance(
+    px, starts, without, half, blur, noise, fit, own, sigma2_px, widen, kept, m, usual, sums
+):  # fmt: skip
     """Return the variances of place, the sum of both axes in px^2, and of turn, in rad^2.
 
     Of the residuals themselves: those of TOGETHER parts of a side err together (Liang and Zeger,
     Biometrika 73, 1986), as lamps, arms and uneven light make them. Call it after solve, which
-    gives m and `kept`, and all_equations of every pixel. usual (INFLUENCES, 3): influences that
-    last, which move no block from image to image. sums, as large: filled with those of this image.
+    gives m and `kept`. usual (INFLUENCES, 3): influences that last, which move no block from image
+    to image. sums, as large: filled with those of this image.
     """
-    by, at = np.empty((3, COLUMNS)), (3, 4, NUMBERS)
+    by, at, side_fit = np.empty((3, COLUMNS + 1), np.float32), (3, 4, NUMBERS), np.empty(COLUMNS)
     sums[:] = 0.0
+    per_widen = _constant(1.0 / widen)
     for side in range(5):
         if side == without:
             continue
         for c in range(3):
-            by[c, NUMBERS] = 0.0
+            by[c, NUMBERS] = by[c, COLUMNS] = 0.0
             for i in range(NUMBERS):
                 by[c, i] = m[i, 8 + c]
             for k in range(OWN if side < 4 else 0):
+                pull = 0.0
                 for i in range(NUMBERS):
-                    by[c, at[k]] -= kept[side, k, i] * m[i, 8 + c]
-        b = by.astype(np.float32)
-        _influences(px, starts[side], starts[side + 1], b, side == 4, sums)
+                    pull += kept[side, k, i] * m[i, 8 + c]
+                by[c, at[k]] -= pull
+        _of_side(fit, own[side], side_fit)
+        n = _numbers(half, blur, noise, side_fit, sigma2_px)
+        for group in range(starts[side], starts[side + 1]):
+            weight, values, _q, _e = _derivatives(px, group, n, per_widen)
+            weight = weight * values[COLUMNS]
+            row = group % APART_SUMS + CLUSTERS if side == 4 else int(px[group, PART]) // TOGETHER
+            for c in range(3):
+                sums[row, c] += added(weight * weighted(by, c, values))
     place = turn = 0.0
     for i in range(sums.shape[0]):
         place += (sums[i, 0] - usual[i, 0]) ** 2 + (sums[i, 1] - usual[i, 1]) ** 2
@@ -403,33 +393,29 @@ def covariance(px, starts, without, kept, m, usual, sums):
     return place, turn
 
 
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
+@njit(cache=True, inner=True)
 def widening(px, groups, half, blur, noise, fit, reach):
     """Return sums (top, weight): their quotient is by how many px edges are wider than blur."""
-    pa, pb, cs, sn, g, o, oa, ob = _floats(fit)
-    zero = np.float32(0.0)
-    h, per_blur, per = np.float32(half), np.float32(1.0 / blur), np.float32(1.0 / half)
-    full, far = np.float32(FULL), np.float32(reach)
-    n0, n1, least = _noise(noise)
+    side_fit = np.zeros(COLUMNS)
+    side_fit[:NUMBERS] = fit
+    n = _numbers(half, blur, noise, side_fit, 0.0)
+    zero, far, full = _constant(0.0), _constant(reach), _constant(FULL)
+    top = weight = zero
     for group in range(groups):
-        for i in range(LANES):
-            x, y, grey = px[group, A + i] - pa, px[group, B + i] - pb, px[group, GREY + i]
-            a, b = cs * x + sn * y, cs * y - sn * x
-            ea, sa = edge(a, h, per_blur)
-            eb, sb = edge(b, h, per_blur)
-            light = g * px[group, LIGHT + i]
-            r = grey - light * ea * eb - o - (oa * a + ob * b) * per
-            j = light * per_blur * (abs(sa) * eb * (abs(a) - h) + ea * abs(sb) * (abs(b) - h))
-            s2 = max(n0 + n1 * grey, least)
-            r = r if r * r < far * s2 else zero
-            r = zero if grey > full else r
-            px[group, BY_A + i], px[group, BY_B + i] = j * r / s2, j * j / s2
-    top = weight = 0.0
-    for group in range(groups):
-        for i in range(LANES):
-            top += px[group, BY_A + i]
-            weight += px[group, BY_B + i]
-    return top, weight
+        grey = take(px, group, GREY)
+        x, y = take(px, group, A) - n.a, take(px, group, B) - n.b
+        a, b = fma(n.sn, y, n.cs * x), less(n.cs * y, n.sn, x)
+        ea, sa, eb, sb = _edges(a, b, n)
+        light = n.gain * _light(px, group, a, b)
+        r = less(less(less(grey - n.ground, light, ea * eb), n.by_a, a), n.by_b, b)
+        j = magnitude(sa) * eb * (magnitude(a) - n.half)
+        j = light * n.per_blur * fma(ea * magnitude(sb), magnitude(b) - n.half, j)
+        s2 = most(fma(n.n1, grey, n.n0), _constant(LEAST_VARIANCE))
+        r = above(far * s2, r * r, r, zero)
+        j = j / s2
+        top = fma(j, above(grey, full, zero, r), top)
+        weight = fma(j * s2, j, weight)
+    return added(top), added(weight)
 
 
 @njit(cache=True, inner=True)
@@ -495,7 +481,7 @@ def levels(px, groups, half, blur, scratch):
 
 
 @njit(cache=True, error_model='numpy')
-def trust(px, groups, usual, bins):
+def trust(px, starts, usual, bins):
     """Trust the pixels at each part of a side by their mean squared residual; see residuals.
 
     usual (4,): that of each side, in variances.
@@ -505,16 +491,19 @@ def trust(px, groups, usual, bins):
     bins (4, PARTS, 2): scratch.
     """
     bins[:] = 0.0
-    for i in range(groups * LANES):
-        k, z = i // LANES, i % LANES
-        part = int(px[k, z + PART])
-        if part >= 0:
-            row = bins[part // PARTS, part % PARTS]
-            row[0] += 1.0
-            row[1] += min(px[k, z + Q], AGREE * usual[part // PARTS])
+    one, zero = _constant(1.0), _constant(0.0)
     low, high = PART_MISFIT
     for side in range(4):
-        rows = bins[side]
+        rows, most_q = bins[side], _constant(AGREE * usual[side])
+        for group in range(starts[side], starts[side + 1]):
+            first = int(px[group, PART]) // TOGETHER * TOGETHER
+            part, q = take(px, group, PART), least(take(px, group, Q), most_q)
+            for p in range(TOGETHER):
+                middle = _constant(first + p)
+                its = above(_constant(0.5), magnitude(part - middle), one, zero)
+                row = rows[first % PARTS + p]
+                row[0] += added(its)
+                row[1] += added(its * q)
         for part in range(PARTS):
             rows[part, 1] /= max(rows[part, 0] * usual[side], 1.0)
         for part in range(PARTS):
@@ -524,57 +513,68 @@ def trust(px, groups, usual, bins):
             if part < PARTS - 1:
                 misfit = max(misfit, rows[part + 1, 1])
             rows[part, 0] = min(max((high - misfit) / (high - low), 0.0), 1.0)
-    for i in range(groups * LANES):
-        k, z = i // LANES, i % LANES
-        part = int(px[k, z + PART])
-        if part >= 0:
-            px[k, z + TRUST] = bins[part // PARTS, part % PARTS, 0]
+        for group in range(starts[side], starts[side + 1]):
+            first = int(px[group, PART]) // TOGETHER * TOGETHER
+            part, level = take(px, group, PART), zero
+            for p in range(TOGETHER):
+                its = above(_constant(0.5), magnitude(part - _constant(first + p)), one, zero)
+                level = fma(its, _constant(rows[first % PARTS + p, 0]), level)
+            put(px, group, TRUST, level)
 
 
 @njit(cache=True, error_model='numpy')
-def side_nats(px, starts, half, blur, noise, fit, own, near, widen, m, out):
+def side_nats(px, starts, half, blur, noise, fit, own, near, widen, out):
     """Fill out (4,): log likelihood ratio that light falls at each side as E does, not steadily.
 
     Across a side light is fitted by a level, a slope and E: the glow of a lamp is all slope.
-    own (5, OWN): numbers of each side. m (4, 11): scratch. After residuals.
+    own (5, OWN): numbers of each side. After residuals.
     """
-    m[:] = 0.0
-    cs, sn = cos(fit[2]), sin(fit[2])
+    side_fit = np.empty(COLUMNS)
+    one, zero, full, close = _constant(1.0), _constant(0.0), _constant(FULL), _constant(near)
     for side in range(4):
-        row = m[side]
-        for i in range(starts[side] * LANES, starts[side + 1] * LANES):
-            k, z = i // LANES, i % LANES
-            grey = px[k, z + GREY]
-            x, y = px[k, z + A] - fit[0], px[k, z + B] - fit[1]
-            a, b = cs * x + sn * y, cs * y - sn * x
+        _of_side(fit, own[side], side_fit)
+        n = _numbers(half, blur, noise, side_fit, 0.0)
+        ground, within = _constant(fit[4]), _constant(half - near)
+        count = sd = sdd = se = sed = see = sv = svd = sve = step = noises = zero
+        for group in range(starts[side], starts[side + 1]):
+            grey = take(px, group, GREY)
+            x, y = take(px, group, A) - n.a, take(px, group, B) - n.b
+            a, b = fma(n.sn, y, n.cs * x), less(n.cs * y, n.sn, x)
             far, t = (a, b) if side % 2 == 0 else (b, a)
-            d = (far if side < 2 else -far) - half
-            if px[k, z + AREA] == 0.0 or grey > FULL or abs(d) > near or abs(t) > half - near:
-                continue
-            e = px[k, z + EDGE]  # far from the corners that of this side
-            v = grey - fit[4] - (fit[5] * a + fit[6] * b) / half
-            d /= blur
-            row[0] += 1.0
-            row[1] += d
-            row[2] += d * d
-            row[3] += e
-            row[4] += e * d
-            row[5] += e * e
-            row[6] += v
-            row[7] += v * d
-            row[8] += v * e
-            row[9] += (fit[3] + own[side, 0]) * px[k, z + LIGHT]
-            row[10] += max(noise[0] + noise[1] * grey, LEAST_VARIANCE)
-    for side in range(4):
-        n, sd, sdd, se, sed, see, sv, svd, sve, step, noises = m[side]
-        out[side] = 0.0
-        if n < 30.0:
-            continue
-        sdd -= sd * sd / n
-        sed -= se * sd / n
-        svd -= sv * sd / n
-        see -= se * se / n + sed * sed / sdd
-        sve -= sv * se / n + sed * svd / sdd
-        step /= n
-        variance = noises / n * widen / see / step**2 + 0.02
-        out[side] = (sve / see / step - 0.5) / variance
+            d = (far if side < 2 else zero - far) - n.half
+            use = above(take(px, group, AREA), zero, one, zero)
+            use = above(grey, full, zero, use)
+            use = above(magnitude(d), close, zero, use)
+            use = above(magnitude(t), within, zero, use)
+            e = take(px, group, EDGE) * use  # far from the corners that of this side
+            v = less(less(grey - ground, n.by_a, a), n.by_b, b) * use
+            d = d * n.per_blur
+            count = count + use
+            sd = fma(d, use, sd)
+            sdd = fma(d * use, d, sdd)
+            se = se + e
+            sed = fma(e, d, sed)
+            see = fma(e, e, see)
+            sv = sv + v
+            svd = fma(v, d, svd)
+            sve = fma(v, e, sve)
+            step = fma(n.gain * use, _light(px, group, a, b), step)
+            noises = fma(use, most(fma(n.n1, grey, n.n0), _constant(LEAST_VARIANCE)), noises)
+        out[side] = _nats(
+            np.float64(added(count)), added(sd), added(sdd), added(se), added(sed), added(see),
+            added(sv), added(svd), added(sve), added(step), added(noises), widen,
+        )  # fmt: skip
+
+
+@njit(cache=True, error_model='numpy')
+def _nats(n, sd, sdd, se, sed, see, sv, svd, sve, step, noises, widen):
+    if n < 30.0:
+        return 0.0
+    sdd -= sd * sd / n
+    sed -= se * sd / n
+    svd -= sv * sd / n
+    see -= se * se / n + sed * sed / sdd
+    sve -= sv * se / n + sed * svd / sdd
+    step /= n
+    variance = noises / n * widen / see / step**2 + 0.02
+    return (sve / see / step - 0.5) / variance

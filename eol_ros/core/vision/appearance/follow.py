@@ -15,9 +15,10 @@ from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
 from eol_ros.core.vision.appearance import find, fit, model, neighbours, pixels
-from eol_ros.core.vision.appearance.faces import Faces
+from eol_ros.core.vision.appearance.faces import Faces, learn_face
 from eol_ros.core.vision.appearance.model import YOUNG
 from eol_ros.core.vision.appearance.register import FOUND, register
+from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.covers import FLAT
 from eol_ros.core.vision.calibration.model import Calibration
 
@@ -65,10 +66,14 @@ class Follower:
         self.lattice = False  # whether it was ever found
         self.ambiguous = not trust_start and len(table.turns) > 1
         self._seen_s = self._sought_s = -math.inf  # when it was last in sight, and sought in vain
-        self._near = np.zeros((n, 4))
+        self._near, self._weights = (
+            np.zeros((n, 4)),
+            neighbours.weigh(table.rest, self.lengths.width),
+        )
         self._all, self._turn, self._lost, self._images = table.ids.copy(), 0, 0, 0
         self._places, self._angles = np.zeros((2, 13, 13), np.float32)
         self.changed_s = np.full(n, -math.inf)
+        self._unknown, self._close = np.zeros((2, n), bool)  # in this image; see register
         self._stood, self._stands_s = np.full((n, 2), np.nan), math.inf  # where, and since when
         # which blocks were seen since the lattice was found; when it is sought once more if not all
         self._met, self._again_s, self._pause_s = np.zeros(n, bool), math.inf, model.AGAIN_S[0]
@@ -146,22 +151,19 @@ class Follower:
     def _ahead(self, ahead_s: float) -> None:
         """Predict all blocks, `ahead_s` after the last image."""
         _predict(
-            self.blocks, self.found, self._near, self.rest, ahead_s, self.px_per_m,
-            self.lengths.width,
+            self.blocks, self.found, self._near, self.rest, self._weights, ahead_s, self.px_per_m
         )  # fmt: skip
 
     def _register(self, image: np.ndarray, which: np.ndarray, fresh: bool = False) -> None:
-        blocks = self.blocks
-        known = blocks['known'] & (not fresh)
-        self.found['expected'] = np.where(known, blocks['gain'] * self.exposure, 0)
         self._expect()
+        _ready(
+            self.blocks, self.found, fresh, self.exposure, self._images, self._unknown, self._close
+        )
         faces = self.faces
-        turn = np.arange(self.table.cells) + self._images
-        close = ~known | ~blocks['seen'] | (turn % model.CLOSELY == 0)
         register(
             image, self.packed, self.heights, self.lengths.half_side, self.blur_px, self.noise,
-            faces.light, faces.spread, ~known, close, which, self.found, faces.own, faces.own_px,
-            *self._patches,
+            faces.light, faces.spread, self._unknown, self._close, which, self.found, faces.own,
+            faces.own_px, *self._patches,
         )  # fmt: skip
 
     def _expect(self) -> None:
@@ -170,9 +172,11 @@ class Follower:
         The covers of one table fall off alike. A lamp beside a cover that nothing is known of would
         otherwise be taken for its own light.
         """
-        known, found = self.blocks['known'], self.found
         new = self.faces.looks == 0
-        if known.sum() < self.least or not new.any():
+        if not new.any():
+            return
+        known, found = self.blocks['known'], self.found
+        if known.sum() < self.least:
             return
         sides = found['usual'][known].reshape(-1, fit.OWN)
         variance = sides.var(axis=0) + found['own'][known].mean(axis=0)
@@ -182,14 +186,10 @@ class Follower:
 
     def _judge(self, which: np.ndarray, fresh: bool = False) -> np.ndarray:
         """Return those of `which` (cells,) that were found in this image."""
-        blocks, good = self.blocks, np.zeros(len(self.blocks), bool)
-        known = blocks['known']
-        clear = self.found['gain'][self.found['nats'] > model.CLEAR_NATS]
-        usual = np.median(clear) if len(clear) > self.least else 0.0
-        first = model.ACCEPT_NATS if known.sum() > self.table.count // 2 else model.FIRST_NATS
+        good = np.zeros(len(self.blocks), bool)
         _accept(
-            blocks, self.found, self._near, which, fresh, usual, first, self.px_per_m, self.lengths,
-            good,
+            self.blocks, self.found, self._near, which, fresh, self.table.count, self.least,
+            self.px_per_m, self.lengths, good,
         )  # fmt: skip
         return good
 
@@ -330,7 +330,8 @@ class Follower:
                 moved = seen[order.ravel()]
                 if left + model.MORE > len(new) or moved[~table.present].any():
                     continue
-                other = copy.deepcopy(self)
+                room = pixels.empty_patches(table.cells)  # too large to be copied
+                other = copy.deepcopy(self, {id(self._patches): room})
                 other._rename(order.ravel(), new)
                 good = other.blocks['seen'].copy()
                 for block in new:
@@ -477,59 +478,97 @@ class Follower:
 
     def _learn(self, passed_s: float) -> None:
         blocks, found, faces = self.blocks, self.found, self.faces
-        doubted = ~blocks['known'] & (blocks['evidence'] <= 0) & (faces.looks > 0)
-        for block in np.flatnonzero(doubted):
-            self._forget(int(block))  # what was looked at was none, or only part of one
-        known, seen = blocks['known'], blocks['seen']
-        moved_px = (
-            elementary.hypot(blocks['vx'], blocks['vy'])
-            * min(passed_s, model.MAX_AHEAD_S)
-            * self.px_per_m
-        )
-        # an arm over a block crosses a side: with four clear sides all light is the cover's own
-        clear = found['nats'] > model.CLEAR_NATS
-        alike = (found['visible'] > model.WHOLE) & (found['nats'] > np.where(known, 8.0, 4.0))
-        alike &= found['ring'] > 0.85
-        alike |= ~known & (found['nats'] > model.THREE_NATS)  # a lamp may light the fourth side
-        whole = seen & found['close'] & (blocks['fresh'] == 0) & (clear | alike)
-        slow = moved_px < model.LEARN_PX
-        for block in np.flatnonzero(whole & slow):
-            gain = found['gain'][block]
-            noise = max(self.noise[0] + self.noise[1] * min(gain, 255.0), model.LEAST_VARIANCE)
-            if faces.learn(int(block), noise / gain**2, bool(clear[block])):
-                self._patches[0]['starts'][block] = 0
-            # expectation maximisation (Dempster, Laird and Rubin, 1977)
-            rate, f = 1 / min(faces.looks[block], model.OWN_LOOKS), found[block]
-            f['own'] = np.clip(
-                f['own'] + rate * (f['off'] - f['own']), model.LEAST_OWN, self._most_own
-            )
-            f['usual'] += rate * (f['free'] - f['usual'])
-            f['lasting'] += rate * (f['influence'] - f['lasting'])
-            if known[block]:
-                rate = 1 / min(faces.looks[block] - YOUNG + 1, model.OWN_LOOKS)
-                misfit = np.minimum(f['side_misfit'], model.SIDE_MISFIT * f['side_usual'])
-                f['side_usual'] += rate * (misfit - f['side_usual'])
-            rate = 1 / min(faces.looks[block], 60)
-            blocks['gain'][block] += rate * (gain / self.exposure - blocks['gain'][block])
-            blocks['known'][block] = faces.looks[block] >= YOUNG
-        still = seen & (found['visible'] > model.WHOLE) & (moved_px < model.STILL_PX)
-        if (still & known).sum() >= self.least:
-            self.exposure = float(
-                np.median(found['gain'][still & known] / blocks['gain'][still & known])
-            )
+        if not blocks['known'].all():
+            doubted = ~blocks['known'] & (blocks['evidence'] <= 0) & (faces.looks > 0)
+            for block in np.flatnonzero(doubted):
+                self._forget(int(block))  # what was looked at was none, or only part of one
+        still = np.zeros(len(blocks), bool)
+        self.exposure = _learn(
+            blocks, found, faces.maps, faces.own, faces.own_px, faces.looks, self._patches[0],
+            self.noise, self._most_own, min(passed_s, model.MAX_AHEAD_S) * self.px_per_m,
+            self.exposure, self.least, still,
+        )  # fmt: skip
         self._sharpen(still)
 
     def _sharpen(self, good: np.ndarray) -> None:
         """Learn how blurred edges are, from blocks that are seen well."""
-        good = good & self.found['close'] & (self.found['wider_weight'] > 0)
-        settled = self._calibration.covers is not None and self._blur_looks >= model.BLUR_LOOKS
-        if good.sum() >= self.least and not settled:
+        if self._calibration.covers is not None and self._blur_looks >= model.BLUR_LOOKS:
+            return
+        wider = _wider(self.found, good, self.least)
+        if math.isfinite(wider):
             self._blur_looks = min(self._blur_looks + 1, 60)
-            wider = np.median(self.found['wider'][good] / self.found['wider_weight'][good])
             low, high = model.BLUR_PX
-            self.blur_px = float(
-                min(max(self.blur_px + wider / max(self._blur_looks - 3, 1), low), high)
-            )
+            self.blur_px = min(max(self.blur_px + wider / max(self._blur_looks - 3, 1), low), high)
+
+
+@njit(cache=True)
+def _ready(blocks, found, fresh, exposure, images, unknown, close):
+    """Set the gains to expect, whose face is not known, and which to look at closely."""
+    for i in range(blocks.shape[0]):
+        b = blocks[i]
+        known = b.known and not fresh
+        found[i].expected = b.gain * exposure if known else 0.0
+        unknown[i] = not known
+        close[i] = not known or not b.seen or (i + images) % model.CLOSELY == 0
+
+
+@njit(cache=True)
+def _learn(
+    blocks, found, maps, own, own_px, looks, patches, noise, most_own, px_per_mps, exposure, least,
+    still,
+):  # fmt: skip
+    """Learn the faces of blocks that are seen well; return the camera's exposure.
+
+    maps, own, own_px, looks: of Faces. px_per_mps: way in an image, px, of a block at 1 m/s. still
+    (n,): set to which of those in full view stand still.
+    """
+    gains, count = np.empty(blocks.shape[0]), 0
+    for i in range(blocks.shape[0]):
+        b, f = blocks[i], found[i]
+        moved_px = math.sqrt(b.vx * b.vx + b.vy * b.vy) * px_per_mps
+        # an arm over a block crosses a side: with four clear sides all light is the cover's own
+        clear = f.nats > model.CLEAR_NATS
+        alike = f.visible > model.WHOLE and f.nats > (8.0 if b.known else 4.0) and f.ring > 0.85
+        alike = alike or (not b.known and f.nats > model.THREE_NATS)  # a lamp lights the fourth
+        seen = b.seen and f.close and b.fresh == 0 and (clear or alike)
+        if seen and moved_px < model.LEARN_PX:
+            variance = max(noise[0] + noise[1] * min(f.gain, 255.0), model.LEAST_VARIANCE)
+            if learn_face(i, maps, own, own_px, looks, variance / f.gain**2, clear):
+                patches[i].starts[:] = 0
+            # expectation maximisation (Dempster, Laird and Rubin, 1977)
+            rate = 1 / min(looks[i], model.OWN_LOOKS)
+            for k in range(fit.OWN):
+                variance = f.own[k] + rate * (f.off[k] - f.own[k])
+                f.own[k] = min(max(variance, model.LEAST_OWN[k]), most_own[k])
+                for side in range(4):
+                    f.usual[side, k] += rate * (f.free[side, k] - f.usual[side, k])
+            for k in range(fit.INFLUENCES):
+                for j in range(3):
+                    f.lasting[k, j] += rate * (f.influence[k, j] - f.lasting[k, j])
+            if b.known:
+                rate = 1 / min(looks[i] - YOUNG + 1, model.OWN_LOOKS)
+                for side in range(4):
+                    misfit = min(f.side_misfit[side], model.SIDE_MISFIT * f.side_usual[side])
+                    f.side_usual[side] += rate * (misfit - f.side_usual[side])
+            b.gain += (f.gain / exposure - b.gain) / min(looks[i], 60.0)
+            b.known = looks[i] >= YOUNG
+        still[i] = b.seen and f.visible > model.WHOLE and moved_px < model.STILL_PX
+        if still[i] and b.known:
+            gains[count] = f.gain / b.gain
+            count += 1
+    return np.median(gains[:count]) if count >= least else exposure
+
+
+@njit(cache=True)
+def _wider(found, good, least):
+    """Return by how many px edges of the blocks `good` (n,) are wider than the blur, or NaN."""
+    wider, count = np.empty(found.shape[0]), 0
+    for i in range(found.shape[0]):
+        f = found[i]
+        if good[i] and f.close and f.wider_weight > 0.0:
+            wider[count] = f.wider / f.wider_weight
+            count += 1
+    return np.median(wider[:count]) if count >= least else math.nan
 
 
 @njit(inline='always')
@@ -539,14 +578,14 @@ def _edge_px(way_px):
 
 
 @njit(cache=True)
-def _predict(blocks, found, near, rest, ahead_s, px_per_m, width_m):
+def _predict(blocks, found, near, rest, weights, ahead_s, px_per_m):
     """Set the starts of `found` by velocity, or for blocks out of sight by their neighbours."""
     n = blocks.shape[0]
     xy, seen = np.empty((n, 2)), np.empty(n, np.bool_)
     for i in range(n):
         b = blocks[i]
         xy[i, 0], xy[i, 1], seen[i] = b.x + b.vx * ahead_s, b.y + b.vy * ahead_s, b.seen
-    neighbours.predict(rest, xy, seen, width_m, near)
+    neighbours.predict(rest, weights, xy, seen, near)
     for i in range(n):
         b, f = blocks[i], found[i]
         f.x, f.y, f.yaw = xy[i, 0], xy[i, 1], b.yaw + b.spin * ahead_s
@@ -589,12 +628,21 @@ def _enters(b, f, px_per_m):
 
 
 @njit(cache=True)
-def _accept(blocks, found, near, which, fresh, usual_gain, first_nats, px_per_m, lengths, good):
+def _accept(blocks, found, near, which, fresh, count, least, px_per_m, lengths, good):
     """Set which blocks of `which` are in sight, and the evidence of all of these.
 
-    Evidence adds up from image to image (Wald, Sequential Analysis, 1947).
+    Evidence adds up from image to image (Wald, Sequential Analysis, 1947). count: of the table's
+    blocks. least: so many clear ones tell the usual gain.
     """
     low, high = model.IMAGE_NATS
+    gains, clear, known = np.empty(len(found)), 0, 0
+    for i in range(len(found)):
+        known += blocks[i].known
+        if found[i].nats > model.CLEAR_NATS:
+            gains[clear] = found[i].gain
+            clear += 1
+    usual_gain = np.median(gains[:clear]) if clear > least else 0.0
+    first_nats = model.ACCEPT_NATS if known > count // 2 else model.FIRST_NATS
     for k in range(which.shape[0]):
         i = which[k]
         b, f = blocks[i], found[i]
@@ -659,3 +707,11 @@ def _take(blocks, found, near, good, passed_s, least_m):
                 b.right, b.up = cs * dx + sn * dy, cs * dy - sn * dx
                 b.yaw_offset = f.yaw - near[i, 2]
         b.seen = good[i]
+
+
+@njit(cache=True)
+def to_pixels(camera, xy, step_px, px):
+    """Fill px (n, 2) with the pixels of places xy (n, 2) on the table, on a grid of `step_px`."""
+    for i in range(len(xy)):
+        u, v = mapping.to_pixel(camera, xy[i, 0], xy[i, 1])
+        px[i, 0], px[i, 1] = np.rint(u / step_px) * step_px, np.rint(v / step_px) * step_px

@@ -31,7 +31,8 @@ EVERY = 3  # row and column of the pixels that are read where light does not cha
 # of printed ones, once known, 95 %: further in their light falls off in its own way
 DENSE = 2.6, 2.0
 MARGIN_PX = 0.5  # beyond that, for the rounding of a pose
-MOST_BENT_PX = 0.01  # greatest error of a block's border when its pixels are shifted
+KEPT_PX = 0.25  # a patch moves with a block that has moved or turned by more
+STALE_PX = 0.5  # and is made again for one that turned by more, or with a margin of another width
 OUTSIDE_PX = 3.0  # beyond that, for the ground around a block
 LEAST_VARIANCE = 1.0  # grey levels squared, of a pixel: what rounding and compression leave
 FULL = 250.0  # grey levels; from here a pixel may be saturated

@@ -8,25 +8,34 @@ from eol_ros.core.elementary_kernels import arctan2, exp
 
 
 @njit(cache=True)
-def predict(rest, xy, seen, width_m, out):
+def weigh(rest, width_m):
+    """Return the weights (n, n) of others: Gaussian, of standard deviation `width_m`."""
+    n = rest.shape[0]
+    weights = np.zeros((n, n))
+    for k in range(n):
+        for j in range(n):
+            if j != k:
+                dx, dy = rest[j, 0] - rest[k, 0], rest[j, 1] - rest[k, 1]
+                weights[k, j] = exp(-(dx * dx + dy * dy) / (2 * width_m**2)) + 1e-4
+    return weights
+
+
+@njit(cache=True)
+def predict(rest, weights, xy, seen, out):
     """Fill out (n, 4): x, y, turn of the lattice there, and how many others are in sight.
 
     An affine map of the rest lattice (n, 2) to the places xy (n, 2) of the others in sight, with
-    Gaussian weights of standard deviation `width_m`, drawn to a similarity by a twentieth of its
-    weight, so that blocks in one line suffice. With fewer than three in sight nothing but the
-    count is set.
+    `weights` (n, n), drawn to a similarity by a twentieth of its weight, so that blocks in one line
+    suffice. With fewer than three in sight nothing but the count is set.
     """
     n = rest.shape[0]
-    spread = 2 * width_m**2
-    weights = np.empty(n)
     for k in range(n):
         sw = mx = my = mu = mv = 0.0
         out[k, 3] = 0.0
         for j in range(n):
-            weights[j] = 0.0
             if j != k and seen[j]:
                 dx, dy = rest[j, 0] - rest[k, 0], rest[j, 1] - rest[k, 1]
-                w = weights[j] = exp(-(dx * dx + dy * dy) / spread) + 1e-4
+                w = weights[k, j]
                 sw += w
                 mx += w * dx
                 my += w * dy
@@ -38,7 +47,9 @@ def predict(rest, xy, seen, width_m, out):
         mx, my, mu, mv = mx / sw, my / sw, mu / sw, mv / sw
         sxx = syy = sxy = sxu = sxv = syu = syv = 0.0
         for j in range(n):
-            w = weights[j]
+            if j == k or not seen[j]:
+                continue
+            w = weights[k, j]
             dx, dy = rest[j, 0] - rest[k, 0] - mx, rest[j, 1] - rest[k, 1] - my
             u, v = xy[j, 0] - mu, xy[j, 1] - mv
             sxx += w * dx * dx

@@ -13,11 +13,25 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
+from eol_ros.core.lanes import (
+    above,
+    fma,
+    least,
+    less,
+    look,
+    magnitude,
+    most,
+    pluck,
+    pluck_rows,
+    put,
+    splat8,
+    take,
+    whole,
+)  # fmt: skip
 from eol_ros.core.vision.appearance.model import (
     CELLS,
     EVERY,
     LANES,
-    MOST_BENT_PX,
     MOST_PX,
     OUTSIDE_PX,
     PARTS,
@@ -26,55 +40,38 @@ from eol_ros.core.vision.appearance.model import (
 from eol_ros.core.vision.calibration.mapping import to_pixel
 from eol_ros.core.vision.outline import NONE, outside
 
-# Numbers of a pixel. Of a patch: block coordinates in px of the block's scale, pixels that it
-# stands for, brightness of the face there and its slopes, variance of the brightness, part of a
-# side (side * PARTS + part, or -1). Of an image: grey level, trust in it. Of a fit: squared
-# residual in variances, edge function, derivatives by pose (3), gain, ground (3) and the slope of a
-# side, residual, weight.
+# Numbers of a pixel. Of a patch: column and row from its middle, block coordinates in px of the
+# block's scale, pixels that it stands for, brightness of the face and its slopes (LIGHT + LIGHT_A a
+# + LIGHT_B b near the pixel), variance of the brightness, part of a side (side * PARTS + part, or
+# -1). Of an image: grey level, trust in it. Of a fit: squared residual in variances, edge function.
 (
-    A, B, AREA, LIGHT, LIGHT_A, LIGHT_B, SPREAD, PART,
-    GREY, TRUST, Q, EDGE, BY_A, BY_B, BY_TURN, BY_GAIN, BY_O, BY_OA, BY_OB, BY_SLOPE, RESIDUAL,
-    WEIGHT,
-) = range(0, 22 * LANES, LANES)  # fmt: skip
-ROWS, KEPT_ROWS = 22, 8
+    U, V, A, B, AREA, LIGHT, LIGHT_A, LIGHT_B, SPREAD, PART, GREY, TRUST, Q, EDGE,
+) = range(0, 14 * LANES, LANES)  # fmt: skip
+ROWS = 14
 CLUSTERS = 4 * PARTS // TOGETHER  # groups of side pixels with correlated errors
 GROUPS = MOST_PX // LANES + CLUSTERS + 1  # each list is padded to whole LANES
 _STEP_M = 0.03  # for derivatives of the camera's map: two thirds of half a block
 
 PATCH = np.dtype(
     [
-        ('x', 'f8'), ('y', 'f8'), ('yaw', 'f8'), ('scale', 'f8'),  # where it was made; px per m
+        ('x', 'f8'), ('y', 'f8'), ('yaw', 'f8'), ('scale', 'f8'),  # of its a and b; px per m
         ('near_px', 'f8'),  # how far from the sides every pixel is in it
-        ('map', 'f8', (12,)),  # see taylor
-        # columns and rows that the block has moved since, and the same along a, b in px
-        ('shift', 'i8', (2,)), ('offset', 'f8', (2,)),
+        ('made_yaw', 'f8'), ('middle', 'i8', 2),  # where it was made: turn, and column and row
+        ('shift', 'i8', 2),  # columns and rows that the block has moved since
         ('starts', 'i8', (6,)),  # all 0: none is kept
     ]
 )  # fmt: skip
 """One block's patch; its numbers are kept beside it."""
 
 
-@njit(inline='always')
-def span(at, slope, half, low, high):
-    """Narrow `low`, `high` to where |at + slope x| <= half."""
-    if abs(slope) < 1e-9:
-        return (low, high) if abs(at) <= half else (1.0, 0.0)
-    a, b = (-half - at) / slope, (half - at) / slope
-    return max(low, min(a, b)), min(high, max(a, b))
-
-
-@njit(cache=True)
-def empty():
-    """Return room for the pixels of one block."""
-    return np.empty((GROUPS, ROWS * LANES), np.float32)
-
-
-def empty_patches(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return room for the patches of n blocks: PATCH, numbers, and places in the image."""
+def empty_patches(n: int) -> tuple[np.ndarray, ...]:
+    """Return room for the patches of n blocks: PATCH, numbers, places in the image; and scratch."""
     return (
         np.zeros(n, PATCH),
-        np.empty((n, GROUPS, KEPT_ROWS * LANES), np.float32),
+        np.empty((n, GROUPS, ROWS * LANES), np.float32),
         np.empty((n, GROUPS * LANES), np.int32),
+        np.empty((7, GROUPS * LANES), np.float32),
+        np.empty(MOST_PX, np.int32),
     )
 
 
@@ -108,79 +105,97 @@ def scale_of(m):
     return math.sqrt(abs(m[1] * m[8] - m[2] * m[7]))
 
 
-@njit(inline='always')
-def _row_of(square, slope_a, slope_b, at_a, at_b, u0):
-    """Return the columns between which a row lies within a square of half side `square`."""
-    low, high = span(at_a, slope_a, square, -1e4, 1e4)
-    low, high = span(at_b, slope_b, square, low, high)
-    return u0 + low, u0 + high
+@njit(cache=True, error_model='numpy')
+def _row_of(square, per_a, per_b, at_a, at_b, u0):
+    """Return the first and last column of a row that lie within a square of half side `square`.
+
+    at_a, at_b: where the row crosses u0, in px along the block's axes. per_a, per_b: columns a px.
+    """
+    low = max(-abs(square * per_a) - at_a * per_a, -abs(square * per_b) - at_b * per_b)
+    high = min(abs(square * per_a) - at_a * per_a, abs(square * per_b) - at_b * per_b)
+    return int(math.ceil(u0 + low)), int(math.floor(u0 + high))
 
 
 @njit(cache=True, error_model='numpy')
-def _pick(rows, cols, m, half_m, near_px, out_px, a, b, area, at):
-    """Pick pixels of a block: u, v from its middle in a and b, and area; return their count.
+def _pick(rows, cols, m, half_m, near_px, out_px, middle, us, vs, area, at):
+    """Pick pixels of a block: columns and rows from its `middle`, and area; return their count.
 
     All within near_px of its sides; beyond that, as far as out_px, and inside every EVERY-th row
     and column. at: their places in an image of rows x cols.
     """
-    det = m[1] * m[8] - m[2] * m[7]
-    scale = scale_of(m)
-    ia, ib, ja, jb = (
-        m[8] / det * scale,
-        -m[2] / det * scale,
-        -m[7] / det * scale,
-        m[1] / det * scale,
-    )
+    scale, f, tiny = scale_of(m), np.float32, 1e-9
+    per = scale / (m[1] * m[8] - m[2] * m[7])
+    ia, ib, ja, jb = m[8] * per, -m[2] * per, -m[7] * per, m[1] * per
+    per_a = 1 / (ia if abs(ia) > tiny else tiny)
+    per_b = 1 / (ja if abs(ja) > tiny else tiny)
     half = half_m * scale
     reach = (abs(m[7]) + abs(m[8])) / scale * (half + out_px) + 1.0
     count = 0
     for v in range(max(int(m[6] - reach), 0), min(int(m[6] + reach) + 1, rows)):
-        dv = v - m[6]
-        at_a, at_b = ib * dv, jb * dv
-        sparse = v % EVERY == 0
-        far = half + (out_px if sparse else near_px)
-        low, high = _row_of(far, ia, ja, at_a, at_b, m[0])
-        near, nearly = _row_of(half + near_px, ia, ja, at_a, at_b, m[0])
-        hole, holed = _row_of(half - near_px, ia, ja, at_a, at_b, m[0])
-        u, stop = max(int(math.ceil(low)), 0), min(int(math.floor(high)), cols - 1)
-        while u <= stop and count < MOST_PX:
-            stands_for = 1.0
-            inside = hole < u < holed
-            if inside and not sparse:
-                u = int(holed) + 1
-                continue
-            if inside or u < near or u > nearly:
-                if u % EVERY:
-                    after = u + EVERY - u % EVERY
-                    if u < near:
-                        after = min(after, int(math.ceil(near)))
-                    elif inside:
-                        after = min(after, int(math.ceil(holed)))
-                    u = max(after, u + 1)
+        at_a, at_b = ib * (v - m[6]), jb * (v - m[6])
+        near, nearly = _row_of(half + near_px, per_a, per_b, at_a, at_b, m[0])
+        near, nearly = max(near, 0), min(nearly, cols - 1)
+        first, last = near, nearly
+        if v % EVERY == 0:
+            first, last = _row_of(half + out_px, per_a, per_b, at_a, at_b, m[0])
+            first, last = max(first, 0), min(last, cols - 1)
+            if near > nearly:
+                near, nearly = last + 1, last
+        hole, holed = _row_of(half - near_px, per_a, per_b, at_a, at_b, m[0])
+        if hole > holed:
+            hole, holed = nearly + 1, nearly
+        if count + last - first >= MOST_PX:
+            break
+        for part in range(5):  # sparse, dense, sparse inside, dense, sparse
+            if part == 0:
+                begin, end = first, near
+            elif part == 1:
+                begin, end = near, min(hole, nearly + 1)
+            elif part == 2:
+                begin, end = hole, holed + 1
+            elif part == 3:
+                begin, end = max(holed + 1, near), nearly + 1
+            else:
+                begin, end = nearly + 1, last + 1
+            step, stands_for = 1, f(1.0)
+            if part % 2 == 0:
+                if v % EVERY:
                     continue
-                stands_for = float(EVERY * EVERY)
-            a[count], b[count], area[count] = u - m[0], dv, stands_for
-            at[count] = v * cols + u
-            count += 1
-            u += 1
+                step, stands_for = EVERY, f(EVERY * EVERY)
+                begin += -begin % EVERY
+            for u in range(begin, end, step):
+                us[count], vs[count], area[count] = u - middle[0], v - middle[1], stands_for
+                at[count] = v * cols + u
+                count += 1
     return count
 
 
-@njit(cache=True, inner=True, fastmath=True, error_model='numpy')
-def _place(m, count, a, b):
-    """Turn u, v in a and b into block coordinates, in px of the block's scale."""
-    f, scale = np.float32, scale_of(m)
-    det, s2 = m[1] * m[8] - m[2] * m[7], scale * scale
-    ia, ib = f(m[8] / det * scale), f(-m[2] / det * scale)
-    ja, jb = f(-m[7] / det * scale), f(m[1] / det * scale)
-    qa, qb, qc = f(m[3] / s2), f(m[4] / s2), f(m[5] / s2)
-    ra, rb, rc = f(m[9] / s2), f(m[10] / s2), f(m[11] / s2)
-    for i in range(count):
-        du, dv = a[i], b[i]
-        p, q = ia * du + ib * dv, ja * du + jb * dv
-        du -= p * (qa * p + qb * q) + q * qc * q
-        dv -= p * (ra * p + rb * q) + q * rc * q
-        a[i], b[i] = ia * du + ib * dv, ja * du + jb * dv
+@njit(cache=True, inner=True, forceinline=True)
+def _all(number):
+    return splat8(np.float32(number))
+
+
+@njit(cache=True, inner=True, forceinline=True)
+def _map(m, u, v):
+    """Return what _place needs: of derivatives m, for pixels that count from column u and row v."""
+    scale = scale_of(m)
+    per, s2 = scale / (m[1] * m[8] - m[2] * m[7]), scale * scale
+    return (
+        _all(u - m[0]), _all(v - m[6]),
+        _all(m[8] * per), _all(-m[2] * per), _all(-m[7] * per), _all(m[1] * per),
+        _all(m[3] / s2), _all(m[4] / s2), _all(m[5] / s2),
+        _all(m[9] / s2), _all(m[10] / s2), _all(m[11] / s2),
+    )  # fmt: skip
+
+
+@njit(cache=True, inner=True, forceinline=True)
+def _place(u, v, by):
+    """Return block coordinates, in px of the block's scale."""
+    u, v = u + by[0], v + by[1]
+    p, q = fma(by[2], u, by[3] * v), fma(by[4], u, by[5] * v)
+    u = less(less(u, p, fma(by[6], p, by[7] * q)), q * q, by[8])
+    v = less(less(v, p, fma(by[9], p, by[10] * q)), q * q, by[11])
+    return fma(by[2], u, by[3] * v), fma(by[4], u, by[5] * v)
 
 
 @njit(cache=True, error_model='numpy')
@@ -202,24 +217,29 @@ def _flatten(count, half, near_px, table, sense, a, b, area):
             b[n] -= d if side == 1 else -d
 
 
-@njit(cache=True, error_model='numpy')
-def _sort(count, half, near_px, room, picked, px, at, starts):
+@njit(cache=True, inner=True)
+def _name(count, half, near_px, room):
+    """Set the part of a side at which each picked pixel lies, or -1."""
+    zero, one, most_part = _all(0.0), _all(1.0), _all(PARTS - 1)
+    for n in range(0, count, LANES):
+        a, b, area = take(room, 2, n), take(room, 3, n), take(room, 4, n)
+        far_a, far_b = magnitude(a), magnitude(b)
+        side_a, side_b = above(a, zero, zero, _all(2.0)), above(b, zero, one, _all(3.0))
+        side, t = above(far_a, far_b, side_a, side_b), above(far_a, far_b, b, a)
+        p = most(least((t + _all(half)) * _all(PARTS / (2 * half)), most_part), zero)
+        part = fma(side, _all(PARTS), whole(p))
+        part = above(_all(half - near_px), most(far_a, far_b), zero - one, part)
+        put(room, 5, n, above(area, one, zero - one, part))
+
+
+@njit(cache=True, inner=True)
+def _sort(count, room, picked, px, at, starts):
     """Put picked pixels into px and at, by the part of a side at which they lie."""
-    f = np.float32
-    a, b, area, part = room[0], room[1], room[2], room[3]
-    one, per_part, within = f(1.0), f(PARTS / (2 * half)), f(half - near_px)
+    us, vs, a, b, area, part, order = room
     ends = np.zeros(CLUSTERS + 1, np.int64)  # the last: pixels apart from the sides
     for n in range(count):
-        side, far, t = side_of(a[n], b[n])
-        part[n] = -1.0
-        if area[n] == f(0.0):
-            continue
-        if area[n] == one and far >= within:
-            p = side * PARTS + min(max(int((t + half) * per_part), 0), PARTS - 1)
-            part[n] = p
-            ends[p // TOGETHER] += 1
-        else:
-            ends[CLUSTERS] += 1
+        if area[n] > np.float32(0.0):
+            ends[CLUSTERS if part[n] < 0 else int(part[n]) // TOGETHER] += 1
     first, per_side = 0, CLUSTERS // 4
     for s in range(CLUSTERS + 1):
         if s % per_side == 0:
@@ -227,52 +247,58 @@ def _sort(count, half, near_px, room, picked, px, at, starts):
         first, ends[s] = first + (ends[s] + LANES - 1) // LANES, first * LANES
     starts[5] = first
     for n in range(count):
-        if area[n] == f(0.0):
-            continue
-        s = CLUSTERS if part[n] < 0 else int(part[n]) // TOGETHER
-        k, z = ends[s] // LANES, ends[s] % LANES
-        px[k, z + A], px[k, z + B] = a[n], b[n]
-        px[k, z + AREA], px[k, z + PART] = area[n], part[n]
-        at[ends[s]] = picked[n]
-        ends[s] += 1
-    for s in range(CLUSTERS + 1):
-        while ends[s] % LANES:
-            k, z = ends[s] // LANES, ends[s] % LANES
-            for r in range(KEPT_ROWS):
-                px[k, z + r * LANES] = 0.0
-            px[k, z + PART], at[ends[s]] = -1.0, -1
+        if area[n] > np.float32(0.0):
+            s = CLUSTERS if part[n] < 0 else int(part[n]) // TOGETHER
+            order[ends[s]], at[ends[s]] = n, picked[n]
             ends[s] += 1
+    for s in range(CLUSTERS + 1):
+        for n in range(ends[s], (ends[s] + LANES - 1) // LANES * LANES):
+            order[n], at[n] = order[n - 1], at[n - 1]
+    for group in range(first):
+        its = take(room, 6, group * LANES)
+        put(px, group, U, pluck(us, its))
+        put(px, group, V, pluck(vs, its))
+        put(px, group, A, pluck(a, its))
+        put(px, group, B, pluck(b, its))
+        put(px, group, AREA, pluck(area, its))
+        put(px, group, PART, pluck(part, its))
+    for s in range(CLUSTERS + 1):
+        for n in range(ends[s], (ends[s] + LANES - 1) // LANES * LANES):
+            px[n // LANES, n % LANES + AREA], px[n // LANES, n % LANES + PART] = 0.0, -1.0
 
 
-@njit(cache=True, error_model='numpy')
-def shade(px, groups, half, light, spread, flat):
-    """Set what the face (CELLS, CELLS) says of each pixel.
+@njit(cache=True, inner=True)
+def shade(px, groups, half, light, spread, flat, cells):
+    """Set what the face (CELLS, CELLS) says of each pixel. cells ((CELLS - 1)^2, 4): scratch.
 
     Where a cover is not flat its light does not move with its sides: slopes are 0.
     """
-    f = np.float32
-    per_cell, least = f(CELLS / (2 * half)), f(0.05)
-    mid, low, high = f(CELLS / 2 - 0.5), f(-0.5), f(CELLS - 0.5)
-    cells = np.empty(((CELLS - 1) * (CELLS - 1), 5), np.float32)  # bilinear in each: one load
-    for j in range(CELLS - 1):
-        for i in range(CELLS - 1):
-            c = cells[j * (CELLS - 1) + i]
+    n, spreads = CELLS - 1, spread.reshape(-1)
+    for j in range(n):
+        for i in range(n):  # bilinear
+            c = cells[j * n + i]
             c[0], c[1] = light[j, i], light[j, i + 1] - light[j, i]
             c[2] = light[j + 1, i] - light[j, i]
             c[3] = light[j + 1, i + 1] - light[j + 1, i] - c[1]
-            c[4] = spread[j, i]
-    for n in range(groups * LANES):
-        k, z = n // LANES, n % LANES
-        p = min(max(px[k, z + A] * per_cell + mid, low), high)
-        q = min(max(px[k, z + B] * per_cell + mid, low), high)
-        i, j = min(max(int(p), 0), CELLS - 2), min(max(int(q), 0), CELLS - 2)
-        fp, fq = p - f(i), q - f(j)
-        c = cells[j * (CELLS - 1) + i]
-        by_p, by_q = c[1] + fq * c[3], c[2] + fp * c[3]
-        px[k, z + LIGHT] = max(c[0] + fp * c[1] + fq * by_q, least)
-        px[k, z + LIGHT_A] = by_p * per_cell if flat else f(0.0)
-        px[k, z + LIGHT_B] = by_q * per_cell if flat else f(0.0)
-        px[k, z + SPREAD] = c[4]
+    middle, last, zero = _all(CELLS / 2 - 0.5), _all(CELLS - 2), _all(0.0)
+    per_cell, low, high = _all(CELLS / (2 * half)), _all(-0.5), _all(CELLS - 0.5)
+    slope = _all(CELLS / (2 * half) if flat else 0.0)
+    for group in range(groups):
+        a, b = take(px, group, A), take(px, group, B)
+        p = least(most(fma(a, per_cell, middle), low), high)
+        q = least(most(fma(b, per_cell, middle), low), high)
+        i, j = whole(least(most(p, zero), last)), whole(least(most(q, zero), last))
+        level, by_p, by_q, both = pluck_rows(cells, fma(j, _all(n), i))
+        p, q = p - i, q - j
+        level = fma(by_p, p, level)
+        by_q = fma(both, p, by_q)
+        level, by_p = fma(by_q, q, level), fma(both, q, by_p)
+        by_p, by_q = by_p * slope, by_q * slope
+        level = most(level, _all(0.05))
+        put(px, group, LIGHT, less(less(level, by_p, a), by_q, b))
+        put(px, group, LIGHT_A, by_p)
+        put(px, group, LIGHT_B, by_q)
+        put(px, group, SPREAD, pluck(spreads, fma(j, _all(CELLS), i)))
 
 
 @njit(inline='always')
@@ -284,71 +310,65 @@ def side_of(a, b):
 
 
 @njit(cache=True, inner=True)
-def gather(rows, cols, m, half_m, near_px, out_px, table, sense, px, at, starts):
-    """Fill px, at and starts for a block with derivatives m (12,).
+def gather(rows, cols, m, half_m, near_px, out_px, table, sense, patch, px, at, room, picked):
+    """Fill a patch, px and at for a block with derivatives m (12,).
 
     table: of outline.tabulate for covers in relief, with 0 first for flat ones. sense: -1 for a
-    mirror image, else 1.
+    mirror image, else 1. room, picked: scratch, see empty_patches.
     """
-    room, picked = np.empty((4, MOST_PX), np.float32), np.empty(MOST_PX, np.int32)
-    half, reach = half_m * scale_of(m), 0.0
+    half, reach, middle = half_m * scale_of(m), 0.0, patch.middle
+    middle[0], middle[1] = round(m[0]), round(m[6])
+    patch.shift[:] = 0
     if table[0] > 0.0:
         for k in range(1, table.shape[0]):
             if table[k] != NONE:
                 reach = max(reach, abs(table[k]))
+    us, vs, a, b, area, _part, _order = room
     count = _pick(
-        rows, cols, m, half_m, near_px + reach, out_px + reach, room[0], room[1], room[2], picked
+        rows, cols, m, half_m, near_px + reach, out_px + reach, middle, us, vs, area, picked
     )
-    _place(m, count, room[0], room[1])
+    by = _map(m, middle[0], middle[1])
+    for n in range(0, count, LANES):
+        x, y = _place(take(room, 0, n), take(room, 1, n), by)
+        put(room, 2, n, x)
+        put(room, 3, n, y)
     if table[0] > 0.0:
-        _flatten(count, half, near_px + reach, table, sense, room[0], room[1], room[2])
-    _sort(count, half, near_px, room, picked, px, at, starts)
-
-
-@njit(cache=True, inner=True)
-def copy(source, groups, to):
-    """Copy a patch, four numbers at a time: a compiler that may not reorder does no better."""
-    for group in range(groups):
-        row, out = source[group], to[group]
-        for i in range(0, KEPT_ROWS * LANES, 4):
-            a, b, c, d = row[i], row[i + 1], row[i + 2], row[i + 3]
-            out[i], out[i + 1], out[i + 2], out[i + 3] = a, b, c, d
+        _flatten(count, half, near_px + reach, table, sense, a, b, area)
+    _name(count, half, near_px, room)
+    _sort(count, room, picked, px, at, patch.starts)
 
 
 @njit(cache=True, inner=True)
 def read(image, at, shift, groups, px):
     """Read the grey levels of a patch from an image (h, w), `shift` columns and rows further.
 
-    Set the trust of its pixels to 1.
+    Set the trust of its pixels to 1, and of what fills its lists to 0.
     """
-    flat, f, zero, one = image.reshape(-1), np.float32, np.float32(0.0), np.float32(1.0)
-    by = shift[1] * image.shape[1] + shift[0]
+    flat, by = image.reshape(-1), shift[1] * image.shape[1] + shift[0]
+    zero, one = splat8(np.float32(0.0)), splat8(np.float32(1.0))
     for group in range(groups):
-        for i in range(LANES):
-            where = at[group * LANES + i]
-            px[group, GREY + i] = f(flat[max(where + by, 0)])
-            px[group, TRUST + i] = zero if where < 0 else one
+        put(px, group, GREY, look(flat, at, group * LANES, by))
+        put(px, group, TRUST, above(take(px, group, AREA), zero, one, zero))
 
 
 @njit(cache=True, inner=True)
-def shift(patch, u, v, rows, cols, half):
-    """Shift a patch by whole pixels to the place nearest to u, v; return whether that is possible.
+def move(patch, m, half, rows, cols, px):
+    """Move a patch to a block with derivatives m (12,); return whether all of it is in the image.
 
-    The curvature of the camera's map must displace its border by at most MOST_BENT_PX, and all
-    pixels must be in the image before and after. half: half a side, px.
+    It must be there before, too.
     """
-    m, du, dv = patch.map, round(u - patch.map[0]), round(v - patch.map[6])
-    if du == 0 and dv == 0:
-        patch.shift[:], patch.offset[:] = 0, 0.0
-        return True
-    bent = abs(m[3]) + abs(m[4]) + abs(m[5]) + abs(m[9]) + abs(m[10]) + abs(m[11])
-    if 2 * bent / patch.scale**2 * max(abs(du), abs(dv)) * half > MOST_BENT_PX:
-        return False
-    reach = 1.6 * (half + patch.near_px + OUTSIDE_PX)  # above the half diagonal of the square
-    for at, most in ((m[0], cols), (m[0] + du, cols), (m[6], rows), (m[6] + dv, rows)):
-        if at < reach or at > most - 1 - reach:
-            return False
-    a, b = np.full(1, du, np.float32), np.full(1, dv, np.float32)
-    _place(m, 1, a, b)
-    patch.shift[0], patch.shift[1], patch.offset[0], patch.offset[1] = du, dv, a[0], b[0]
+    u, v = round(m[0]), round(m[6])
+    reach = 1.6 * (half + patch.near_px + OUTSIDE_PX)  # above the half diagonal
+    if u != patch.middle[0] or v != patch.middle[1]:
+        for at, end in (
+            (patch.middle[0], cols), (u, cols), (patch.middle[1], rows), (v, rows),
+        ):  # fmt: skip
+            if at < reach or at > end - 1 - reach:
+                return False
+    patch.shift[0], patch.shift[1] = u - patch.middle[0], v - patch.middle[1]
+    by = _map(m, u, v)
+    for group in range(patch.starts[5]):
+        x, y = _place(take(px, group, U), take(px, group, V), by)
+        put(px, group, A, x)
+        put(px, group, B, y)
     return True

@@ -8,12 +8,16 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import arctan2, cos, sin
+from eol_ros.core.lanes import above, added, fma, least, most, splat8, take
 from eol_ros.core.vision import outline
 from eol_ros.core.vision.appearance import faces, fit, pixels
 from eol_ros.core.vision.appearance import model as m
 from eol_ros.core.vision.appearance.model import LANES
 from eol_ros.core.vision.appearance.pixels import AREA, EDGE, GREY, SPREAD, Q
 from eol_ros.core.vision.calibration import mapping
+
+MADE, MOVED, SAME = range(3)  # what became of a patch
+_0, _HALF, _1 = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 
 FOUND = np.dtype(
     [
@@ -51,7 +55,7 @@ FOUND = np.dtype(
 @njit(cache=True)
 def register(
     image, c, heights, half_m, blur_px, noise, light, spread, fresh, close, which, found, own,
-    own_px, patches, kept, places,
+    own_px, patches, kept, places, picks, picked,
 ):  # fmt: skip
     """Fit the blocks `which` (k,) to an image, from the start that `found` (n,) holds.
 
@@ -60,19 +64,18 @@ def register(
     light, spread (n, CELLS, CELLS): their faces. fresh (n,): whether to take the face from this
     image. close (n,): whether to look closely, at sides and brightness; else these stay as they
     were found last. own, own_px: see Faces.
-    patches, kept, places: of pixels.empty_patches(n), from image to image.
+    patches, kept, places, picks, picked: of pixels.empty_patches(n), from image to image.
     """
-    room, px, table = _room(), pixels.empty(), np.zeros(outline.SIZE, np.float32)
+    room, table = _room(), np.zeros(outline.SIZE, np.float32)
     flat = heights.shape[0] == 0
     for k in range(which.shape[0]):
         n = which[k]
-        f, patch = found[n], patches[n]
+        f, patch, px = found[n], patches[n], kept[n]
         x, y = f.x, f.y
         camera = image, c, heights, n, half_m, blur_px, noise, table, flat
         looks = light[n], spread[n], fresh[n], own[n], own_px[n]
-        settled, judged, widen, without = _fit(
-            camera, looks, f, patch, kept[n], places[n], px, room
-        )
+        at = places[n], picks, picked
+        settled, judged, fitted, without = _fit(camera, looks, f, patch, at, px, room)
         f.visible = f.ring = f.ratio = 0.0
         if not settled:
             f.nats = f.wider_weight = 0.0
@@ -88,12 +91,11 @@ def register(
         f.close = close[n] or _unlike(f)
         _tell(f, patch, half, room)
         moved_px = math.sqrt((f.x - x) ** 2 + (f.y - y) ** 2) * patch.scale
-        _tell_sigma(f, patch, moved_px, without, px, room)
+        _tell_sigma(f, patch, moved_px, without, (half, blur_px, noise), fitted, px, room)
         if f.close:
             near = min(3.5 * blur_px + 1.0, half / 2)
             fit.side_nats(
-                px, patch.starts, half, blur_px, noise, room.z, room.own, near, widen,
-                room.side_sums, room.sides,
+                px, patch.starts, half, blur_px, noise, room.z, room.own, near, widen, room.sides
             )  # fmt: skip
             f.weakest, f.nats = room.sides.min(), 0.0
             for i in range(4):
@@ -110,8 +112,8 @@ def register(
 
 Room = namedtuple(
     'Room',
-    'z own equations kept work prior towards own_prior rows sums matrix bins few'
-    ' side_sums sides usual at its_own',
+    'z own equations kept work prior towards own_prior sums matrix bins few sides usual at its_own'
+    ' map cells',
 )
 
 
@@ -122,10 +124,11 @@ def _room():
     return Room(
         np.zeros(n), np.zeros((5, own)), np.empty((5, n, n + 1)), np.zeros((5, own, 11)),
         np.empty((n, 11)), np.zeros(n), np.zeros(n), np.empty(own),
-        np.empty((fit.COLUMNS + 3, pixels.GROUPS * LANES), np.float32),
-        np.empty(fit.SUMS + fit.COLUMNS), np.empty((fit.COLUMNS, fit.COLUMNS + 1)),
-        np.empty((4, m.PARTS, 2)), np.empty(m.MOST_PX, np.float32),
-        np.empty((4, 11)), np.empty(4), np.empty(4), np.empty(n), np.empty((5, own)),
+        np.empty((fit.SUMS + fit.COLUMNS, LANES), np.float32),
+        np.empty((fit.COLUMNS, fit.COLUMNS + 1)),
+        np.empty((4, m.PARTS, 2)), np.empty(m.MOST_PX, np.float32), np.empty(4), np.empty(4),
+        np.empty(n), np.empty((5, own)), np.empty(12),
+        np.empty(((m.CELLS - 1) ** 2, 4), np.float32),
     )  # fmt: skip
 
 
@@ -136,7 +139,7 @@ def _unlike(f):
 
 
 @njit(cache=True, inner=True)
-def _fit(camera, looks, f, patch, kept, at, px, room):
+def _fit(camera, looks, f, patch, at, px, room):
     """Fit one block from the pose of f.
 
     Returns whether that can be done, whether it converged, by how much residuals exceed their
@@ -147,6 +150,7 @@ def _fit(camera, looks, f, patch, kept, at, px, room):
     face, spread, fresh, own_face, own_px = looks
     z, own, work, starts = room.z, room.own, room.work, patch.starts
     half, judged, widen, odd, without = 1.0, False, 1.0, False, -1
+    began = 0.0, 0.0, 0.0  # the pose from which pixels were gathered
     whole = False  # whether the last step was of every one of these pixels, as judging needs
     dense = m.DENSE[0 if flat or fresh else 1]
     doubtful = not fresh and _unlike(f)
@@ -154,37 +158,37 @@ def _fit(camera, looks, f, patch, kept, at, px, room):
     sigma_px = m.JUDGED_PX if rests else f.start_px
     for it in range(m.ROUNDS):
         renew = fresh and (it == 2 or it == 4)
-        moved = math.sqrt(z[0] ** 2 + z[1] ** 2) + abs(z[2]) * half
+        moved = math.sqrt((z[0] - began[0]) ** 2 + (z[1] - began[1]) ** 2)
+        moved += abs(z[2] - began[2]) * half
         if it == 0 or renew or moved > max(0.5 * sigma_px, 1.0):
             whole = False
             near = dense * blur_px + m.MARGIN_PX + 0.5 * min(max(sigma_px, 0.7), 5.0)
-            keep = not fresh and it == 0 and _lies_in(patch, c, f, half_m, near, image.shape, flat)
-            if keep:
-                pixels.copy(kept, starts[5], px)
-            else:
-                _gather(image, c, heights, n, half_m, near, table, f, patch, px, at)
+            kept = MADE
+            if not fresh and it == 0:
+                kept = _lies_in(patch, c, f, half_m, near, image.shape, flat, px, room)
+            if kept == MADE:
+                _gather(image, c, heights, n, half_m, near, table, f, patch, px, at, room)
             if starts[5] < 8:
                 return False, False, widen, without
             half = half_m * patch.scale
-            if not keep:
-                pixels.shade(px, starts[5], half, face, spread, flat)
-            pixels.read(image, at, patch.shift, starts[5], px)
+            if kept != SAME:
+                pixels.shade(px, starts[5], half, face, spread, flat, room.cells)
+            pixels.read(image, at[0], patch.shift, starts[5], px)
             _from_patch(patch, f, z)
+            began = z[0], z[1], z[2]
             if it == 0:
                 _levels(px, starts[5], half, blur_px, f, room)
             if renew:
                 faces.brightness(px, starts[5], half, blur_px, z, own_face, own_px)
                 face = own_face[0]
                 faces.fill(face, own_px, 1.0)
-                pixels.shade(px, starts[5], half, face, spread, flat)
-            elif not keep:
-                pixels.copy(px, starts[5], kept)
+                pixels.shade(px, starts[5], half, face, spread, flat, room.cells)
         if begins:
             fit.all_residuals(px, starts, 4, half, blur_px, noise, z, own, sigma_px**2)
             widen = fit.widen_of(px, starts, 4, m.WIDEN, room.few)
         elif doubtful and sigma_px < 1.0 and not (odd and without < 0):
             fit.all_residuals(px, starts, 1, half, blur_px, noise, z, own, sigma_px**2)
-            fit.trust(px, starts[4], _usual(f, widen, room), room.bins)
+            fit.trust(px, starts, _usual(f, widen, room), room.bins)
             if it > 3 and whole:
                 _judge(px, starts, noise, z, widen, f)
                 if f.visible < m.HOPELESS:
@@ -193,7 +197,7 @@ def _fit(camera, looks, f, patch, kept, at, px, room):
         whole = not begins or rests or it == m.ROUNDS - 1
         fit.all_equations(
             px, starts, 1 if whole else 2, half, blur_px, noise, z, own, f.usual,
-            room.own_prior, sigma_px**2, widen, (room.rows, room.sums, room.matrix), room.kept,
+            room.own_prior, sigma_px**2, widen, (room.sums, room.matrix), room.kept,
             room.equations,
         )  # fmt: skip
         if odd and without < 0:
@@ -285,7 +289,7 @@ def _free(px, starts, half, blur_px, noise, widen, without, flat, f, room):
         room.own_prior[i] = 1.0 / (most[i] * gain**2)
     fit.all_equations(
         px, starts, 1, half, blur_px, noise, room.z, own, common, room.own_prior, f.edge_px**2,
-        widen, (room.rows, room.sums, room.matrix), room.kept, room.equations,
+        widen, (room.sums, room.matrix), room.kept, room.equations,
     )  # fmt: skip
     if not fit.solve(room.equations, without, room.prior, room.towards, room.work):
         return
@@ -296,7 +300,7 @@ def _free(px, starts, half, blur_px, noise, widen, without, flat, f, room):
 
 
 @njit(cache=True, inner=True)
-def _tell_sigma(f, patch, moved_px, without, px, room):
+def _tell_sigma(f, patch, moved_px, without, lens, widen, px, room):
     """Set the standard deviations of f.
 
     Those of the noise alone, times what residuals say, which is looked at closely where the block
@@ -304,7 +308,11 @@ def _tell_sigma(f, patch, moved_px, without, px, room):
     """
     place, turn = (room.work[0, 8] + room.work[1, 9]) / 2, room.work[2, 10]
     if f.close or moved_px**2 > 4 * place * f.more[0]:
-        by = fit.covariance(px, patch.starts, without, room.kept, room.work, f.lasting, f.influence)
+        half, blur_px, noise = lens
+        by = fit.covariance(
+            px, patch.starts, without, half, blur_px, noise, room.z, room.own, f.edge_px**2, widen,
+            room.kept, room.work, f.lasting, f.influence,
+        )  # fmt: skip
         f.more[0], f.more[1] = max(by[0] / (2 * place), 1.0), max(by[1] / turn, 1.0)
     beside = m.BESIDE if without >= 0 or _unlike(f) or f.more[0] > m.UNEVEN else 1.0
     f.sigma_m = beside * math.sqrt(place * f.more[0]) / patch.scale
@@ -312,49 +320,45 @@ def _tell_sigma(f, patch, moved_px, without, px, room):
 
 
 @njit(cache=True, inner=True)
-def _lies_in(patch, c, f, half_m, near, shape, flat):
-    """Return whether the stored patch can be used to fit a block at the start of f.
+def _lies_in(patch, c, f, half_m, near, shape, flat, px, room):
+    """Return whether the stored patch is that of a block at the start of f, or move it there.
 
-    A patch is shifted by whole pixels, except for covers in relief: their appearance changes.
+    MADE: it must be made again. So it is for covers in relief, which change from place to place.
     """
-    if patch.starts[5] == 0 or not -0.1 < patch.near_px - near < 0.5:
-        return False
     half = half_m * patch.scale
-    if abs(f.yaw - patch.yaw) * half > 0.5:
-        return False
-    u, v = mapping.to_pixel(c, f.x, f.y)
-    can = pixels.shift(patch, u, v, shape[0], shape[1], half)
-    return can and (flat or (patch.shift[0] == 0 and patch.shift[1] == 0))
+    if patch.starts[5] == 0 or not -0.1 < patch.near_px - near < m.STALE_PX:
+        return MADE
+    if abs(f.yaw - patch.made_yaw) * half > m.STALE_PX:
+        return MADE
+    far_px = math.sqrt((f.x - patch.x) ** 2 + (f.y - patch.y) ** 2) * patch.scale
+    if far_px < m.KEPT_PX and abs(f.yaw - patch.yaw) * half < m.KEPT_PX:
+        return SAME
+    if not flat:
+        return SAME if far_px < 0.7 else MADE
+    pixels.taylor(c, f.x, f.y, f.yaw, room.map)
+    if not pixels.move(patch, room.map, half, shape[0], shape[1], px):
+        return MADE
+    patch.x, patch.y, patch.yaw, patch.scale = f.x, f.y, f.yaw, pixels.scale_of(room.map)
+    return MOVED
 
 
 @njit(cache=True, inner=True)
-def _gather(image, c, heights, n, half_m, near, table, f, patch, px, at):
+def _gather(image, c, heights, n, half_m, near, table, f, patch, px, at, room):
     """Make a patch for the block n at f."""
-    d = patch.map
+    d = room.map
     pixels.taylor(c, f.x, f.y, f.yaw, d)
-    patch.shift[:], patch.offset[:] = 0, 0.0
     patch.x, patch.y, patch.yaw, patch.scale = f.x, f.y, f.yaw, pixels.scale_of(d)
-    patch.near_px = near
+    patch.near_px, patch.made_yaw = near, f.yaw
     table[0] = 0.0
     if heights.shape[0]:
         theta = arctan2(-d[7], d[1])
         outline.tabulate(
             c, heights[n], d[0], d[6], theta, half_m * patch.scale, table, outline.SHINE_PX, False,
         )  # fmt: skip
-    rows, cols = image.shape
     pixels.gather(
-        rows,
-        cols,
-        d,
-        half_m,
-        near,
-        near + m.OUTSIDE_PX,
-        table,
-        c[mapping.SENSE],
-        px,
-        at,
-        patch.starts,
-    )
+        image.shape[0], image.shape[1], d, half_m, near, near + m.OUTSIDE_PX, table,
+        c[mapping.SENSE], patch, px, at[0], at[1], at[2],
+    )  # fmt: skip
 
 
 @njit(cache=True)
@@ -362,7 +366,7 @@ def _from_patch(patch, f, z):
     """Set the pose of z from that of f."""
     cs, sn = cos(patch.yaw), sin(patch.yaw)
     dx, dy = (f.x - patch.x) * patch.scale, (f.y - patch.y) * patch.scale
-    z[0], z[1] = cs * dx + sn * dy - patch.offset[0], cs * dy - sn * dx - patch.offset[1]
+    z[0], z[1] = cs * dx + sn * dy, cs * dy - sn * dx
     z[2] = f.yaw - patch.yaw
 
 
@@ -388,9 +392,8 @@ def _step(work, half, z):
 def _to_table(z, patch, f):
     """Set the pose of f from that of z."""
     cs, sn = cos(patch.yaw), sin(patch.yaw)
-    a, b = z[0] + patch.offset[0], z[1] + patch.offset[1]
-    f.x = patch.x + (cs * a - sn * b) / patch.scale
-    f.y = patch.y + (sn * a + cs * b) / patch.scale
+    f.x = patch.x + (cs * z[0] - sn * z[1]) / patch.scale
+    f.y = patch.y + (sn * z[0] + cs * z[1]) / patch.scale
     f.yaw = patch.yaw + z[2]
 
 
@@ -446,35 +449,39 @@ def _usual(f, widen, room):
     return room.usual
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _judge(px, starts, noise, z, widen, f):
-    """Set visible, ring, ratio, misfit and side_misfit of f, from every third pixel."""
-    agree = area = ratio = chi = n = ring = ringed = 0.0
-    gain2, ground = z[3] ** 2, z[4]
-    for side in range(4):
-        f.side_misfit[side] = _mean(px, starts[side], starts[side + 1], 3, 1.0)
-    for i in range(0, starts[5] * LANES, 3):
-        k, lane = i // LANES, i % LANES
-        part = px[k, lane + AREA]
-        if part == 0.0:
-            continue
-        q = min(px[k, lane + Q] / widen, m.AGREE)
-        good = q < m.AGREE
-        if good:
-            chi += q
-            n += 1.0
-        if px[k, lane + EDGE] > 0.5:
-            area += part
-            if good:
-                agree += part
-            grey = px[k, lane + GREY]
-            s2 = max(noise[0] + noise[1] * grey, m.LEAST_VARIANCE)
-            s2 = widen * (s2 + gain2 * px[k, lane + SPREAD])
-            ratio += part * (min((grey - ground) ** 2 / s2, m.AGREE) - q) / 2
-        elif part == 1.0:
-            ring += 1.0
-            if good:
-                ringed += 1.0
-    area = max(area, 1.0)
-    f.visible, f.ring, f.ratio = agree / area, ringed / max(ring, 1.0), ratio / area
-    f.misfit = chi / max(n, 1.0) * widen
+    """Set visible, ring, ratio, misfit and side_misfit of f, from all pixels."""
+    zero, one, half, agree = splat8(_0), splat8(_1), splat8(_HALF), splat8(np.float32(m.AGREE))
+    per_widen, ground = splat8(np.float32(1.0 / widen)), splat8(np.float32(z[4]))
+    gain2, n0 = splat8(np.float32(z[3] ** 2)), splat8(np.float32(noise[0]))
+    n1, dark = splat8(np.float32(noise[1])), splat8(np.float32(m.LEAST_VARIANCE))
+    alike = area = ratio = chi = n = ring = ringed = zero
+    for side in range(5):
+        total = count = zero
+        for group in range(starts[side], starts[side + 1]):
+            part, grey = take(px, group, AREA), take(px, group, GREY)
+            here = above(part, zero, one, zero)
+            q = take(px, group, Q)
+            total = fma(here, least(q, agree), total)
+            count = count + here
+            q = least(q * per_widen, agree)
+            good = above(agree, q, here, zero)
+            chi = fma(good, q, chi)
+            n = n + good
+            edge = take(px, group, EDGE)
+            inside = above(edge, half, part, zero)
+            area = area + inside
+            alike = fma(inside, good, alike)
+            d = grey - ground
+            s2 = fma(gain2, take(px, group, SPREAD), most(fma(n1, grey, n0), dark))
+            ratio = fma(inside, least(d * d / s2 * per_widen, agree) - q, ratio)
+            beside = above(edge, half, zero, above(part, one, zero, here))
+            ring = ring + beside
+            ringed = fma(beside, good, ringed)
+        if side < 4:
+            f.side_misfit[side] = added(total) / max(added(count), _1)
+    whole = max(added(area), _1)
+    f.visible, f.ring = added(alike) / whole, added(ringed) / max(added(ring), _1)
+    f.ratio = added(ratio) / 2 / whole
+    f.misfit = added(chi) / max(added(n), _1) * widen
