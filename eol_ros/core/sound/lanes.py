@@ -100,7 +100,7 @@ def around(typing_context, address, place, step):
         rows = []
         for _ in range(WIDTH):
             at = builder.gep(begin, [builder.lshr(place, ir.Constant(I64, 32))])
-            rows.append(builder.load(builder.bitcast(at, _FOUR.aspointer()), align=4))
+            rows.append(builder.load(builder.bitcast(at, _FOUR.as_pointer()), align=4))
             place = builder.add(place, step)
         halves = zip(transposed(builder, rows[:8]), transposed(builder, rows[8:]), strict=True)
         columns = [shuffle(builder, a, b, range(16)) for a, b in halves]
