@@ -341,6 +341,7 @@ class Flat:
         fields = decoder.types[decoder.root].fields
         self._decoder = decoder
         self._fixed: Fixed | None = None
+        # mypy knows names of fields only where they stand in the code
         self._row: Any = namedtuple('_row', [f.name for f in fields])  # type: ignore[misc]
         self._times = [k for k, f in enumerate(fields) if f.type in TIMES]
 
