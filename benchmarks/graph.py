@@ -47,7 +47,7 @@ SCENES = ('rehearsal', 'museum', 'lights', 'instrument', 'playback')
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument('--seconds', type=float, default=30.0, help='measured, per scene')
-    parser.add_argument('--scenes', default=','.join(SCENES), help='parted by commas')
+    parser.add_argument('--scenes', default=','.join(SCENES), help='separated by commas')
     parser.add_argument(
         '--fast',
         type=float,

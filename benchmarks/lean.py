@@ -47,7 +47,7 @@ benchmark check it."""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('--scenes', default=','.join(SCENES), help='parted by commas')
+    parser.add_argument('--scenes', default=','.join(SCENES), help='separated by commas')
     parser.add_argument('--no-verbs', action='store_true', help='scenes only')
     parser.add_argument('--markdown', action='store_true', help='as lean.md of the docs')
     parser.add_argument('--json', action='store_true')

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seconds', type=float, default=60.0, help='of table time, per row')
     parser.add_argument('--seed', type=int, default=3)
     parser.add_argument('--fps', default='60,120')
-    parser.add_argument('--noise', default='0.002,0.007,0.035,0.1', help='px, parted by commas')
+    parser.add_argument('--noise', default='0.002,0.007,0.035,0.1', help='px, separated by commas')
     parser.add_argument(
         '--false-alarm-hours', type=float, default=0.5,
         help='simulated hours of rest, at 20 alarms an hour; 0 leaves it out',

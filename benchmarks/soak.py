@@ -61,7 +61,7 @@ class Look(NamedTuple):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('--parts', default=','.join(PARTS), help='which, parted by commas')
+    parser.add_argument('--parts', default=','.join(PARTS), help='which, separated by commas')
     parser.add_argument('--hours', type=float, default=72.0, help='of exhibition, recorded time')
     parser.add_argument(
         '--rate', type=float, help='of exhibition, times real time (default: the highest)'

@@ -29,9 +29,9 @@ LATE_S = 10.0  # by which a trigger may be received after it was due
 class Voices(NamedTuple):
     """What plays a bag. Keep `banks`, which the voices read, until all is played.
 
-    rows: (n,) VOICE. blocks: (n,) id of the block of each, -1 where a person played it. sounds:
-    (n,) path of the sound of each. times_s: (m,) of the triggers. refused: (m,) why each was
-    refused, as a place in REFUSALS.
+    rows: (n,) VOICE. blocks: (n,) id of the block of each, -1 of a creak, or of a grain that a
+    person played. sounds: (n,) path of the sound of each. times_s: (m,) of the triggers. refused:
+    (m,) why each was refused, as a place in REFUSALS.
     """
 
     rows: np.ndarray

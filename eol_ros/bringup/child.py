@@ -67,7 +67,7 @@ class Child:
         environment = {
             **os.environ,
             **self.process.environment,
-            'PYTHONUNBUFFERED': '1',  # so print() drops what does not fit; else it would raise
+            'PYTHONUNBUFFERED': '1',  # so lines come as they are printed
         }
         passed = self.process.files
         if not self.process.own:

@@ -19,7 +19,7 @@ from eol_ros.streams.work_state import ERROR, STARTING
 SILENT_S = 3.0  # of nodes that report once a second
 FAR_S = 0.02  # of clocks so far apart sound and light are plainly out of time
 START_S = 15.0  # as long as a source waits for the nodes of its scene
-ORDER_S = 2.0  # between the answer to `restart` or `stop` and its begin (chosen)
+ORDER_S = 2.0  # from the answer to `restart` or `stop` to its begin: over `within_s` of both
 
 
 class MachineNode(EolNode):
@@ -61,10 +61,17 @@ class MachineNode(EolNode):
         return machine_node(self.me)
 
     def on_order(self, asked: Asked) -> str:
-        """Let bringup restart or stop the nodes here, once all machines have answered."""
+        """Let bringup restart or stop the nodes here, whatever the other machines answer."""
         if self.scene.network != 'secure':  # anybody on the network could ask for it
             raise EolError(f'{asked.kind} needs `network: secure`')
-        self.create_timer(ORDER_S, lambda: self.health.order(asked.kind))
+        if not self.health.supervised:
+            raise EolError(f'{asked.kind}: no bringup runs this node')
+
+        def begin() -> None:
+            once.cancel()
+            self.health.order(asked.kind)
+
+        once = self.create_timer(ORDER_S, begin)
         return f'{self.me}: {asked.kind} in {ORDER_S:.0f} s'
 
     def on_state(self, raw: bytes, received_ns: int, sent_ns: int, _sequence: int) -> None:

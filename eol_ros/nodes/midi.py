@@ -53,7 +53,10 @@ class MidiNode(EolNode):
             self.out.close()
             self.out = None
         try:
-            self.out = self.out or MidiOut(self.settings.output)
+            if not self.out:
+                self.out = MidiOut(self.settings.output)
+                self.started = False
+                self.notes.forget()
         except DeviceMissing as error:
             self.health.warn(said('midi_missing', why=str(error)))
         else:
@@ -85,7 +88,7 @@ class MidiNode(EolNode):
         tick_s, now_s = self.beat_s / CLOCKS, time.time()
         number = int(now_s // tick_s)
         if tick_s != self.tick_s or not 0 <= number - self.clocks <= CLOCKS:  # time was set
-            self.tick_s, self.clocks = tick_s, number
+            self.tick_s, self.clocks, self.started = tick_s, number, False
         for clock in range(self.clocks + 1, number + 1):
             if not (self.started or clock % CLOCKS):
                 self.started = True

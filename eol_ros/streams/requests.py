@@ -217,9 +217,9 @@ KINDS: dict[str, Kind] = {
         Kind('restore_grain', 'put a grain back where the layout has it, and forget that it was'
              ' moved', ('grains',), (_GRAIN,)),
         Kind('restart', 'all nodes of all machines start again; with `network: secure` alone',
-             ('machine',), internal=True, triggered=True),
+             ('machine',), within_s=1.0, internal=True, triggered=True),
         Kind('stop', 'the run ends on all machines; with `network: secure` alone',
-             ('machine',), internal=True, triggered=True),
+             ('machine',), within_s=1.0, internal=True, triggered=True),
         Kind('darkness', 'the infrared light is off until this stamp', ('tracker',), (_TIME,),
              within_s=15.0, internal=True),
         Kind('background', 'an image of what shines without blocks, as PNG; empty for none',

@@ -43,7 +43,7 @@ def add_arguments(parser):
         help='trust the index: fast for many GB, but blind to damage elsewhere',
     )  # fmt: skip
     check = command(
-        'verify', ('Verify every checksum, index and count; exit code 1 if one is wrong.')
+        'verify', 'Verify every checksum, index and count; exit code 1 if one is wrong.'
     )
     check.add_argument('bag', help=source)
     check.add_argument('--json', action='store_true', help='print one JSON object')

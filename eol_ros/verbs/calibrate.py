@@ -214,7 +214,7 @@ def _covers(args):
     if len(files) != cells:
         raise ConfigError(
             f'--covers {args.covers}: has {len(files)} files cover-*.stl, not {cells}; '
-            f'`python -m assets.covers --output {args.covers}` makes them'
+            f'`python -m assets.covers --output {args.covers}` in a clone makes them'
         )
     meshes = [stl_file.load(file) for file in files]
     return CoverOutlines.of_meshes(meshes, 1e3 * args.cover_gap, args.table.block_side_m)

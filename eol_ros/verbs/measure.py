@@ -316,7 +316,7 @@ def _weights(text: str | None) -> list[float]:
     try:
         grams = [float(part) for part in text.split(',')]
     except ValueError:
-        raise UsageError(f'--weights {text}: not grams parted by commas') from None
+        raise UsageError(f'--weights {text}: not weights in grams, separated by commas') from None
     wrong = [gram for gram in grams if not 0 <= gram <= 10_000]
     if wrong:
         raise UsageError(f'--weights: {wrong[0]:g} g is not 0 to 10000')

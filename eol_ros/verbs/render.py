@@ -51,12 +51,17 @@ def run(args) -> int:
     """Read, render, write, tell."""
     import dataclasses
 
+    import soundfile
+
     from eol_ros import scene
     from eol_ros.analysis.sound import REFUSALS
     from eol_ros.core.sound.voicing import new_mixer
     from eol_ros.settings import SoundSettings
     from eol_ros.verbs.progress import Progress
 
+    kind = Path(args.output).suffix.lstrip('.').upper()
+    if args.stems and not soundfile.check_format(kind, 'FLOAT'):
+        raise UsageError(f'--stems: {args.output} would clip them; give a file that ends in .wav')
     loaded = scene.load(args.scene) if args.scene else None
     settings = loaded.settings('sound') if loaded else SoundSettings()
     if args.rate:
@@ -131,7 +136,7 @@ def _stems(output: str, by: str | None, voices) -> dict:
     """Return the path of each stem with a mask (n,) of its voices."""
     if by == 'blocks':
         numbers = sorted(set(voices.blocks.tolist()))
-        found = {f'block{k:02d}' if k >= 0 else 'hand': voices.blocks == k for k in numbers}
+        found = {f'block{k:02d}' if k >= 0 else 'other': voices.blocks == k for k in numbers}
     else:
         paths = sorted(set(voices.sounds.tolist())) if by else []
         found = {

@@ -186,6 +186,29 @@ def test_a_killed_sweep_loses_what_was_not_written_yet_and_no_more(write, tmp_pa
     assert computed(path, given, Here()) == whole
 
 
+@pytest.mark.parametrize('areas', [1, 40_000])
+def test_a_table_is_resumed_whatever_its_rows_are_long(tmp_path, areas):
+    rows = table.Table(tmp_path / 'a.csv', 'ofc', work.version())
+    columns = list(rows._columns)
+    row = dict.fromkeys(columns) | {'task': 'one', 'areas': ','.join(map(str, range(areas)))}
+    rows._write([[table._text(row[name]) for name in columns]])
+    rows.close()
+    whole = (tmp_path / 'a.csv').read_bytes()
+    for torn in (b'8,0.15,' + b'9,' * 40_000, b''):
+        (tmp_path / 'a.csv').write_bytes(whole + torn)
+        again = table.Table(tmp_path / 'a.csv', 'ofc', work.version())
+        assert again.has('one') and len(again) == 1
+        again.close()
+        assert (tmp_path / 'a.csv').read_bytes() == whole
+    (tmp_path / 'a.csv').write_bytes(whole[:9])  # the disk was full at the header
+    again = table.Table(tmp_path / 'a.csv', 'ofc', work.version())
+    again.close()
+    assert (tmp_path / 'a.csv').read_bytes() == whole.splitlines(keepends=True)[0]
+    (tmp_path / 'a.csv').write_bytes(whole + b'8,0\x00\n')
+    with pytest.raises(ConfigError, match='damaged'):
+        table.Table(tmp_path / 'a.csv', 'ofc', work.version())
+
+
 def test_two_sweeps_do_not_write_to_one_table(tmp_path):
     first = table.Table(tmp_path / 'a.csv', 'ofc', work.version())
     with pytest.raises(ConfigError, match='another sweep writes to it'):

@@ -2,6 +2,7 @@
 """The node midi plays an instrument, over JACK's dummy server."""
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -97,6 +98,17 @@ def test_clock_and_pressure(node, monkeypatch):
     for _ in range(2):  # within 50 ms, once
         one.on_blocks(Blocks(1, TRACKING, False, 1, rows))
     assert sent == [(0xA0, 36 + block, 0) for block in range(25)]
+    monkeypatch.setattr(midi, 'MidiOut', lambda name: SimpleNamespace(name=name, there=True))
+    one.find()  # the instrument is plugged in: it hears all pressures and a start
+    del sent[:]
+    one.stress_s = 0.0
+    one.on_blocks(Blocks(2, TRACKING, False, 1, rows))
+    assert len(sent) == 25
+    for _ in range(25):
+        one.on_clock()
+        now[0] += 0.25 / 24
+    assert sent.count((0xFA,)) == 1
+    one.out = None
 
 
 @pytest.mark.slow

@@ -159,7 +159,7 @@ def test_stems_add_up_to_the_mix(capsys, tmp_path, sound, triggers, rate):
     rows['block'] = np.resize([3, 12, -1], len(rows))
     record(tmp_path / 'bag', sound[0], rows, tmp_path / 'tone.wav')
     for by, names in {
-        'blocks': ['hand', 'block03', 'block12'], 'sounds': ['sound00-sea', 'sound01-tone'],
+        'blocks': ['other', 'block03', 'block12'], 'sounds': ['sound00-sea', 'sound01-tone'],
     }.items():  # fmt: skip
         words = ('--rate', rate, '--stems', by, '--output', tmp_path / 'x.wav', '--json')
         code, out, err = eol(capsys, tmp_path / 'bag', *words)
@@ -189,6 +189,7 @@ def test_what_a_user_may_get_wrong_is_one_line(capsys, tmp_path, corpus, trigger
         ((triggers, '--output', out), 2, 'add --corpus'),
         ((triggers, '--corpus', corpus, '--output', tmp_path / 'x.xyz'), 2, 'names the format'),
         ((triggers, '--corpus', corpus, '--output', tmp_path / 'no' / 'x.wav'), 78, 'No such file'),
+        ((triggers, '--stems', 'blocks', '--output', tmp_path / 'x.flac'), 2, 'would clip them'),
         (
             (bad, '--corpus', corpus, '--output', out),
             78,

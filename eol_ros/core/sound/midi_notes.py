@@ -43,6 +43,10 @@ class Notes:
         self._pressed |= found
         return [(PRESSURE | SLIPS, self._note(block), value) for block, value in sorted(changed)]
 
+    def forget(self) -> None:
+        """Send every pressure again: another instrument listens."""
+        self._pressed.clear()
+
     def cascade(self, nucleus: int, area: int, now_s: float) -> Message:
         """Return the note of a cascade, by the block of its first slip and its area."""
         note = self._note(nucleus)

@@ -11,6 +11,7 @@ import dataclasses
 import fcntl
 import json
 import os
+import sys
 import time
 import typing
 from collections.abc import Sequence
@@ -22,7 +23,6 @@ from eol_ros.errors import ConfigError, UsageError, writing
 from eol_ros.lab.science import sweep
 
 FLUSH_S = 30.0
-LONGEST_ROW = 1 << 16  # bytes
 KEY = 'task'
 Row = dict[str, Any]
 
@@ -50,6 +50,7 @@ class Table:
             self._file.close()
             raise ConfigError(f'--output {self.path}: another sweep writes to it') from None
         try:
+            self._still_there()
             self._begin()
         except BaseException:
             self._file.close()
@@ -84,6 +85,13 @@ class Table:
         finally:
             self._file.close()
 
+    def _still_there(self) -> None:
+        """Refuse a file that another sweep replaced between our opening and locking it."""
+        if not self.path.exists() or not os.path.samestat(
+            os.fstat(self._file.fileno()), self.path.stat()
+        ):
+            raise ConfigError(f'--output {self.path}: another sweep writes to it')
+
     def _begin(self) -> None:
         """Read what is there; refuse rows of another model, or of another version."""
         beside = self.path.with_name(self.path.name + '.json')
@@ -113,6 +121,8 @@ class Table:
                     f'{name} {value}: their rows do not belong together; give another file'
                 )
         self._cut()
+        if not os.fstat(self._file.fileno()).st_size:
+            self._write([[*self._columns]])
         at = list(self._columns).index(KEY)
         rows = self._rows()
         self._unsorted = rows != sorted(rows, key=self._order)  # a sweep before was killed
@@ -120,15 +130,21 @@ class Table:
 
     def _cut(self) -> None:
         """Leave out a last row that is not whole: the sweep before was killed."""
-        with open(self.path, 'rb') as file:
-            size = file.seek(0, os.SEEK_END)
-            file.seek(max(0, size - LONGEST_ROW))
-            rest = len(file.read().rpartition(b'\n')[2])
-        self._file.truncate(size - rest)
+        there = self.path.read_bytes()
+        self._file.truncate(there.rfind(b'\n') + 1)
 
     def _rows(self) -> list[list[str]]:
         self._file.seek(0)
-        return list(csv.reader(self._file))[1:]
+        csv.field_size_limit(sys.maxsize)  # a list of many areas is one field
+        try:
+            rows = list(csv.reader(self._file, strict=True))[1:]
+            if any(len(row) != len(self._columns) for row in rows):
+                raise ValueError('a row has another number of columns')
+        except (ValueError, csv.Error) as error:
+            raise ConfigError(
+                f'--output {self.path}: damaged ({error}); give another file'
+            ) from None
+        return rows
 
     def _order(self, row: list[str]) -> tuple:
         """Return what a row is sorted by: its parameters, those without a value first."""
