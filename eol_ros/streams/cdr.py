@@ -362,7 +362,7 @@ class Flat:
         values = self._fixed.values(raw)
         if values is None:
             return None
-        row = [Header(Time(*values[0]), values[1].decode()), *values[2:]]
+        row = [Header(Time(*values[0]), values[1].decode('utf-8', 'replace')), *values[2:]]
         for k in self._times:
             row[k] = Time(*row[k])
         return self._row._make(row)

@@ -178,7 +178,7 @@ def test_a_port_that_never_answers_is_not_a_board(monkeypatch):
         fake.fault('mute')
         with Host(fake.port) as host:
             wait_until(lambda: host.states)
-            assert 'nothing on' in host.states[0].text
+            assert 'no board answers on' in host.states[0].text
 
 
 def test_a_missing_port_is_looked_for_until_it_is_there(tmp_path):

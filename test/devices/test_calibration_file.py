@@ -10,7 +10,7 @@ from assets.covers.mesh import CoverShape
 from eol_ros.core.terrain import landscape
 from eol_ros.core.vision.background.model import BackgroundModel
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.devices.files import background_file, calibration_file
+from eol_ros.devices.files import background_file, calibration_file, camera_info
 from eol_ros.errors import ConfigError, DeviceMissing
 
 
@@ -50,6 +50,12 @@ def test_covers_are_kept_to_the_bit(tmp_path, camera):
     assert back.digest == camera.digest != replace(camera, covers=None).digest
     signed = calibration_file.loads(calibration_file.signed(camera), 'topic')
     assert signed.digest == camera.digest
+
+
+def test_a_digest_is_no_octal_number():
+    """It may begin with 0 and decimal digits."""
+    text = 'digest: 079ecfa8cb8d0f15\n'
+    assert camera_info.read(text, 'x') == {'digest': '079ecfa8cb8d0f15'}
 
 
 def test_the_form_is_that_of_camera_info(tmp_path, camera):

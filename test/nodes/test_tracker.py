@@ -196,7 +196,7 @@ def test_covers_that_are_not_those_of_the_calibration_are_told():
             files.look(tracker, tracked._replace(stamp_s=tracked.stamp_s + later_s + k / 60))
         told = files.words(tracked)
         assert told[0] is good
-    assert 'the calibration is of other covers' in told[1] and '25 of 25' in told[1]
+    assert 'the calibration is for other covers' in told[1] and '25 of 25' in told[1]
 
     tracker.calibration = replace(tracker.calibration, cover_height_m=0.01)
     files.look(tracker, tracked)

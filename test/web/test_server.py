@@ -235,8 +235,8 @@ def test_a_node_that_does_not_run_is_named(serve):
     ('name', 'body', 'words'),
     [
         ('radius', '', 'value: missing'),
-        ('radius', '{"value": null}', 'no number, text or list of texts'),
-        ('weights', '{"value": [1]}', 'no number, text or list of texts'),
+        ('radius', '{"value": null}', 'is not a number, text or list of texts'),
+        ('weights', '{"value": [1]}', 'is not a number, text or list of texts'),
         ('radius', '{"value": NaN}', 'not JSON: a number that is not finite'),
         ('move', '{"grain": 1, "x": 9, "y": 0}', 'not within 0 to 1'),
         ('move', '{"grain": true, "x": 0, "y": 0}', 'not a number'),

@@ -30,7 +30,7 @@ _NAMES = {  # ours, and those of other programs
     ),
 }  # fmt: skip
 _OPENCV = '%YAML:1.0'  # its first line, which is no YAML
-_OCTAL = re.compile(r'[-+]?0[0-9]+')
+_OCTAL = re.compile(r'[-+]?0[0-9]+\Z')
 
 
 # PyYAML has no types
