@@ -31,7 +31,6 @@ from eol_ros.core.sound.offline import render_all
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.vision.calibration import calibrate
 from eol_ros.core.vision.render.clutter import clutter_calibration
-from eol_ros.errors import UsageError
 from eol_ros.lab.science import spectra
 from eol_ros.verbs.progress import track
 
@@ -533,14 +532,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--part', choices=[*RANDOM, *FIXED], action='append', help='only this; may be repeated'
     )
     parser.add_argument('--plots', metavar='FOLDER', help='draw method_*.png there')
-    parser.add_argument('--markdown', action='store_true', help='rows of the table of methods')
-    parser.add_argument('--json', action='store_true')
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument('--markdown', action='store_true', help='rows of the table of methods')
+    form.add_argument('--json', action='store_true')
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure, draw, print."""
-    if args.markdown and args.json:
-        raise UsageError('--markdown or --json, not both')
     names = args.part or [*RANDOM, *FIXED]
     curves = {name: realised(name) for name in track(names, 'methods')}
     if args.plots:

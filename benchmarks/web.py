@@ -43,9 +43,7 @@ NICE_CROWD = 10  # real viewers bring processors of their own
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument(
-        '--viewers', default='0,5,0,50,0', help='crowds, separated by commas; or none'
-    )
+    parser.add_argument('--viewers', default='0,5,0,50,0', help='separated by commas, or none')
     parser.add_argument('--seconds', type=float, default=12.0, help='per crowd and page')
     parser.add_argument('--without', default='recorder', help='nodes left out, separated by commas')
     parser.add_argument('--browser', action='store_true', help='play in Chromium too (selenium)')
