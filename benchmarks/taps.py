@@ -56,8 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--parts', default=','.join(PARTS), help='separated by commas')
     parser.add_argument('--minutes', type=float, default=10.0, help='of the twin, per table')
     parser.add_argument('--thresholds', default='10,16,24,36', help='mg, separated by commas')
-    drops = f'{DROP:.2g},0.1,0.04'
-    parser.add_argument('--drops', default=drops, help='mu_s - mu_k, separated by commas')
+    parser.add_argument('--drops', default=f'{DROP:.2g},0.1,0.04', help='mu_s - mu_k, by commas')
     parser.add_argument('--seed', type=int, default=3)
     held_out.add_argument(parser)
     parser.add_argument('--json', action='store_true')
