@@ -512,8 +512,8 @@ class GrainsSettings:
     space_m: float = live(
         1.0,
         'side of the square of the table that the space covers; blocks beyond it play the grains '
-        'at its edge; space_m and radius are for the default table and scale with the area that '
-        'the blocks of another one reach',
+        'at its edge; on another table, space_m and radius scale with the area that its '
+        'blocks reach',
         'm',
         0.1,
         10,

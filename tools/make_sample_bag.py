@@ -108,9 +108,13 @@ def stepped(bag: Bag, seconds: float) -> Iterator[BagMessage]:
 
 
 def pack(
-    bag: BagReader, folder: Path, messages: Iterable[BagMessage], topics: list[BagTopic]
-) -> Path:
-    """Write `messages` with what `bag` says of itself, as small as may be; return the file."""
+    bag: BagReader, folder: Path, messages: Iterable[BagMessage], topics: list[BagTopic],
+    gaps: dict[str, str] | None = None,
+) -> Path:  # fmt: skip
+    """Write `messages` with what `bag` says of itself, as small as may be; return the file.
+
+    gaps: what was received and lost; None: as in `bag`.
+    """
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     channel = {topic.name: i for i, topic in enumerate(topics, 1)}
@@ -121,7 +125,7 @@ def pack(
     file.add_metadata(RUN_METADATA, about)
     for m in messages:
         file.write(channel[m.topic], m.data, m.log_ns, m.publish_ns, m.sequence)
-    file.add_metadata(GAPS_METADATA, bag.gaps)
+    file.add_metadata(GAPS_METADATA, bag.gaps if gaps is None else gaps)
     file.close()
     rewrite_metadata(folder)
     (folder / KEPT).write_text('Ships with the project: never removed by the recorder.\n')
@@ -148,7 +152,7 @@ def main() -> int:
     if args.long:
         bag = open_bag(FOLDER)
         topics = [bag.topics[bag.name(name)] for name in ('corpus', 'cascades', 'grain_triggers')]
-        return said(pack(bag, args.output or LONG, stepped(bag, LONG_S), topics))
+        return said(pack(bag, args.output or LONG, stepped(bag, LONG_S), topics, {}))
     with tempfile.TemporaryDirectory(prefix='eol-sample-') as place:
         try:
             bag = BagReader(args.bag or rehearse(Path(place), args.seconds, NO_IMAGES))

@@ -16,7 +16,7 @@ from eol_ros.core.terrain import landscape
 from eol_ros.devices.files import picture_file
 from eol_ros.verbs.progress import track
 
-HELP = 'Cut one continuous landscape into covers for the blocks, as STL in mm; and the body below.'
+HELP = 'Cut one continuous landscape into covers for blocks, and make their body (STL, mm).'
 EXAMPLES = [
     'python -m assets.covers --output covers',
     'python -m assets.covers --output covers --seed 7 --relief 40 --wall 2',
@@ -42,14 +42,14 @@ def add_arguments(parser):
     )
     mm = within(0, 1000)
     parser.add_argument('--wall', type=mm, default=SIZES.wall_mm, help='thickness, mm')
-    parser.add_argument('--skirt', type=mm, default=SIZES.skirt_mm, help='below the land, mm')
-    parser.add_argument('--relief', type=mm, default=SIZES.relief_mm, help='of the land, mm')
+    parser.add_argument('--skirt', type=mm, default=SIZES.skirt_mm, help='skirt height, mm')
+    parser.add_argument('--relief', type=mm, default=SIZES.relief_mm, help='land height, mm')
     parser.add_argument(
-        '--lip', type=mm, default=SIZES.lip_mm, help='into the body of the block, mm; 0: none'
+        '--lip', type=mm, default=SIZES.lip_mm, help='depth of the lip, mm; 0: no lip'
     )
     parser.add_argument('--body', type=mm, default=SIZES.body_mm, help='walls of the body, mm')
     parser.add_argument(
-        '--clearance', type=mm, default=SIZES.clearance_mm, help='of the lip on each side, mm'
+        '--clearance', type=mm, default=SIZES.clearance_mm, help='lip gap on each side, mm'
     )
     parser.add_argument('--json', action='store_true', help='list the files on stdout')
 

@@ -22,7 +22,7 @@ from eol_ros.verbs import reach
 
 HELP = (
     'Collect what a supporter of this installation needs: versions, machine, scene, state of the '
-    'running graph, logs, devices, and contents of the newest bags. It holds no recorded data, no '
+    'running graph, logs, devices, and metadata of the newest bags. It holds no recorded data, no '
     'images and no PIN.'
 )
 EXAMPLES = ['eol bundle museum', 'eol bundle my/scene.yaml --output for-support.zip']

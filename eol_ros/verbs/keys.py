@@ -34,20 +34,18 @@ def add_arguments(parser):
         '--port', type=within(1, 65535, int), default=wireguard.PORT, help='UDP port to listen on'
     )
     add = verbs.add_parser(
-        'add', help='add a key, and print the file with which their machine joins'
+        'add', help='add a key, and print the file for the other machine to join'
     )
     add.add_argument('name')
     add.add_argument(
         '--endpoint', metavar='HOST[:PORT]', default=socket.gethostname(),
-        help='address under which they reach this machine (default: its name)',
+        help='address of this machine for the other one (default: its name)',
     )  # fmt: skip
-    add.add_argument(
-        '--public', metavar='KEY', default='', help='their public key, if they made the pair'
-    )
+    add.add_argument('--public', metavar='KEY', default='', help='public key of the other machine')
     revoke = verbs.add_parser('revoke', help='revoke a key')
     revoke.add_argument('name')
     verbs.add_parser('list', help='list the keys, and whether the tunnel is up')
-    join = verbs.add_parser('join', help='install the file that `add` printed on this machine')
+    join = verbs.add_parser('join', help='install on this machine the file that `add` printed')
     join.add_argument('file', help='the file, or - for standard input')
     verbs.add_parser('env', help='print the environment for stock ROS 2 tools')
 

@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=within(0, 1e12, int),
         default=0,
         metavar='W',
-        help='number of events before them (0)',
+        help='events before recording (0)',
     )
     parser.add_argument(
         '--seed', type=within(0, 1e18, int), default=1, metavar='S', help='seed of the start (1)'

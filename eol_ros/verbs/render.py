@@ -41,7 +41,7 @@ def add_arguments(parser):
         '--stems',
         choices=('blocks', 'sounds'),
         help='also a file for each block or sound, such as X-block03.wav, without governor and '
-        'limiter: they add up to the mix before these',
+        'limiter; their sum is the mix before both',
     )
     parser.add_argument('--seconds', type=within(1e-3, 1e6), help='duration (default: to the end)')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')

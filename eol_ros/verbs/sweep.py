@@ -12,8 +12,8 @@ from eol_ros.cli import within
 
 HELP = """Run a table, plate, automaton or any scene over all combinations of parameters.
 
-The results are a CSV table, with FILE.json about its columns. The same command again computes only
-what is missing, and a sweep file with more values adds to it. --parameters MODEL lists its keys and
+The results are a CSV table, with FILE.json about its columns. A repeated command computes only
+missing rows; new values in the sweep file add rows. --parameters MODEL lists its keys and
 columns."""
 EXAMPLES = [
     'eol sweep examples/sweeps/friction.yaml',
@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--scheduler',
         metavar='tcp://HOST:8786',
-        help='address of a Dask cluster that computes in their place',
+        help='address of a Dask cluster to use instead',
     )
     parser.add_argument(
         '--count', action='store_true', help='check the sweep file, count its tasks and end'
