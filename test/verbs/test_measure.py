@@ -130,7 +130,7 @@ def test_figures_for_a_program_write_nothing(hung, capsys):
     [
         (['--weights', '300,600'], 1, 'block 14 came to rest 6 times for 2 weights and none'),
         ([], 2, 'say --weights'),
-        (['--weights', '300,many'], 2, 'not grams'),
+        (['--weights', '300,many'], 2, 'not weights in grams'),
         (['--weights', '300,-5'], 2, '-5 g is not'),
         (['--weights', '300', '--block', '7'], 1, 'block 7 stands inside'),
         (['--weights', '300', '--block', '25'], 2, '--block: 25 is outside 0 to 24'),
