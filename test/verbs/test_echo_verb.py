@@ -75,6 +75,8 @@ def bag(tmp_path_factory):
 def graph(bag):
     """The bag, playing for ever."""
     child = eol('replay', str(bag), '--only', 'all', '--loop', '--wait', '0')
+    code, _, err = end(eol('echo', 'slips', '--once'))
+    assert code == 0, err
     yield child
     child.send_signal(signal.SIGTERM)
     code, _, err = end(child)
