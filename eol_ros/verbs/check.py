@@ -189,9 +189,10 @@ def _program(words: tuple[str, ...], folder: Path | None) -> None:
 
     folder = folder or Path()
     if not found_program(words[0], folder):
-        if os.access(folder / words[0], os.X_OK):
+        file = folder / words[0]
+        if file.is_file() and os.access(file, os.X_OK):
             raise ConfigError(f'{words[0]}: not on PATH: write ./{words[0]}')
-        if (folder / words[0]).is_file():
+        if file.is_file():
             raise ConfigError(f'{words[0]}: not executable; `chmod +x` it, and name it with a /')
         raise ConfigError(f'{words[0]}: no such program; name it by its path from the scene file')
     script = words[1] if len(words) > 1 and words[0].startswith('python') else '-'

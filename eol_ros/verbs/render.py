@@ -51,16 +51,13 @@ def run(args) -> int:
     """Read, render, write, tell."""
     import dataclasses
 
-    import soundfile
-
     from eol_ros import scene
     from eol_ros.analysis.sound import REFUSALS
     from eol_ros.core.sound.voicing import new_mixer
     from eol_ros.settings import SoundSettings
     from eol_ros.verbs.progress import Progress
 
-    kind = Path(args.output).suffix.lstrip('.').upper()
-    if args.stems and not soundfile.check_format(kind, 'FLOAT'):
+    if args.stems and not _subtype(args.output):
         raise UsageError(f'--stems: {args.output} would clip them; give a file that ends in .wav')
     loaded = scene.load(args.scene) if args.scene else None
     settings = loaded.settings('sound') if loaded else SoundSettings()
@@ -209,6 +206,16 @@ def _bank(path: str, sample_rate: int):
     return bank, list(map(str, files)), file
 
 
+def _subtype(path: str) -> str | None:
+    """Return FLOAT where the format of the file has it; raise UsageError for an unknown format."""
+    import soundfile
+
+    kind = Path(path).suffix.lstrip('.').upper()
+    if kind not in soundfile.available_formats():
+        raise UsageError(f'{path}: the ending names the format; give .wav, .flac or .ogg')
+    return 'FLOAT' if soundfile.check_format(kind, 'FLOAT') else None
+
+
 @contextlib.contextmanager
 def writer(path: str, sample_rate: int, channels: int):
     """Open the file to write; 32-bit float where the format has it, so that no bit is lost.
@@ -220,11 +227,8 @@ def writer(path: str, sample_rate: int, channels: int):
 
     from eol_ros.devices.audio.audio_file import without_time
 
-    kind = Path(path).suffix.lstrip('.').upper()
-    if kind not in soundfile.available_formats():
-        raise UsageError(f'{path}: the ending names the format; give .wav, .flac or .ogg')
+    subtype = _subtype(path)
     folders.check_writable(path, '--output')
-    subtype = 'FLOAT' if soundfile.check_format(kind, 'FLOAT') else None
     try:
         file = soundfile.SoundFile(os.fsencode(path), 'w', sample_rate, channels, subtype=subtype)
         with without_time(file):

@@ -239,14 +239,20 @@ def test_a_typo_hides_nothing_that_a_node_would_refuse(check):
 
 def test_an_own_program_or_its_script_that_is_missing(check, tmp_path):
     (tmp_path / 'there.py').touch()
+    (tmp_path / 'run.py').touch(0o755)
+    (tmp_path / 'folder').mkdir()
     head = (
         'programs: {a: [./gone], b: [python, gone.py], c: [python, there.py], d: [python, -i],\n'
-        '  e: [./there.py]}\n'
+        '  e: [./there.py], f: [run.py], g: [folder]}\n'
     )
     code, _, words = check('  twin: {}\n', head=head)
     assert code == 78
-    for name, missing in (('a', './gone: no such program'), ('b', 'gone.py: no such file')):
+    for name, missing in (
+        ('a', './gone: no such program'), ('b', 'gone.py: no such file'),
+        ('g', 'folder: no such program'),
+    ):  # fmt: skip
         assert f'programs.{name}: {missing}; name it by its path' in words
+    assert 'programs.f: run.py: not on PATH: write ./run.py' in words
     assert 'programs.e: ./there.py: not executable; `chmod +x` it' in words
     assert 'programs.c' not in words and 'programs.d' not in words
 

@@ -33,7 +33,6 @@ from eol_ros.core.lanes import (
     most,
     put,
     signed,
-    splat8,
     take,
     weighted,
 )  # fmt: skip
@@ -62,6 +61,7 @@ from eol_ros.core.vision.appearance.pixels import (
     A,
     B,
     Q,
+    constant,
 )  # fmt: skip
 
 NUMBERS = 7  # of a fit: a, b in px and turn in rad from where pixels were gathered, g, o, oa, ob
@@ -81,30 +81,25 @@ FAR = 4.2  # standard deviations from a side: E is 0 or 1 there
 
 
 @njit(cache=True, inner=True, forceinline=True)
-def _constant(number):
-    return splat8(np.float32(number))
-
-
-@njit(cache=True, inner=True, forceinline=True)
 def _edge(a, half, per_blur):
     """Return E and its slope at a: E falls at +-half as the integral of a normal distribution.
 
     The density is the eighth power of a Taylor polynomial. Within 1e-4, symmetric about the side.
     """
-    one = _constant(1.0)
+    one = constant(1.0)
     d = (magnitude(a) - half) * per_blur
-    z = least(magnitude(d), _constant(FAR))
-    u = z * z * _constant(1 / 16)
-    q = less(_constant(0.5), u, less(_constant(1 / 6), u, _constant(1 / 24)))
+    z = least(magnitude(d), constant(FAR))
+    u = z * z * constant(1 / 16)
+    q = less(constant(0.5), u, less(constant(1 / 6), u, constant(1 / 24)))
     q = less(one, u, less(one, u, q))
     q = q * q
     q = q * q
     q = q * q
-    tail = fma(_constant(MILLS[5]), z, _constant(MILLS[4]))
-    tail = fma(fma(tail, z, _constant(MILLS[3])), z, _constant(MILLS[2]))
-    tail = fma(fma(tail, z, _constant(MILLS[1])), z, _constant(MILLS[0])) * q
-    slope = q * per_blur * _constant(-1 / math.sqrt(2 * math.pi))
-    return above(d, _constant(0.0), tail, one - tail), signed(slope, a)
+    tail = fma(constant(MILLS[5]), z, constant(MILLS[4]))
+    tail = fma(fma(tail, z, constant(MILLS[3])), z, constant(MILLS[2]))
+    tail = fma(fma(tail, z, constant(MILLS[1])), z, constant(MILLS[0])) * q
+    slope = q * per_blur * constant(-1 / math.sqrt(2 * math.pi))
+    return above(d, constant(0.0), tail, one - tail), signed(slope, a)
 
 
 Numbers = namedtuple(
@@ -120,7 +115,7 @@ def _numbers(half, blur, noise, fit, sigma2_px):
     half, blur: half a side and the standard deviation of its edge, px. noise (2,): variance of a
     dark pixel, and by how much it grows with a grey level. sigma2_px: variance of the pose.
     """
-    c = _constant
+    c = constant
     return Numbers(
         c(fit[0]), c(fit[1]), c(cos(fit[2])), c(sin(fit[2])), c(fit[3]), c(fit[4]),
         c(fit[5] / half), c(fit[6] / half), c(fit[NUMBERS]), c(half), c(1.0 / half), c(1.0 / blur),
@@ -131,8 +126,8 @@ def _numbers(half, blur, noise, fit, sigma2_px):
 @njit(cache=True, inner=True, forceinline=True)
 def _edges(a, b, n):
     """Return E and its slope along a and along b; no side is near where lanes are far inside."""
-    ea = eb = _constant(1.0)
-    sa = sb = _constant(0.0)
+    ea = eb = constant(1.0)
+    sa = sb = constant(0.0)
     if not all_below(magnitude(a), n.safe):
         ea, sa = _edge(a, n.half, n.per_blur)
     if not all_below(magnitude(b), n.safe):
@@ -148,10 +143,22 @@ def _light(px, group, a, b):
 
 
 @njit(cache=True, inner=True, forceinline=True)
+def _at(px, group, n):
+    """Return the grey level of pixels, and where they lie from the fit along its axes."""
+    x, y = take(px, group, A) - n.a, take(px, group, B) - n.b
+    return take(px, group, GREY), fma(n.sn, y, n.cs * x), less(n.cs * y, n.sn, x)
+
+
+@njit(cache=True, inner=True, forceinline=True)
+def _variance(grey, n):
+    """Return the variance of pixels by their grey level."""
+    return most(fma(n.n1, grey, n.n0), constant(LEAST_VARIANCE))
+
+
+@njit(cache=True, inner=True, forceinline=True)
 def _seen(px, group, n):
     """Return a, b, g dL/da, g dL/db, E L, E, how far outside, residual, grey level, variance."""
-    grey, x, y = take(px, group, GREY), take(px, group, A) - n.a, take(px, group, B) - n.b
-    a, b = fma(n.sn, y, n.cs * x), less(n.cs * y, n.sn, x)
+    grey, a, b = _at(px, group, n)
     ea, sa, eb, sb = _edges(a, b, n)
     la, lb = take(px, group, LIGHT_A), take(px, group, LIGHT_B)
     light, e = fma(la, a, fma(lb, b, take(px, group, LIGHT))), ea * eb
@@ -159,7 +166,7 @@ def _seen(px, group, n):
     ta, tb = fma(light * sa, eb, la * e), fma(light * sb, ea, lb * e)
     r = less(grey - n.ground, fma(n.slope, out, n.gain), lit)
     r = less(less(r, n.by_a, a), n.by_b, b)
-    s2 = most(fma(n.n1, grey, n.n0), _constant(LEAST_VARIANCE))
+    s2 = _variance(grey, n)
     of_pose = fma(n.pose, fma(ta, ta, tb * tb), take(px, group, SPREAD) * e)
     return a, b, ta, tb, lit, e, out, r, grey, fma(n.gain2, of_pose, s2)
 
@@ -167,7 +174,7 @@ def _seen(px, group, n):
 @njit(cache=True, inner=True, forceinline=True)
 def _excess(r, grey):
     """Return the residual that counts: a saturated pixel may be as bright as the model has it."""
-    return above(grey, _constant(FULL), most(r, _constant(0.0)), r)
+    return above(grey, constant(FULL), most(r, constant(0.0)), r)
 
 
 @njit(cache=True, inner=True)
@@ -185,12 +192,12 @@ def residuals(px, start, stop, every, half, blur, noise, fit, sigma2_px):
 def _derivatives(px, group, n, per_widen):
     """Return Tukey's weight over the variance, the derivatives with the residual, Q and E."""
     a, b, ta, tb, lit, e, out, r, grey, s2 = _seen(px, group, n)
-    one, zero, over = _constant(1.0), _constant(0.0), _excess(r, grey)
+    one, zero, over = constant(1.0), constant(0.0), _excess(r, grey)
     s2 = one / s2
     q = over * over * s2
     s2 = s2 * per_widen
-    z = most(less(one, r * r * s2, _constant(1.0 / TUKEY)), zero)
-    weight = above(grey, _constant(FULL), zero, z * z * s2 * take(px, group, TRUST))
+    z = most(less(one, r * r * s2, constant(1.0 / TUKEY)), zero)
+    weight = above(grey, constant(FULL), zero, z * z * s2 * take(px, group, TRUST))
     turn = n.gain * less(ta * b, tb, a)
     back = zero - n.gain
     return weight, (
@@ -205,8 +212,8 @@ def normal_equations(px, start, stop, every, half, blur, noise, fit, sigma2_px, 
     Of every `every`-th group from start to stop, of which Q and EDGE are set. widen: by which all
     variances are multiplied. sums (SUMS + COLUMNS, LANES): scratch.
     """
-    n, per_widen = _numbers(half, blur, noise, fit, sigma2_px), _constant(1.0 / widen)
-    nothing = _constant(0.0)
+    n, per_widen = _numbers(half, blur, noise, fit, sigma2_px), constant(1.0 / widen)
+    nothing = constant(0.0)
     for k in range(SUMS + COLUMNS):
         put(sums, k, 0, nothing)
     for group in range(start, stop, 2 * every):
@@ -365,7 +372,7 @@ def covariance(
     """
     by, at, side_fit = np.empty((3, COLUMNS + 1), np.float32), (3, 4, NUMBERS), np.empty(COLUMNS)
     sums[:] = 0.0
-    per_widen = _constant(1.0 / widen)
+    per_widen = constant(1.0 / widen)
     for side in range(5):
         if side == without:
             continue
@@ -399,18 +406,16 @@ def widening(px, groups, half, blur, noise, fit, reach):
     side_fit = np.zeros(COLUMNS)
     side_fit[:NUMBERS] = fit
     n = _numbers(half, blur, noise, side_fit, 0.0)
-    zero, far, full = _constant(0.0), _constant(reach), _constant(FULL)
+    zero, far, full = constant(0.0), constant(reach), constant(FULL)
     top = weight = zero
     for group in range(groups):
-        grey = take(px, group, GREY)
-        x, y = take(px, group, A) - n.a, take(px, group, B) - n.b
-        a, b = fma(n.sn, y, n.cs * x), less(n.cs * y, n.sn, x)
+        grey, a, b = _at(px, group, n)
         ea, sa, eb, sb = _edges(a, b, n)
         light = n.gain * _light(px, group, a, b)
         r = less(less(less(grey - n.ground, light, ea * eb), n.by_a, a), n.by_b, b)
         j = magnitude(sa) * eb * (magnitude(a) - n.half)
         j = light * n.per_blur * fma(ea * magnitude(sb), magnitude(b) - n.half, j)
-        s2 = most(fma(n.n1, grey, n.n0), _constant(LEAST_VARIANCE))
+        s2 = _variance(grey, n)
         r = above(far * s2, r * r, r, zero)
         j = j / s2
         top = fma(j, above(grey, full, zero, r), top)
@@ -491,16 +496,16 @@ def trust(px, starts, usual, bins):
     bins (4, PARTS, 2): scratch.
     """
     bins[:] = 0.0
-    one, zero = _constant(1.0), _constant(0.0)
+    one, zero = constant(1.0), constant(0.0)
     low, high = PART_MISFIT
     for side in range(4):
-        rows, most_q = bins[side], _constant(AGREE * usual[side])
+        rows, most_q = bins[side], constant(AGREE * usual[side])
         for group in range(starts[side], starts[side + 1]):
             first = int(px[group, PART]) // TOGETHER * TOGETHER
             part, q = take(px, group, PART), least(take(px, group, Q), most_q)
             for p in range(TOGETHER):
-                middle = _constant(first + p)
-                its = above(_constant(0.5), magnitude(part - middle), one, zero)
+                middle = constant(first + p)
+                its = above(constant(0.5), magnitude(part - middle), one, zero)
                 row = rows[first % PARTS + p]
                 row[0] += added(its)
                 row[1] += added(its * q)
@@ -517,8 +522,8 @@ def trust(px, starts, usual, bins):
             first = int(px[group, PART]) // TOGETHER * TOGETHER
             part, level = take(px, group, PART), zero
             for p in range(TOGETHER):
-                its = above(_constant(0.5), magnitude(part - _constant(first + p)), one, zero)
-                level = fma(its, _constant(rows[first % PARTS + p, 0]), level)
+                its = above(constant(0.5), magnitude(part - constant(first + p)), one, zero)
+                level = fma(its, constant(rows[first % PARTS + p, 0]), level)
             put(px, group, TRUST, level)
 
 
@@ -530,16 +535,14 @@ def side_nats(px, starts, half, blur, noise, fit, own, near, widen, out):
     own (5, OWN): numbers of each side. After residuals.
     """
     side_fit = np.empty(COLUMNS)
-    one, zero, full, close = _constant(1.0), _constant(0.0), _constant(FULL), _constant(near)
+    one, zero, full, close = constant(1.0), constant(0.0), constant(FULL), constant(near)
     for side in range(4):
         _of_side(fit, own[side], side_fit)
         n = _numbers(half, blur, noise, side_fit, 0.0)
-        ground, within = _constant(fit[4]), _constant(half - near)
+        ground, within = constant(fit[4]), constant(half - near)
         count = sd = sdd = se = sed = see = sv = svd = sve = step = noises = zero
         for group in range(starts[side], starts[side + 1]):
-            grey = take(px, group, GREY)
-            x, y = take(px, group, A) - n.a, take(px, group, B) - n.b
-            a, b = fma(n.sn, y, n.cs * x), less(n.cs * y, n.sn, x)
+            grey, a, b = _at(px, group, n)
             far, t = (a, b) if side % 2 == 0 else (b, a)
             d = (far if side < 2 else zero - far) - n.half
             use = above(take(px, group, AREA), zero, one, zero)
@@ -559,7 +562,7 @@ def side_nats(px, starts, half, blur, noise, fit, own, near, widen, out):
             svd = fma(v, d, svd)
             sve = fma(v, e, sve)
             step = fma(n.gain * use, _light(px, group, a, b), step)
-            noises = fma(use, most(fma(n.n1, grey, n.n0), _constant(LEAST_VARIANCE)), noises)
+            noises = fma(use, _variance(grey, n), noises)
         out[side] = _nats(
             np.float64(added(count)), added(sd), added(sdd), added(se), added(sed), added(see),
             added(sv), added(svd), added(sve), added(step), added(noises), widen,

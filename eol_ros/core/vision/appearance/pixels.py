@@ -171,7 +171,8 @@ def _pick(rows, cols, m, half_m, near_px, out_px, middle, us, vs, area, at):
 
 
 @njit(cache=True, inner=True, forceinline=True)
-def _all(number):
+def constant(number):
+    """Return `number` in all lanes."""
     return splat8(np.float32(number))
 
 
@@ -181,10 +182,10 @@ def _map(m, u, v):
     scale = scale_of(m)
     per, s2 = scale / (m[1] * m[8] - m[2] * m[7]), scale * scale
     return (
-        _all(u - m[0]), _all(v - m[6]),
-        _all(m[8] * per), _all(-m[2] * per), _all(-m[7] * per), _all(m[1] * per),
-        _all(m[3] / s2), _all(m[4] / s2), _all(m[5] / s2),
-        _all(m[9] / s2), _all(m[10] / s2), _all(m[11] / s2),
+        constant(u - m[0]), constant(v - m[6]),
+        constant(m[8] * per), constant(-m[2] * per), constant(-m[7] * per), constant(m[1] * per),
+        constant(m[3] / s2), constant(m[4] / s2), constant(m[5] / s2),
+        constant(m[9] / s2), constant(m[10] / s2), constant(m[11] / s2),
     )  # fmt: skip
 
 
@@ -220,15 +221,15 @@ def _flatten(count, half, near_px, table, sense, a, b, area):
 @njit(cache=True, inner=True)
 def _name(count, half, near_px, room):
     """Set the part of a side at which each picked pixel lies, or -1."""
-    zero, one, most_part = _all(0.0), _all(1.0), _all(PARTS - 1)
+    zero, one, most_part = constant(0.0), constant(1.0), constant(PARTS - 1)
     for n in range(0, count, LANES):
         a, b, area = take(room, 2, n), take(room, 3, n), take(room, 4, n)
         far_a, far_b = magnitude(a), magnitude(b)
-        side_a, side_b = above(a, zero, zero, _all(2.0)), above(b, zero, one, _all(3.0))
+        side_a, side_b = above(a, zero, zero, constant(2.0)), above(b, zero, one, constant(3.0))
         side, t = above(far_a, far_b, side_a, side_b), above(far_a, far_b, b, a)
-        p = most(least((t + _all(half)) * _all(PARTS / (2 * half)), most_part), zero)
-        part = fma(side, _all(PARTS), whole(p))
-        part = above(_all(half - near_px), most(far_a, far_b), zero - one, part)
+        p = most(least((t + constant(half)) * constant(PARTS / (2 * half)), most_part), zero)
+        part = fma(side, constant(PARTS), whole(p))
+        part = above(constant(half - near_px), most(far_a, far_b), zero - one, part)
         put(room, 5, n, above(area, one, zero - one, part))
 
 
@@ -280,25 +281,25 @@ def shade(px, groups, half, light, spread, flat, cells):
             c[0], c[1] = light[j, i], light[j, i + 1] - light[j, i]
             c[2] = light[j + 1, i] - light[j, i]
             c[3] = light[j + 1, i + 1] - light[j + 1, i] - c[1]
-    middle, last, zero = _all(CELLS / 2 - 0.5), _all(CELLS - 2), _all(0.0)
-    per_cell, low, high = _all(CELLS / (2 * half)), _all(-0.5), _all(CELLS - 0.5)
-    slope = _all(CELLS / (2 * half) if flat else 0.0)
+    middle, last, zero = constant(CELLS / 2 - 0.5), constant(CELLS - 2), constant(0.0)
+    per_cell, low, high = constant(CELLS / (2 * half)), constant(-0.5), constant(CELLS - 0.5)
+    slope = constant(CELLS / (2 * half) if flat else 0.0)
     for group in range(groups):
         a, b = take(px, group, A), take(px, group, B)
         p = least(most(fma(a, per_cell, middle), low), high)
         q = least(most(fma(b, per_cell, middle), low), high)
         i, j = whole(least(most(p, zero), last)), whole(least(most(q, zero), last))
-        level, by_p, by_q, both = pluck_rows(cells, fma(j, _all(n), i))
+        level, by_p, by_q, both = pluck_rows(cells, fma(j, constant(n), i))
         p, q = p - i, q - j
         level = fma(by_p, p, level)
         by_q = fma(both, p, by_q)
         level, by_p = fma(by_q, q, level), fma(both, q, by_p)
         by_p, by_q = by_p * slope, by_q * slope
-        level = most(level, _all(0.05))
+        level = most(level, constant(0.05))
         put(px, group, LIGHT, less(less(level, by_p, a), by_q, b))
         put(px, group, LIGHT_A, by_p)
         put(px, group, LIGHT_B, by_q)
-        put(px, group, SPREAD, pluck(spreads, fma(j, _all(CELLS), i)))
+        put(px, group, SPREAD, pluck(spreads, fma(j, constant(CELLS), i)))
 
 
 @njit(inline='always')
@@ -345,7 +346,7 @@ def read(image, at, shift, groups, px):
     Set the trust of its pixels to 1, and of what fills its lists to 0.
     """
     flat, by = image.reshape(-1), shift[1] * image.shape[1] + shift[0]
-    zero, one = splat8(np.float32(0.0)), splat8(np.float32(1.0))
+    zero, one = constant(0.0), constant(1.0)
     for group in range(groups):
         put(px, group, GREY, look(flat, at, group * LANES, by))
         put(px, group, TRUST, above(take(px, group, AREA), zero, one, zero))

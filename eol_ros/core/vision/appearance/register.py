@@ -8,16 +8,16 @@ import numpy as np
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import arctan2, cos, sin
-from eol_ros.core.lanes import above, added, fma, least, most, splat8, take
+from eol_ros.core.lanes import above, added, fma, least, most, take
 from eol_ros.core.vision import outline
 from eol_ros.core.vision.appearance import faces, fit, pixels
 from eol_ros.core.vision.appearance import model as m
 from eol_ros.core.vision.appearance.model import LANES
-from eol_ros.core.vision.appearance.pixels import AREA, EDGE, GREY, SPREAD, Q
+from eol_ros.core.vision.appearance.pixels import AREA, EDGE, GREY, SPREAD, Q, constant
 from eol_ros.core.vision.calibration import mapping
 
 MADE, MOVED, SAME = range(3)  # what became of a patch
-_0, _HALF, _1 = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+_1 = np.float32(1.0)
 
 FOUND = np.dtype(
     [
@@ -452,10 +452,10 @@ def _usual(f, widen, room):
 @njit(cache=True, inner=True)
 def _judge(px, starts, noise, z, widen, f):
     """Set visible, ring, ratio, misfit and side_misfit of f, from all pixels."""
-    zero, one, half, agree = splat8(_0), splat8(_1), splat8(_HALF), splat8(np.float32(m.AGREE))
-    per_widen, ground = splat8(np.float32(1.0 / widen)), splat8(np.float32(z[4]))
-    gain2, n0 = splat8(np.float32(z[3] ** 2)), splat8(np.float32(noise[0]))
-    n1, dark = splat8(np.float32(noise[1])), splat8(np.float32(m.LEAST_VARIANCE))
+    zero, one, half, agree = constant(0.0), constant(1.0), constant(0.5), constant(m.AGREE)
+    per_widen, ground = constant(1.0 / widen), constant(z[4])
+    gain2, n0 = constant(z[3] ** 2), constant(noise[0])
+    n1, dark = constant(noise[1]), constant(m.LEAST_VARIANCE)
     alike = area = ratio = chi = n = ring = ringed = zero
     for side in range(5):
         total = count = zero
