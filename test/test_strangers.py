@@ -362,7 +362,6 @@ VALUES = [
     ('', b'', 'calibrate points G/points.csv --size 0x0', 2, 'two numbers like'),
     ('', b'', f'calibrate points G/points.csv --size {"9" * 5000}x9', 2, 'two numbers like'),
     ('', b'', 'calibrate print b.png --board 9999x9999', 78, 'DICT_4X4_100 has 100'),
-    ('', b'', 'calibrate print b.pdf --paper nanxnan', 78, 'nor a size in mm'),
     ('', b'', 'camera focus --device none --size 99999999999x9', 2, 'is out of range'),
     ('', b'', 'corpus move G/corpus.json 1 nan inf', 78, 'must lie in 0..1'),
     ('', b'', f'corpus move G/corpus.json {10**22} 0.5 0.5', 78, 'the corpus has grains 0 to 3'),

@@ -14,7 +14,7 @@ from eol_ros import scene as scenes
 from eol_ros.cli import within
 from eol_ros.core.table import Table, check_same
 from eol_ros.devices.bag.reader import table_in
-from eol_ros.errors import ConfigError, EolError, UsageError, writing
+from eol_ros.errors import ConfigError, EolError, UsageError
 
 HELP = 'Calibrate the camera on the resting blocks, on known points, or on a ChArUco board.'
 EXAMPLES = [
@@ -24,8 +24,7 @@ EXAMPLES = [
     'eol calibrate board flat.png held1.png held2.png held3.png held4.png --output table.yaml',
     'eol calibrate blocks still.png --mirror --output table.yaml',
     'eol calibrate points corners.csv --size 1280x800 --covers covers --cover-height 0.013',
-    'eol calibrate print board.pdf --square 0.03 --marker 0.022 --paper A3',
-    'eol calibrate print board.svg',
+    'eol calibrate print board.png --board 9x7',
 ]
 MOST_M = 5.0  # from the middle of the table: a point farther away is in mm or cm
 _VIEWS = 8  # images taken out of a long source
@@ -36,8 +35,7 @@ def add_arguments(parser):
     parser.add_argument(
         'way',
         choices=['blocks', 'points', 'board', 'print'],
-        help='what the camera sees; `print` writes a board for printing: .pdf or .svg to scale, '
-        '.png in pixels',
+        help='what the camera sees; `print` writes the image of a board (.png) for printing',
     )
     parser.add_argument(
         'sources',
@@ -87,12 +85,6 @@ def add_arguments(parser):
     side = within(1e-3, 2)
     parser.add_argument('--square', type=side, default=0.06, metavar='M', help='side of a square')
     parser.add_argument('--marker', type=side, default=0.045, metavar='M', help='side of a marker')
-    parser.add_argument(
-        '--paper',
-        default='auto',
-        metavar='A4..A0|WxH',
-        help='paper size, or size in mm (default: the smallest that fits)',
-    )
     parser.add_argument(
         '--dictionary', default='DICT_4X4_100', help='ArUco dictionary of the board'
     )
@@ -236,28 +228,15 @@ def _board_of(args):
 
 
 def _print(args) -> int:
+    from eol_ros.devices.files import picture_file
+
     path = Path(args.sources[0])
-    kind = path.suffix.lower()
-    if kind not in ('.svg', '.pdf', '.png'):
-        raise UsageError(f'{path}: name a .pdf or .svg, to scale, or a .png')
-    if kind == '.png':
-        from eol_ros.devices.files import picture_file
-
-        picture_file.save(path, _board_of(args).picture())
-        print(
-            f'print it so that one square is {args.square * 1e3:g} mm wide, with a white margin; '
-            'a .pdf has both',
-            file=sys.stderr,
-        )
-        return 0
-    from eol_ros.core.vision.calibration import board_sheet
-
-    page = board_sheet.sheet(_board_of(args), args.paper)
-    data = board_sheet.pdf(page) if kind == '.pdf' else board_sheet.svg(page).encode()
-    with writing(path):
-        path.write_bytes(data)
+    if path.suffix.lower() != '.png':
+        raise UsageError(f'{path}: a board is written as .png')
+    picture_file.save(path, _board_of(args).picture())
     print(
-        f'print it at 100 % on {page.width:g} x {page.height:g} mm, then measure the ruler',
+        'print it, measure a square and a marker, and give both to `eol calibrate board` in metres '
+        'as --square and --marker',
         file=sys.stderr,
     )
     return 0

@@ -52,9 +52,10 @@ class Board:
             (self.columns, self.rows), self.square_m, self.marker_m, dictionary
         )
 
-    def picture(self, px_per_square: int = 100) -> np.ndarray:
-        """Return the board as an image (h, w) uint8, to print."""
-        return self.made().generateImage((self.columns * px_per_square, self.rows * px_per_square))
+    def picture(self, px_per_square: int = 200) -> np.ndarray:
+        """Return the board as an image (h, w) uint8 to print, with a white margin."""
+        size = (self.columns + 1) * px_per_square, (self.rows + 1) * px_per_square
+        return self.made().generateImage(size, marginSize=px_per_square // 2)
 
 
 def find(image: np.ndarray, board: Board, mirror: bool = False) -> tuple[np.ndarray, np.ndarray]:
