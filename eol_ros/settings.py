@@ -325,8 +325,8 @@ class MotionSettings:
     cascade_gap_s: float = live(0.05, 'longest pause between two slips of one cascade', 's', 0, 1)
     tap_probability: float = setting(
         0.99,
-        'share of earlier taps confirmed by images from which a tap is reported as a slip '
-        'before an image shows it; 1: never reported',
+        'minimum share of earlier taps that the camera confirmed, from which a tap is published '
+        'as a provisional slip; 1: no provisional slips',
         '',
         0,
         1,
@@ -386,8 +386,8 @@ class LedsSettings:
     )
     afterglow_s: float = live(
         0.0,
-        'time from a slip to a second lighting of its block, at least 1 s, if it was not lit in '
-        'the last second: a cascade shines again in the order of its last slips; 0: none',
+        'time from a slip to a second lighting of its block, at least 1 s; 0: none. A cascade '
+        'shines again in the order of its last slips, without blocks lit in the last second',
         's',
         0,
         10,
@@ -475,7 +475,7 @@ class GrainsSettings:
     weights: tuple[str, ...] = live(
         (),
         'lines, one a sound: the share, 0 to 1, of the grains of that sound that blocks can '
-        'play; NAME is the file name without its ending, the name of its folder, or ice',
+        'play. NAME is the file name without its ending, the name of its folder, or ice',
         kind='NAME WEIGHT',
     )
     regions: tuple[str, ...] = live(
@@ -520,10 +520,10 @@ class GrainsSettings:
     )
     mode: str = live(
         'fence',
-        'trigger mode: each grain that a block touches sounds once (fence); a moving block '
-        'sounds one of the grains within its trigger radius at an interval (bow), at a common '
-        'beat (beat), or at the end of its last grain (chain); or it sounds the grain that '
-        'follows its last grain in the recording (continue)',
+        'trigger mode. With fence, each grain that a block touches sounds once. With bow, beat or '
+        'chain, a moving block sounds a grain within its trigger radius at an interval, at a '
+        'common beat, or at the end of its last grain. With continue, it sounds the grain that '
+        'follows its last one in the recording',
         choices=('fence', 'bow', 'beat', 'chain', 'continue'),
     )
     choose: str = live(
@@ -532,9 +532,8 @@ class GrainsSettings:
     k: int = live(3, 'number of nearest grains with choose: k', '', 1, 100)
     match: tuple[str, ...] = live(
         (),
-        "lines: choose the grains whose descriptors are closest to the block's x, y or speed, "
-        'or to the grain that it sounded last, instead of those nearest in space; the '
-        'distance is a weighted distance of ranks, 0 to 1',
+        "lines that choose grains by descriptors, not by space: closest to the block's x, y or "
+        'speed, or to its last grain. The distance is a weighted distance of ranks, 0 to 1',
         kind='DESCRIPTOR WEIGHT SOURCE',
     )
     radius: float = live(0.045, 'trigger radius of a block', 'm', 0.001, 1)

@@ -70,7 +70,7 @@ def topic_table() -> str:
 
 
 def service_table() -> str:
-    rows = ['| service | type | what it asks | nodes |', '| --- | --- | --- | --- |']
+    rows = ['| service | type | effect | nodes |', '| --- | --- | --- | --- |']
     for kind in KINDS.values():
         if kind.off or kind.triggered:
             type_ = 'SetBool' if kind.off else 'Trigger'
@@ -180,7 +180,7 @@ def arguments(parser: argparse.ArgumentParser) -> list[str]:
         elif names and not action.metavar and not choices:
             takes = takes.upper()
         about = (action.help or '') % {'default': action.default}
-        if choices and choices not in takes:
+        if choices and choices not in takes and action.choices[0] not in about:
             about += f' ({choices})'
         cells = f'`{names} {takes}`'.replace('` ', '`').replace(' `', '`'), about
         rows.append(f'| {" | ".join(cell.replace("|", chr(92) + "|") for cell in cells)} |')
@@ -250,7 +250,7 @@ def exit_codes_page() -> str:
 
 def osc_page() -> str:
     """Return docs/reference/osc.md as it is, with the table of messages of today."""
-    rows = ['| message | address and values | what it tells |', '| --- | --- | --- |']
+    rows = ['| message | address and values | meaning |', '| --- | --- | --- |']
     rows += [f'| `{r.name}` | `/eol/{r.name}` {r.takes} | {r.doc} |' for r in osc.ROWS.values()]
     head, _, rest = (ROOT / 'docs/reference/osc.md').read_text().partition(OSC_TABLE)
     return (

@@ -44,9 +44,9 @@ def simulate(
     path : str
         The solver: auto, exact, event or stepping.
     tolerance : float, optional
-        Of the event path, relative.
+        Relative tolerance of the event path.
     step_s : float
-        Of the path stepping.
+        Time step of the path stepping, s.
     limits : Limits, optional
         Most events and steps.
     ledger : bool

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Adds light for slips to what the blocks flash by themselves, and publishes the blocks' own taps.
+"""Lights the blocks whose slips only the camera saw, and publishes the taps of the blocks.
 
 The packet with the light of a slip is written inside the callback that brings the slip, and carries
 the stamp of its image. What a block lights by itself has the stamp of its knock, that is of the

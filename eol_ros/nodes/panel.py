@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shows the graph to browsers and to RViz, and takes what people ask for in a browser."""
+"""Shows the graph to browsers and to RViz, and takes requests from browsers."""
 
 import functools
 import sys

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plays a bag as if it happened now: the recorded bytes, stamps unchanged, and their time."""
+"""Plays a bag into the graph: the recorded bytes, stamps unchanged, and their time on `/clock`."""
 
 import sys
 import threading

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the blocks in camera images; makes a JPEG for people while somebody looks.
+"""Finds the blocks in camera images; publishes a JPEG preview on demand.
 
 What people ask for counts from a stamp that the answer names, so that a bag can be proved.
 """

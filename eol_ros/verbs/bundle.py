@@ -21,7 +21,7 @@ from eol_ros.scene_secrets import without
 from eol_ros.verbs import reach
 
 HELP = (
-    'Collect what a supporter of this installation needs: versions, machine, scene, state of the '
+    'Collect what a maintainer needs to diagnose a fault: versions, machine, scene, state of the '
     'running graph, logs, devices, and metadata of the newest bags. It holds no recorded data, no '
     'images and no PIN.'
 )

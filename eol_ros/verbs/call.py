@@ -13,7 +13,7 @@ EXAMPLES = [
     'eol call --list',
     'eol call sleep',
     'eol call mute',
-    'eol call calibrate                             # waits until the tracker says what came of it',
+    'eol call calibrate                             # waits for the result of the tracker',
     'eol call play_grain grain=12',
     'eol call move_grain grain=12 x=0.25 y=0.5',
     'eol call set grains radius=0.05',

@@ -33,10 +33,15 @@ def add_arguments(parser):
         'words',
         nargs='*',
         metavar='AUDIO',
-        help='sound files or folders; or show, move ...',
+        help='sound files or folders; or show CORPUS, or move CORPUS GRAIN X Y',
     )
     add = parser.add_argument
-    add('--segment', choices=('chop', 'onset', 'gate', 'none', 'labels'), default='chop')
+    add(
+        '--segment',
+        choices=('chop', 'onset', 'gate', 'none', 'labels'),
+        default='chop',
+        help='cut into equal lengths (default), at onsets, above a level, at labels, or not at all',
+    )
     add(
         '--grain',
         type=within(0.02, 60),
@@ -75,11 +80,18 @@ def add_arguments(parser):
         metavar='DB',
         help='grains below this level get no place',
     )
-    add('--x', choices=DESCRIPTORS, default=DESCRIPTORS[0], metavar='NAME', help=_NAMES)
-    add('--y', choices=DESCRIPTORS, default=DESCRIPTORS[1], metavar='NAME')
+    add('--x', choices=DESCRIPTORS, default=DESCRIPTORS[0], metavar='NAME',
+        help=f'descriptor from left to right: {_NAMES}')  # fmt: skip
+    add('--y', choices=DESCRIPTORS, default=DESCRIPTORS[1], metavar='NAME',
+        help='descriptor from near to far; names as for --x')  # fmt: skip
     where = 'where the grains of a sound lie: left, right, near, far, or X,Y,X,Y in 0..1'
     add('--region', action='append', default=[], metavar='"NAME REGION"', help=where)
-    add('--layout', choices=('raw', 'rank', 'even'), default='even')
+    add(
+        '--layout',
+        choices=('raw', 'rank', 'even'),
+        default='even',
+        help='place by value, by rank, or evenly spread (default)',
+    )
     add(
         '--blend',
         type=within(0, 1),
@@ -99,7 +111,7 @@ def add_arguments(parser):
     add('--json', action='store_true', help='print the corpus as JSON')
 
 
-_NAMES = 'one of ' + ', '.join(DESCRIPTORS)
+_NAMES = ', '.join(DESCRIPTORS)
 
 
 def run(args):

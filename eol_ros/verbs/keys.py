@@ -36,14 +36,14 @@ def add_arguments(parser):
     add = verbs.add_parser(
         'add', help='add a key, and print the file for the other machine to join'
     )
-    add.add_argument('name')
+    add.add_argument('name', help='name for the key')
     add.add_argument(
         '--endpoint', metavar='HOST[:PORT]', default=socket.gethostname(),
         help='address of this machine for the other one (default: its name)',
     )  # fmt: skip
     add.add_argument('--public', metavar='KEY', default='', help='public key of the other machine')
     revoke = verbs.add_parser('revoke', help='revoke a key')
-    revoke.add_argument('name')
+    revoke.add_argument('name', help='name of the key')
     verbs.add_parser('list', help='list the keys, and whether the tunnel is up')
     join = verbs.add_parser('join', help='install on this machine the file that `add` printed')
     join.add_argument('file', help='the file, or - for standard input')

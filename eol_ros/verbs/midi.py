@@ -27,7 +27,11 @@ PERIOD_S = 0.01
 def add_arguments(parser):
     """Declare the command line."""
     add = parser.add_argument
-    parser.add_argument('action', choices=('list', 'watch', 'learn'))
+    parser.add_argument(
+        'action',
+        choices=('list', 'watch', 'learn'),
+        help='list inputs, print messages, or wait for a controller and assign it',
+    )
     parser.add_argument(
         'what', nargs='?', help='learn: target of the controller, such as a setting and its range'
     )

@@ -18,9 +18,13 @@ EXAMPLES = [
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('action', choices=('list', 'get', 'set'))
-    parser.add_argument('node')
-    parser.add_argument('name', nargs='?')
+    parser.add_argument(
+        'action',
+        choices=('list', 'get', 'set'),
+        help='list: all settings of the node; get: one value; set: change it',
+    )
+    parser.add_argument('node', help='node of the graph, such as grains')
+    parser.add_argument('name', nargs='?', help='setting of the node')
     parser.add_argument('value', nargs='?', help='the new value, as YAML')
     parser.add_argument('--json', action='store_true', help='print JSON')
     reach.add_arguments(parser)

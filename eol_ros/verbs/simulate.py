@@ -55,8 +55,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='number of runs; the shortest time counts',
     )
     most = within(1, 1e9, int)
-    parser.add_argument('--max-steps', type=most, default=20_000_000, metavar='N')
-    parser.add_argument('--max-events', type=most, default=4_000_000, metavar='N')
+    parser.add_argument('--max-steps', type=most, default=20_000_000, metavar='N',
+                        help='steps after which the run ends')  # fmt: skip
+    parser.add_argument('--max-events', type=most, default=4_000_000, metavar='N',
+                        help='events after which the run ends')  # fmt: skip
     parser.add_argument('--write-scene', metavar='FILE.json', help='save the scene and stop')
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
 

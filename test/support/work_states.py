@@ -32,7 +32,7 @@ STATES = {
         'fault: leds: no board answers on /dev/ttyUSB0',
         '故障：leds：/dev/ttyUSB0 上沒有控制板回應',
     ),
-    'no_camera': (running(twin=row(WARN, rate=0.0)), 'no camera image', '沒有攝影機影像'),
+    'no_camera': (running(twin=row(WARN, rate=0.0)), 'no camera image', '沒有相機影像'),
     'no_sound_card': (
         running(sound=row(WARN, values={'card_missing': True})), 'no sound card', '沒有音效卡',
     ),

@@ -41,10 +41,10 @@ def window_s(table: Table) -> float:
 
 
 class FlashField:
-    """The light of all blocks, a pure function of the slips and the times it is asked for.
+    """The light of all blocks, a pure function of the slips and the times of its calls.
 
-    Blocks take a shorter decay than SHORTEST_S as that: they then obey the bridge within 0.022 of
-    it, over a link of 2 ms.
+    A decay below SHORTEST_S is raised to it: blocks then follow the bridge within 0.022 of the
+    decay, over a link of 2 ms.
 
     Parameters
     ----------

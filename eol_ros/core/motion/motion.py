@@ -130,7 +130,7 @@ class Motion:
         Returns
         -------
         slips : list of NumberedSlip
-            Starts and stops that this image told.
+            Starts and stops found in this image.
         cascades : list of CascadeEvent
             Those that are over.
 

@@ -64,7 +64,7 @@ def onsets(
     sigma_m : ndarray
         (b,) noise of `path_m`, the error of the rest position included.
     period_s : float
-        Between images.
+        Time between images, s.
     latest_s : ndarray, optional
         (b,) latest possible onsets: stamps of images that surely show motion (default: the newest).
     acceleration_mps2 : float

@@ -101,7 +101,7 @@ def table(
     Parameters
     ----------
     drive : dict
-        How the rim moves: kind and par, as `eol simulate --help` lists them.
+        How the rim moves: kind and par, as docs/reference/physics_scene.md lists them.
     duration_s : float
         Time to simulate.
     rows, columns : int

@@ -52,7 +52,7 @@ class Corpus:
     x_name, y_name : str
         The descriptors of the axes.
     digest : str
-        Of its content.
+        Digest of the content.
     notes : tuple of str
         What was left out in making it, for people.
 

@@ -55,7 +55,7 @@ def analyse(
     silence_db : float
         Grains of an RMS below are silent, and those without any spectrum.
     progress : callable
-        Is told the share done, 0..1.
+        Called with the share done, 0..1.
 
     Returns
     -------

@@ -259,9 +259,9 @@ class Mixer:
     cubic : bool
         Interpolate by cubics (else by lines) where a grain is played at another rate.
     gain_db : float
-        Of the master.
+        Master gain.
     ceiling_db : float
-        Of the limiter, dBFS.
+        Ceiling of the limiter, dBFS.
     loudness_lufs, governor_db : float
         Above this loudness the governor turns down, by so much at most.
     epoch_s : float

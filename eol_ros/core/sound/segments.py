@@ -85,11 +85,11 @@ def onsets(
 ) -> np.ndarray:
     """Find the samples at which something begins.
 
-    Novelty is the spectral flux in decibels: how much the power in 12 bands, about even in log
-    frequency, has risen within 10 ms, the mean over the bands with falls counted as 0; the
-    logarithm makes it blind to level. A peak counts when it exceeds the median of the 0.4 s around
-    it by `threshold_db`; of peaks nearer than `min_gap_s` the greater stays. Each is then set to
-    the millisecond before which the sound is quietest against after.
+    Novelty is the spectral flux in decibels, which does not depend on the level: the rise of the
+    power within 10 ms, with falls counted as 0. It is the mean over 12 bands, about even in log
+    frequency. A peak counts when it exceeds the median of the 0.4 s around it by `threshold_db`. Of
+    peaks nearer than `min_gap_s` the greater stays. Each is then set to the millisecond at which
+    the sound rises most.
 
     Parameters
     ----------
@@ -98,9 +98,9 @@ def onsets(
     rate : int
         Samples a second.
     threshold_db : float
-        By which a peak stands out.
+        Least height of a peak above the median, dB.
     min_gap_s : float
-        Between two onsets.
+        Least time between two onsets, s.
 
     Returns
     -------

@@ -78,10 +78,10 @@ class Tracker:
     settings : TrackerSettings
         As a scene has them.
     calibration : Calibration or None
-        Of this camera, and of the table. None starts with pixels and nominal metres of the size of
-        the squares, and asks the settings for a mirror.
+        Calibration of camera and table. With None the tracker starts in pixels and nominal
+        metres, by the size of the squares, and takes the mirror from the settings.
     table : Table, optional
-        Of a camera without a calibration; the table of the paper if neither is there.
+        The table, where `calibration` is None; default: that of the paper.
 
     Examples
     --------

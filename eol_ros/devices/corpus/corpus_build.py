@@ -83,7 +83,7 @@ def build(
     options : Options
         How to cut and place them.
     progress : callable
-        Is told the share done, 0..1.
+        Called with the share done, 0..1.
 
     Returns
     -------

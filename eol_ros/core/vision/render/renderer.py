@@ -84,7 +84,7 @@ class Renderer:
     calibration : Calibration, optional
         Where metres fall in the image, distortion and tilt included.
     seed : int
-        Of noise and clutter.
+        Seed of noise and clutter.
     n_blocks : int, optional
         Number of blocks to draw; by default those of the table of `calibration`.
 
