@@ -53,7 +53,9 @@ def wanted(extras, python):
 
 
 @pytest.mark.parametrize('python', PYTHONS)
-@pytest.mark.parametrize(('name', 'extras'), [('run', ['ros']), ('test', ['ros', 'test'])])
+@pytest.mark.parametrize(
+    ('name', 'extras'), [('run', ['ros', 'science']), ('test', ['ros', 'test'])]
+)
 def test_all_that_setup_py_names_is_locked_in_a_version_that_it_allows(name, extras, python):
     found = locked(name, python)
     for requirement in wanted(extras, python):

@@ -15,5 +15,6 @@ sed -n '/^requires = \[/,/^\]/p' msg_defs/eol_msgs/pyproject.toml |
     grep -o '"[^"]*"' | tr -d '"' >.venv/messages.in
 locks=tools/requirements
 uv "$@" setup.py .venv/build.in --extra ros --extra test --output-file $locks/test.txt
-uv "$@" setup.py .venv/build.in --extra ros --constraint $locks/test.txt --output-file $locks/run.txt
+uv "$@" setup.py .venv/build.in --extra ros --extra science --constraint $locks/test.txt \
+    --output-file $locks/run.txt
 uv "$@" .venv/messages.in --constraint $locks/test.txt --output-file $locks/messages.txt
