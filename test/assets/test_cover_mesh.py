@@ -7,30 +7,8 @@ import pytest
 from assets.covers import mesh as covers
 from assets.covers.mesh import CoverShape
 from eol_ros.core.terrain import landscape
-from eol_ros.errors import UsageError
 
 CELLS = 12
-
-
-def test_neighbouring_edges_match_to_the_bit():
-    land = landscape(3, cells=CELLS)
-    shape = CoverShape()
-    top = {}
-    for row in range(5):
-        for col in range(5):
-            mesh = covers.cover_mesh(covers.tile(land, row, col, CELLS), shape)
-            top[row, col] = np.unique(mesh.astype('<f4').reshape(-1, 3), axis=0)
-    half = np.float32(shape.side_mm / 2)
-    for (row, col), points in top.items():
-        if col < 4:
-            edge = points[(points[:, 0] == half) & (points[:, 2] > 0)][:, 1:]
-            other = top[row, col + 1]
-            assert np.array_equal(edge, other[(other[:, 0] == -half) & (other[:, 2] > 0)][:, 1:])
-        if row < 4:
-            edge = points[(points[:, 1] == half) & (points[:, 2] > 0)][:, [0, 2]]
-            other = top[row + 1, col]
-            match = other[(other[:, 1] == -half) & (other[:, 2] > 0)][:, [0, 2]]
-            assert np.array_equal(edge, match)
 
 
 @pytest.mark.parametrize(
@@ -79,40 +57,6 @@ def test_a_lip_fits_into_the_body_and_the_rim_stands_on_it():
     assert np.diff(steps).max() <= 0.25 + 1e-9  # overhangs by 45 degrees at most
     lightest = covers.cover_mesh(covers.tile(land, 1, 4, CELLS), CoverShape())
     assert covers.volume_mm3(triangles) > covers.volume_mm3(lightest)
-
-
-def test_any_picture_fits_and_bad_ones_are_refused():
-    ramp = np.tile(np.arange(50.0), (30, 1))
-    fitted = covers.fit(ramp, 5, 5, 4)
-    assert fitted.shape == (21, 21)
-    assert fitted[0] == pytest.approx(np.linspace(0, 1, 21))
-    up = covers.fit(np.arange(30.0)[:, None] * np.ones(9), 5, 5, 4)
-    assert up[0, 0] == 1 and up[-1, 0] == 0  # the image's top row lies furthest away
-    assert np.array_equal(covers.fit(np.ones((3, 3)), 2, 2, 2), np.zeros((5, 5)))
-    with pytest.raises(UsageError, match='2 x 2'):
-        covers.fit(np.ones((1, 9)), 5, 5, 4)
-
-
-@pytest.mark.parametrize(
-    'shape',
-    [
-        CoverShape(side_mm=0),
-        CoverShape(wall_mm=50),
-        CoverShape(skirt_mm=1),
-        CoverShape(relief_mm=-1),
-    ],
-)
-def test_impossible_covers_are_refused(shape):
-    with pytest.raises(UsageError):
-        covers.cover_mesh(np.zeros((3, 3)), shape)
-
-
-def test_hillshade_is_a_picture_with_the_far_edge_on_top():
-    land = np.zeros((11, 11))
-    land[-1] = 1.0
-    picture = covers.hillshade(land)
-    assert picture.dtype == np.uint8 and picture.shape == (11, 11)
-    assert picture[0].mean() > picture[-1].mean()
 
 
 def _indexed(triangles):

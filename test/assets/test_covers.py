@@ -10,9 +10,7 @@ import pytest
 
 from assets.covers import __main__ as covers
 from eol_ros.cli import run_verb
-from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.devices.files import stl_file
-from eol_ros.errors import ConfigError
 
 
 def main(words):
@@ -74,21 +72,6 @@ def test_a_height_map_of_ones_own_and_sizes(tmp_path, capsys):
     assert right[..., 2].max() == pytest.approx(35)
 
 
-def test_names_of_many_covers_are_in_order_of_their_ids(tmp_path, capsys):
-    """`eol calibrate` reads them so, and takes covers of the side of its table only."""
-    table = scene(tmp_path, rows=8, columns=13, block_side_m=0.05, platform_m=[3, 3])
-    sizes = ['--cells=1', '--lip=0', '--scene', table]
-    assert main(['--output', str(tmp_path), *sizes]) == 0
-    told = capsys.readouterr()
-    names = told.out.split()[:-1]
-    assert len(names) == 104 and names == sorted(names)
-    assert f'--covers {tmp_path}' in told.err and '--cover-gap' not in told.err
-    meshes = [stl_file.load(name) for name in names]
-    assert len(CoverOutlines.of_meshes(meshes, 0.0, 0.05).land_mm) == 104
-    with pytest.raises(ConfigError, match='a mesh is 50 wide; covers are 84 mm'):
-        CoverOutlines.of_meshes(meshes, 0.0)
-
-
 @pytest.mark.parametrize(
     ('words', 'code', 'says'),
     [
@@ -107,9 +90,3 @@ def test_mistakes_are_one_line(tmp_path, capsys, words, code, says):
     assert main(['--output', str(tmp_path / 'o'), *words]) == code
     text = capsys.readouterr().err
     assert says in text and text.count('\n') == 1
-
-
-def test_the_folder_cannot_be_made(tmp_path, capsys):
-    (tmp_path / 'file').write_text('')
-    assert main(['--output', str(tmp_path / 'file')]) == 78
-    assert '--output' in capsys.readouterr().err

@@ -7,10 +7,6 @@ import numpy as np
 import pytest
 import yaml
 from support.checkout import ROOT
-from support.paper import (
-    PLATFORM_SIDE_M,
-    rest_lattice,
-)
 
 from assets.kit import netlist
 from assets.kit.netlist import NetlistError
@@ -140,42 +136,6 @@ def test_a_circuit_that_cannot_be_is_refused(tmp_path, change, says):
         netlist.load(file)
 
 
-@pytest.fixture(scope='module')
-def read():
-    """Read a drawing as somebody's CAD does."""
-    ezdxf = pytest.importorskip('ezdxf')
-    from assets.kit.drawings import Kit
-
-    sheets = Kit().sheets()
-
-    def one(name):
-        doc = ezdxf.readfile(ROOT / 'docs' / 'build' / f'{name}.dxf')
-        assert not doc.audit().has_errors
-        assert doc.units == ezdxf.units.MM
-        told = [d.get_measurement() for d in doc.modelspace().query('DIMENSION')]
-        assert told == pytest.approx(sheets[name].measured())
-        svg = (ROOT / 'docs' / 'build' / f'{name}.svg').read_text()
-        for length in told:
-            assert f'>{length:.2f}'.rstrip('0').rstrip('.') in svg
-        return doc.modelspace(), told
-
-    return one
-
-
-def test_the_table_is_drawn_as_it_is_simulated(read):
-    space, told = read('table')
-    assert sorted(told) == pytest.approx([84, 90, 174, 960, 1400])
-    drawn = space.query('LWPOLYLINE[layer=="OUTLINE"]')
-    squares = [np.array(line.get_points('xy')) for line in drawn]
-    blocks = [s.mean(axis=0) for s in squares if np.ptp(s[:, 0]) == pytest.approx(84)]
-    assert np.array(blocks) == pytest.approx(1e3 * rest_lattice())
-    sides = {round(np.ptp(s[:, 0])) for s in squares}
-    assert 1e3 * PLATFORM_SIDE_M in sides
-    springs = [line.get_points('xy') for line in space.query('LWPOLYLINE[layer=="HIDDEN"]')]
-    lengths = [np.hypot(*np.subtract(*ends)) for ends in springs]
-    assert len(lengths) == 60 and lengths == pytest.approx([90] * 60)
-
-
 def test_what_is_made_is_up_to_date():
     pytest.importorskip('schemdraw')
     from assets.kit.__main__ import FOLDER, made, same
@@ -229,19 +189,3 @@ def test_the_kit_of_a_scene_is_that_of_its_table(tmp_path, capsys, name, numbers
     assert sizes[-1] == pytest.approx(1e3 * max(table.platform_m))
     square = table.rows == table.columns
     assert (tmp_path / 'jig_across.dxf').exists() != square
-
-
-def test_the_kit_says_what_does_not_fit_small_blocks(tmp_path, capsys):
-    pytest.importorskip('ezdxf')
-    from assets.kit.__main__ import main
-
-    assert main(['--scene', 'small', '--output', str(tmp_path)]) == 0
-    parts = (tmp_path / 'parts.md').read_text()
-    assert 'board of 46 x 46 mm at most, cell 46 mm long at most instead of 60 mm' in parts
-    assert 'heavier than the 100 g of the scene: set `twin.block_kg: 0.12`' in parts
-    assert '**119**' in parts and 'plate, to make it up' not in parts
-    assert 'mean diameter 8 mm, 37 coils' in (tmp_path / 'spring.svg').read_text()
-    stiff = tmp_path / 'stiff.yaml'
-    stiff.write_text('scene: stiff\nnodes: {twin: {spring_natural_m: 0.005}}\n')
-    assert main(['--scene', str(stiff), '--output', str(tmp_path)]) == 78
-    assert 'is longer than twin.spring_natural_m, 0.005 m' in capsys.readouterr().err

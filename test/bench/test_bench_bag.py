@@ -42,12 +42,3 @@ def test_one_wrong_value_is_told(sample, column, change):
     wrong = columns[column].copy()
     wrong[7] = change(wrong[7])
     assert not bench.agree(columns | {column: wrong}, peers)
-
-
-def test_a_message_one_by_one_is_measured():
-    pytest.importorskip('eol_msgs')
-    rows = bench.measure_messages(1, count=2)
-    assert [row['record'].split()[0].rstrip(',') for row in rows] == [
-        'blocks', 'image', 'slip', 'trigger',
-    ]  # fmt: skip
-    assert all(row['make_us'] > 0 and row['read_us'] > 0 for row in rows)

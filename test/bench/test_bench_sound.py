@@ -8,7 +8,6 @@ from support.sound_reference import snr_db
 
 from benchmarks import sound_live, sound_rehearsal
 from benchmarks.sound_engine import FS, make_score, ours, source, speed, truth
-from benchmarks.stalls import overlap
 from eol_ros.core.physics.twin.play import Play
 from eol_ros.errors import EolError
 from eol_ros.settings import GrainsSettings, SoundSettings, TwinSettings
@@ -119,12 +118,6 @@ def truth_of(settings, seconds):
             for i in np.flatnonzero(table._log.start == 1)
         ]
     return truths, begun
-
-
-def test_underruns_are_laid_to_a_standstill_only_where_there_was_one():
-    stood = [(1.0, 1.004), (5.0, 5.02)]
-    assert overlap([(0.9, 1.001), (2.0, 2.1), (5.01, 5.015), (5.02, 6.0)], stood) == 3
-    assert overlap([(1.1, 1.2)], []) == 0
 
 
 @pytest.mark.soak

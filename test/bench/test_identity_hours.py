@@ -2,32 +2,8 @@
 """Hours of names by several seeds, and what is counted of each."""
 
 import numpy as np
-import pytest
 
 from benchmarks import identity
-
-
-def half_an_hour(lasting, seed=0):
-    """What a seed shows in half an hour with so many lasting failures."""
-    return {
-        'eol_ros': {'lasting_failures_per_hour': lasting / 0.5, 'switches_per_hour': 2.0 * seed}
-    }
-
-
-def test_hours_of_several_seeds_add_up():
-    lasting = {3: 0, 4: 2, 5: 1}
-    found = identity.measure_seeds(lambda s: half_an_hour(lasting[s], s), range(3, 6), 0.5)
-    found = found['eol_ros']
-    assert found['hours'] == 1.5 and found['lasting_failures'] == 3
-    assert found['lasting_failures_per_hour'] == pytest.approx(2.0)
-    assert found['switches_per_hour'] == pytest.approx(8.0)
-    assert found['switches_per_hour_most'] == 10.0
-
-
-def test_without_a_failure_the_rule_of_three_holds():
-    found = identity.together([half_an_hour(0)] * 200, 0.5)['eol_ros']
-    assert found['hours'] == 100.0
-    assert found['lasting_per_hour_below_95'] == pytest.approx(0.03, rel=2e-3)
 
 
 def test_names_are_counted_as_they_are():

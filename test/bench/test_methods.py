@@ -1,41 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Curves of methods: what they are made from is told apart rightly."""
 
-import dataclasses
 from fractions import Fraction
 
 import numpy as np
-import pytest
 from support.automaton_rule import by_the_rule
 
-from benchmarks import method_parts, methods
+from benchmarks import method_parts
 from eol_ros.core.sound.select import Selector
 from eol_ros.settings import GrainsSettings
-
-
-@pytest.mark.parametrize(
-    'make, best',
-    [
-        (lambda seed: methods.board_clock(seed, 150.0), 'least squares of 60'),
-        (lambda seed: methods.onsets(seed, 60), 'SciPy curve_fit, 3 images'),
-    ],
-    ids=['clock', 'onset'],
-)
-def test_a_curve_has_its_default_a_peer_and_the_deviation_of_its_realisations(
-    make, best, monkeypatch
-):
-    monkeypatch.setitem(methods.RANDOM, 'x', make)
-    monkeypatch.setattr(methods, 'REALISATIONS', 3)
-    curve = methods.realised('x')
-    errors = {label: error for label, _, error, _ in curve.points}
-    one = [dict((label, error) for label, _, error in make(seed).points) for seed in range(3)]
-    row = methods.markdown({'x': dataclasses.asdict(curve)})
-
-    assert curve.n == 3
-    assert all(ms > 0 and deviation > 0 for _, ms, _, deviation in curve.points + curve.peers)
-    assert errors[curve.default] == pytest.approx(np.mean([e[curve.default] for e in one]))
-    assert errors[curve.default] < max(error for *_, error, _ in curve.peers)
-    assert row.count('|') == 9 and f'({curve.default})' in row and f'| {best}: ' in row
 
 
 def test_the_automaton_in_c_has_the_same_events():

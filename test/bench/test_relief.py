@@ -34,19 +34,6 @@ def test_the_figures_are_those_of_a_tracker_that_sees_the_films():
     assert vision_relief.rest(wrong, 3, True)['error_mm_rms'] > 4.0
 
 
-@pytest.mark.slow
-def test_blocks_that_shine_otherwise_and_are_moved_are_told():
-    film = next(f for f in films.load() if f.name == 'straight')
-    first, second = (vision_relief.rest(film, 4, True) for _ in range(2))
-    brighter = replace(film, shot=replace(film.shot, battery=film.shot.battery * 2))
-    places = {'a': first['places'], 'b': second['places'] + [0.0, 1e-3]}
-    sigmas = {'a': first['sigmas'], 'b': second['sigmas']}
-    named = [replace(f, shot=replace(f.shot, name=n)) for f, n in ((film, 'a'), (brighter, 'b'))]
-    lit = vision_relief._differently_lit(*named, places, sigmas)
-    assert lit['blocks'] == 25 and lit['within_2_sigma'] == 0
-    assert lit['worst_um'] == pytest.approx(1000, abs=5)
-
-
 def at_rest(film, images):
     """Places and sigmas, m, of `images` of a film after the first ten, and the slips of them."""
     tracker = Tracker(TrackerSettings(), films.calibration(film, True))
@@ -71,19 +58,6 @@ def test_noise_keeps_to_the_bound_where_covers_are_half_dark_or_flash():
 
     assert found['noise_um'] < 2.2 * 19.19  # the Cramer-Rao bound of the outlines, by v0.2.0
     assert 1 / 1.5 < found['sigma_of_scatter'] < 1.5
-
-
-@pytest.mark.slow
-def test_a_cover_stays_where_it_is_when_it_flashes_or_is_half_dark():
-    shown = {film.name: film for film in films.load()}
-    usual, lit = (vision_relief.rest(shown[name], 60, True) for name in ('tilted', 'tilted-lit'))
-    flashes = shown['tilted-lit'].shot.battery > 1.5 * shown['tilted'].shot.battery
-    half_dark = shown['tilted-lit'].shot.half != shown['tilted'].shot.half
-    off = abs(lit['places'] - usual['places']).max(axis=1)
-    off /= np.hypot(lit['sigmas'], usual['sigmas'])
-
-    assert flashes.sum() == 8 and off[flashes].max() < 3.5
-    assert half_dark.sum() == 8 and off[half_dark].max() < 2.0
 
 
 def behind_a_wall(film, block, share):
@@ -142,15 +116,6 @@ def test_a_turned_table_rests_under_its_own_names():
     away = np.hypot(*np.moveaxis(places - np.median(places, axis=0), -1, 0))
 
     assert slips == [] and (away < 8 * places.std(axis=0).max(axis=1)).all()
-
-
-@pytest.mark.slow
-def test_all_covers_are_found_in_the_first_image():
-    for film in films.load():
-        camera = films.calibration(film, True)
-        for seed in range(2):
-            found = Tracker(TrackerSettings(), camera).update(0.0, films.sensed(film.light, seed))
-            assert found.seen.all() and apart_m(found, film).max() < 0.003, film.name
 
 
 @pytest.mark.slow

@@ -3,10 +3,9 @@
 
 import pytest
 
-from benchmarks import soak, soak_faults
-from benchmarks.soak import LOOK_S, Look
+from benchmarks import soak
+from benchmarks.soak import Look
 from benchmarks.soak_proof import Held
-from benchmarks.soak_rate import Rate, Totals
 
 
 @pytest.mark.parametrize('grows_mb', [0.0, 60.0])
@@ -32,55 +31,3 @@ def test_what_an_exhibition_has_shown(monkeypatch, grows_mb):
     assert found['growth'][0]['flat'] == (grows_mb == 0) and found['bags'] == {'count': 2}
     assert found['faults'][0] == 'a fault' and found['faults'][-1] == 'a: damaged'
     assert [f.partition(':')[0] for f in found['faults'][1:-1]] == ['motion grows'] * (grows_mb > 0)
-
-
-def test_what_is_counted_for_each_bag_adds_up():
-    totals = Totals()
-    for lost in (0, 3, 5, 0, 0, 2, 1):
-        found = totals.add({'lost': lost, 'late': 7})
-    assert found == {'lost': 5 + 2 + 1, 'late': 7}
-
-
-def settle(can, loses_above, begin=3.0, minutes=60):
-    """Return the rates that are asked for on a machine that reaches `can`, and what was lost."""
-    now_s, played_s, lost = 0.0, 0.0, 0
-    pace, rates = Rate(begin, lambda: now_s), [begin]
-    for _ in range(int(minutes * 60 / LOOK_S)):
-        now_s += LOOK_S
-        reached = min(rates[-1], can)
-        played_s += reached * LOOK_S
-        lost += reached > loses_above
-        changed = pace.look(played_s, lost)
-        rates += [changed] if changed else []
-    return rates
-
-
-def test_the_rate_climbs_to_what_the_machine_reaches():
-    rates = settle(can=20.0, loses_above=1e9)
-    assert max(rates) <= 20 * Rate.ABOVE and rates[-1] >= 20
-    assert settle(can=1e9, loses_above=1e9)[-1] == pytest.approx(Rate.MOST, rel=0.05)
-    assert settle(can=2.0, loses_above=1e9, begin=30.0)[-1] == pytest.approx(2.5)
-
-
-def test_the_rate_stays_about_where_nothing_is_lost():
-    rates = settle(can=1e9, loses_above=12.0)
-    assert min(rates[20:]) >= 12 * Rate.LESS and max(rates) <= 12 * Rate.MORE
-    assert settle(can=1e9, loses_above=0.5)[-1] == pytest.approx(Rate.LEAST, rel=0.05)
-
-
-def test_faults_that_last_or_take_others_along_are_told():
-    events = [
-        {'kind': 'kill -9 leds', 'back_s': 1.0, 'others': ['sound']},
-        {'kind': 'kill -9 leds', 'back_s': 12.0, 'others': []},
-        {'kind': 'page reloaded', 'back_s': 0.1, 'others': []},
-    ]
-    found = soak_faults.summary(events, ['exit code 1'])
-    assert (found['count'], found['kills'], found['within_10_s'], found['disturbed']) == (
-        3,
-        2,
-        2,
-        1,
-    )
-    assert found['faults'] == [
-        'kill -9 leds: back after 12 s', 'exit code 1', 'kill -9 leds: sound went with it'
-    ]  # fmt: skip

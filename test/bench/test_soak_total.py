@@ -9,30 +9,6 @@ from benchmarks import soak_total
 from benchmarks.soak_observer import SILENT_S, STALE_S, Silences
 
 
-def run_of(hours, worst_s, unreported=()):
-    kinds = [{'kind': 'kill -9 leds', 'count': 3, 'within_10_s': 2, 'worst_s': worst_s, 'p50_s': 1}]
-    observer = {'hours': hours, 'silences': 4, 'unreported': list(unreported)}
-    return {'faults': {'hours': hours, 'kinds': kinds, 'faults': ['slow'], 'observer': observer}}
-
-
-def test_the_clock_counts_over_runs(tmp_path):
-    file = tmp_path / 'soak.jsonl'
-    camera = {'camera': {'hours': 0.5, 'faults': [], 'kinds': [], 'observer': None}}
-    lost = {'source': 'bags', 'seconds': 9.0, 'reported': False}
-    for found in (run_of(2.0, 4.0), run_of(1.5, 12.0, [lost]) | camera, {}):
-        soak_total.append(soak_total.rows(found), file)
-    found = soak_total.total(soak_total.load(file))
-
-    assert found['hours'] == {'faults': 3.5, 'camera': 0.5} and found['runs'] == 3
-    assert found['kinds'] == [
-        {'kind': 'kill -9 leds', 'count': 6, 'within_10_s': 4, 'worst_s': 12.0}
-    ]
-    assert (found['faults'], found['not_well']) == (6, 2)
-    assert (found['observed_hours'], found['silences'], found['unreported']) == (3.5, 8, 1)
-    assert 'eol_ros' in found['versions'][0] and len(found['versions']) == 1
-    assert '3.5 h of faults' in soak_total.text(found)
-
-
 def test_the_page_publishes_the_sum():
     found = soak_total.total(soak_total.load(soak_total.RESULTS))
     page = (Path(__file__).parents[2] / 'docs/explanation/reliability.md').read_text()

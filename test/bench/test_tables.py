@@ -1,5 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-import numpy as np
 
 from benchmarks import tables
 
@@ -11,12 +10,3 @@ def test_a_small_table_is_seen_and_its_slips_are_found():
     assert row['slips'] > 3 and row['recall'] > 0.9 and row['precision'] > 0.9
     text = tables.table_of({'rows': [row]}).splitlines()
     assert len({line.count('|') for line in text}) == 1
-
-
-def test_a_slip_that_is_not_told_and_one_that_is_none_count():
-    moving = np.zeros((120, 2), bool)
-    moving[60:70, 0] = True
-    places = np.zeros((120, 2, 2))
-    places[:, 0, 0] = 0.002 * np.clip((np.arange(120) - 60) / 10, 0, 1)
-    assert tables._slips(places, moving, [(1.0, 0)]) == (1.0, 1.0)
-    assert tables._slips(places, moving, [(1.5, 0), (1.0, 1)]) == (0.0, 0.0)

@@ -39,8 +39,3 @@ def test_films_and_noise_levels_are_measured(capsys, tmp_path):
         'vision_time.png',
     ]
     assert all(np.isfinite(m['ms_median']) for m in film.values())
-
-
-def test_an_unknown_level_is_named(capsys):
-    assert cli.main(['bench', 'vision', '--levels', 'awful']) == 2
-    assert 'awful' in capsys.readouterr().err

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The program of the bridge on an emulated STM32F103, with a radio, blocks and a host around it.
 
-Time is that of the emulated bridge, but for the tests at its pty.
+Time is that of the emulated bridge.
 """
 
-import ctypes
 import itertools
 import random
 import struct
@@ -32,18 +31,14 @@ from support.emulated_bluepill import (
     HIGH,
     LOW,
     NO_CE,
-    NO_IRQ,
     POWER,
     TO_BLOCKS,
     BluePill,
-    Bridge,
     packet,
 )  # fmt: skip
-from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.serial_protocol import BRIDGE, FIRMWARE, LINKED, RADIO_DEAD
-from eol_ros.devices.board.board import Board
 from eol_ros.devices.board.lights import faults
 
 pytestmark = [
@@ -281,37 +276,6 @@ def sizes():
     return zip(lines[0].split()[:3], map(int, lines[1].split()[:3]), strict=True)
 
 
-def test_three_frames_at_once_are_read_and_a_fourth_finds_no_room(pill, host):
-    alone(pill, 500)
-    end_us = pill.now_us
-    took = []
-    for number in range(4):  # its processor gets no turn between them
-        one = packet(knock(number + 1), end_us, number)
-        one.unanswered = 1  # an acknowledgement would make it deaf for a while
-        took.append(pill.hears(one))
-    assert took == [True, True, True, False]
-    pill.run(3000)
-    assert len(host.look(protocol.Knock)) == 3
-    alone(pill, 300)
-    assert offer(pill, knock(4), 0)
-    pill.run(1000)
-    assert len(host.look(protocol.Knock)) == 1
-
-
-def test_what_is_not_for_it_is_not_heard(pill, host):
-    for change in ('address', 'channel', 'setup', 'size'):
-        alone(pill, 300)
-        pill.run(AIR_US)
-        one = packet(knock(9), pill.now_us)
-        if change == 'address':
-            one.address = (ctypes.c_uint8 * 5)(*TO_BLOCKS)
-        else:
-            setattr(one, change, getattr(one, change) ^ 1 if change != 'setup' else 0x08)
-        assert not pill.hears(one)
-    pill.run(3000)
-    assert not host.look(protocol.Knock)
-
-
 def test_it_does_not_cut_off_its_own_acknowledgement(pill, host):
     """Whenever a frame comes that it hears, its sender learns so."""
     heard = lost = 0
@@ -360,14 +324,6 @@ def test_a_radio_whose_supply_fails_is_set_up_again():
             assert offer(pill, knock(number), number & 3)
         pill.run(1000)
         assert len(host.look(protocol.Knock)) == 5
-
-
-def test_without_the_wire_of_its_interrupt_it_is_only_slower(pill, host):
-    pill.break_radio(NO_IRQ)
-    alone(pill, 300)
-    assert offer(pill, knock(1), 0)
-    pill.run(1000)
-    assert len(host.look(protocol.Knock)) == 1
 
 
 def test_a_reset_at_any_moment_is_survived(pill, host):
@@ -426,28 +382,6 @@ def assert_lives(pill, host):
 def test_whatever_the_lines_bring_it_goes_on(pill, host, count):
     noise(pill, host, random.Random(1), count)
     assert_lives(pill, host)
-
-
-@pytest.fixture
-def live():
-    one = Bridge()
-    yield one
-    one.close()
-
-
-def test_the_host_takes_it_for_its_board(live):
-    taps = []
-    board = Board(live.port, taps.append)
-    board.configure(protocol.Lighting(3, 255, 350), protocol.Detector())
-    board.start()
-    try:
-        wait_until(lambda: board.ready and board.sync.ready and len(board.blocks) == 26)
-        live.say(knock(1, block=12))
-        tap = wait_until(lambda: taps)[0]
-        assert (tap.block, tap.strength, tap.lit_s) == (12, 2.99, pytest.approx(1.1e-3))
-        assert board.version == 2
-    finally:
-        board.close()
 
 
 def test_the_watchdog_ends_a_hang_within_60_ms(pill, host):

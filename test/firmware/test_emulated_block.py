@@ -305,25 +305,6 @@ def test_a_self_test_finds_what_is_broken(block, broken, says):
     assert all(one in sentence for one, sentence in zip(says, wrong, strict=True))
 
 
-def test_a_self_test_without_a_sensor_ends_and_says_so(block):
-    block.surround(dead_bus=True)
-    found, wrong = found_by(talking(block, 400 * MS, word(test=NUMBER)))
-    assert len(found) == 1 and len(wrong) == 1
-    assert 'does not answer' in wrong[0]
-    block.surround(dead_bus=False)
-    assert_lives(block)
-
-
-def test_a_block_that_sleeps_tests_itself_when_it_next_looks(block):
-    talking(block, 50 * MS, word())
-    assert block.hear(detector(0, 0, 0, 0, 0, 0, 1000))
-    talking(block, 2500 * MS, word())
-    assert block.counts.power_down > 0
-    block.feel(at_rest(np.random.default_rng(7), 9000))
-    found, wrong = found_by(talking(block, 6000 * MS, word(test=NUMBER)))
-    assert len(found) >= 1 and wrong == []
-
-
 def test_a_block_that_rests_sleeps_and_wakes_at_a_knock(block):
     rng = np.random.default_rng(6)
     block.feel(at_rest(rng, 6000))

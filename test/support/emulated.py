@@ -16,11 +16,6 @@ FRAME, KNOCK = 18, 0x4B  # firmware/link.h
 LEVEL, INFRARED, SENT = 1, 2, 3  # of an event
 WORD, FEELS, LIT, STATUS, TESTED = 0x57, 0x46, 0x4C, 0x53, 0x54
 RUNS, SLEEPS = 2, 3
-# What draws current, as the emulator counts it; the names are those of docs/build/block.yaml.
-LOADS = (
-    'active', 'idle', 'power_down', 'listening', 'sending', 'sensor_fast', 'sensor_slow',
-    'infrared', 'white',
-)  # fmt: skip
 
 
 class EmulatorEvent(ctypes.Structure):
@@ -85,7 +80,7 @@ def _library() -> ctypes.CDLL:
     lib.emulator_break.argtypes = [memory, ctypes.c_int]
     lib.emulator_hang.argtypes = [memory, ctypes.c_int]
     lib.emulator_events.argtypes = [memory, memory, ctypes.c_int]
-    lib.emulator_counts.argtypes = lib.emulator_loads.argtypes = [memory, memory]
+    lib.emulator_counts.argtypes = [memory, memory]
     lib.emulator_memory.argtypes = [memory, ctypes.c_uint32, memory, ctypes.c_uint32]
     return lib
 
@@ -188,14 +183,6 @@ class Block:
         room = (ctypes.c_uint64 * len(Counts._fields))()
         self._lib.emulator_counts(self._memory, room)
         return Counts(*room)
-
-    def loads_s(self) -> dict[str, float]:
-        """Return for how long each part has drawn its current; for `white`, that of full light."""
-        cycles = (ctypes.c_uint64 * len(LOADS))()
-        self._lib.emulator_loads(self._memory, cycles)
-        found = {name: count / HZ for name, count in zip(LOADS, cycles, strict=True)}
-        found['white'] /= 255
-        return found
 
     def memory(self, at: int, count: int) -> bytes:
         """Return bytes of its RAM."""

@@ -1,31 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bridge of docs/build in emulation: its program on an STM32F103 with an nRF24L01+, by ctypes.
 
-`BluePill` advances in us of its own time (firmware/emulator/bluepill.c). `Bridge` follows the clock
-and has a pty for its host line.
+It advances in us of its own time (firmware/emulator/bluepill.c).
 """
 
-import contextlib
 import ctypes
-import os
-import random
-import struct
 import subprocess
-import threading
-import time
-import tty
-from collections import deque
 from functools import cache
 from typing import NamedTuple
 
-from support.emulated import FRAME, KNOCK, built
+from support.emulated import FRAME, built
 
 TO_BRIDGE, TO_BLOCKS = map(bytes.fromhex, ('E74C6F45B1', 'C24C6F45B1'))  # firmware/link.h
 LOW, HIGH, NO_CE, NO_IRQ, POWER = 1, 2, 3, 4, -1  # faults of the radio
 CHANNEL, SETUP = 76, 0x0C  # 1 Mbit/s, checksum of 16 bits
 AIR_US, ANSWER_US = 217, 203  # of a packet and of its acknowledgement
-TURN_S = 5e-4
-TRIES = 12  # of a block, until the bridge acknowledges
 
 
 class Counts(NamedTuple):
@@ -77,14 +66,6 @@ def packet(frame: bytes, end_us: float, number: int = 0) -> Packet:
         end_ns - AIR_US * 1000, end_ns, (ctypes.c_uint8 * 5)(*TO_BRIDGE), CHANNEL, SETUP, FRAME,
         number, 0, (ctypes.c_uint8 * 32)(*frame),
     )  # fmt: skip
-
-
-def aged(frame: bytes, by_s: float) -> bytes:
-    """Return a frame as a block writes it `by_s` later: the age of a knock has grown."""
-    if frame[0] != KNOCK:
-        return frame
-    age_us = struct.unpack_from('<H', frame, 3)[0] + round(max(by_s, 0.0) * 1e6)
-    return frame[:3] + struct.pack('<H', min(age_us, 0xFFFF)) + frame[5:]
 
 
 @cache
@@ -176,69 +157,3 @@ class BluePill:
         room = (ctypes.c_uint64 * len(Counts._fields))()
         self._lib.bluepill_counts(self._memory, room)
         return Counts(*room)
-
-
-class Bridge:
-    """An emulated bridge in real time; `port` is its pty, `frames` are the frames that it sends."""
-
-    def __init__(self) -> None:
-        self._pill = BluePill()
-        self._fd, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._fd, False)
-        self.port = os.ttyname(self._slave)
-        self.frames: deque[bytes] = deque(maxlen=1000)
-        # when it is due and when it was said (us), tries left, number, frame
-        self._said: deque[tuple[float, int, int, int, bytes]] = deque()
-        self._number, self._random = 0, random.Random(4)
-        self._lock, self._stop = threading.Lock(), threading.Event()
-        self._thread = threading.Thread(target=self._run, name='bluepill', daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Cut its power."""
-        self._stop.set()
-        self._thread.join()
-        os.close(self._fd)
-        os.close(self._slave)
-        self._pill.free()
-
-    def say(self, frame: bytes) -> None:
-        """Send a frame of a block, as often as a block does until it is acknowledged."""
-        with self._lock:
-            self._number = (self._number + 1) & 3
-            frame = frame.ljust(FRAME, b'\0')
-            self._said.append((0.0, self._pill.now_us, TRIES, self._number, frame))
-
-    def _run(self) -> None:
-        ahead_s = time.monotonic()
-        while not self._stop.wait(TURN_S):
-            until_us = (time.monotonic() - ahead_s) * 1e6
-            if until_us - self._pill.now_us > 2e5:  # the machine stood still
-                ahead_s = time.monotonic() - self._pill.now_us * 1e-6
-                continue
-            while self._pill.now_us < until_us:
-                with self._lock:
-                    self._turn()
-
-    def _turn(self) -> None:
-        pill = self._pill
-        with contextlib.suppress(BlockingIOError):
-            pill.write(os.read(self._fd, 4096))
-        if not self._said or self._said[0][0] > pill.now_us:
-            return self._go(TURN_S * 1e6)
-        _, said_us, tries, number, frame = self._said.popleft()
-        sent = aged(frame, (pill.now_us - said_us) * 1e-6)
-        self._go(AIR_US)
-        took = pill.hears(packet(sent, pill.now_us, number))
-        self._go(ANSWER_US + 20)
-        if not (took and pill.answered) and tries > 1:
-            again_us = pill.now_us + self._random.randint(1, 4) * 1000
-            self._said.appendleft((again_us, said_us, tries - 1, number, frame))
-
-    def _go(self, us: float) -> None:
-        self.frames.extend(one.frame for one in self._pill.run(us))
-        data = self._pill.read()
-        with contextlib.suppress(BlockingIOError):
-            while data:
-                data = data[os.write(self._fd, data) :]

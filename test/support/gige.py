@@ -102,10 +102,6 @@ class Gige:
             self._ticker = threading.Thread(target=self._tick)
             self._ticker.start()
 
-    def trigger(self, rate_hz: float) -> None:
-        """Let its trigger come at this rate."""
-        self.library.arv_fake_camera_set_trigger_frequency(self.memory, ctypes.c_double(rate_hz))
-
     def unplug(self) -> None:
         self._stop.set()
         if self._latch:

@@ -13,7 +13,6 @@ BLOCK_MASS_KG = TwinSettings.block_kg
 SPRING_M, PITCH_M = TABLE.gap_m, TABLE.pitch_m[0]
 RIM_SIDE_M, RIM_BAR_M = TABLE.rim_m()[0], TABLE.rim_width_m
 PLATFORM_SIDE_M, RIM_REACH_M = TABLE.platform_m[0], TABLE.reach_m[0]
-SPRING_BLOCKS = TABLE.springs
 spring_ends, neighbours = TABLE.spring_ends, TABLE.neighbours
 
 
