@@ -169,19 +169,6 @@ def test_a_damaged_object_is_compiled_again_and_said(run, tmp_path, damage):
     assert (done.returncode, done.stdout, done.stderr) == (0, '0\n', '')
 
 
-def test_an_object_that_is_whole_and_cannot_be_loaded(run, tmp_path):
-    run(ONCE)
-    code = (
-        'for path in compiled.folders()[0].glob("*.object"):\n'
-        '    compiled.store(path.name, {}, b"no pickle")\n'
-    )
-    assert run(code).returncode == 0
-    done = run(ONCE)
-    assert (done.returncode, done.stdout) == (0, '8\n'), done.stderr
-    assert len(done.stderr.splitlines()) >= 8
-    assert all('cannot be loaded' in line for line in done.stderr.splitlines())
-
-
 def mounted(folder, then):
     """Return the command that runs another with a small file system of its own in `folder`."""
     own = ['unshare', '--user', '--map-root-user', '--mount']
@@ -215,32 +202,3 @@ def test_a_cache_that_cannot_be_written(run, tmp_path):
     done = run(later, *filled[:-1], 'sh', NUMBA_CACHE_DIR=str(small))
     assert (done.returncode, done.stdout) == (0, '1\n')
     assert 'compiled loops are not stored' in done.stderr
-
-
-@pytest.mark.soak
-@pytest.mark.timeout(3600)
-def test_a_cold_cache_that_eol_compile_and_five_eol_track_meet(tmp_path, monkeypatch):
-    import numpy as np
-    from support.paper import N_BLOCKS, rest_lattice
-
-    from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
-
-    renderer, (x, y) = Renderer(RenderOptions(), None, 0), rest_lattice().T
-    images = [renderer.render(x, y, np.zeros(N_BLOCKS), k).copy() for k in range(90)]
-    np.save(tmp_path / 'images.npy', images)
-    monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path / 'cache'))
-    eol = [sys.executable, '-m', 'eol_ros']
-
-    def track(k):
-        words = ['track', 'images.npy', '--fps', '60', '-o', f'{k}.npz']
-        return subprocess.Popen([*eol, *words], cwd=tmp_path)
-
-    first = subprocess.Popen([*eol, 'compile', '--here', '--parts', 'tracker'],
-                             stdout=subprocess.DEVNULL)  # fmt: skip
-    together = [track(k) for k in range(5)]
-    assert [process.wait() for process in (first, *together)] == [0] * 6
-    assert [track(k).wait() for k in range(5, 10)] == [0] * 5
-    answers = [dict(np.load(tmp_path / f'{k}.npz')) for k in range(10)]
-    for answer in answers[1:]:
-        for name, value in answers[0].items():
-            np.testing.assert_array_equal(answer[name], value)

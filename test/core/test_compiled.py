@@ -14,34 +14,7 @@ from numba.core import config as settings
 from numba.core.dispatcher import Dispatcher
 
 from eol_ros.core import motion, sound, vision
-from eol_ros.core.compiled import NEEDED, TARGET, _read_by, fix_target, njit
-
-
-@njit(inner=True)
-def _next(x):
-    return x + 1
-
-
-@njit
-def _count(n):
-    total = 0  # numba infers a type of its own for this 0, and for the 3 below
-    for _ in range(n):
-        total = _next(total)
-    return _next(3) + total
-
-
-@pytest.mark.slow
-def test_a_count_and_a_number_are_one_type():
-    assert _count(4) == 8
-    assert len(_next.signatures) == 1
-
-
-@pytest.mark.slow
-def test_what_has_no_entry_for_python_says_so():
-    _count(1)
-    with pytest.raises(TypeError, match='_next has no entry for Python'):
-        _next(1)
-    assert _count(1) == 5
+from eol_ros.core.compiled import NEEDED, TARGET, _read_by, fix_target
 
 
 @pytest.fixture
@@ -214,19 +187,6 @@ def test_machine_code_is_the_same_whatever_processor_the_environment_names():
     assert told[0] and set(told) == {told[0]}
     if settings.CPU_NAME == TARGET:
         assert 'ymm' in told[0] and 'zmm' not in told[0]
-
-
-def test_a_function_takes_no_option_from_its_first_caller():
-    @njit
-    def ratio(a, b):
-        return a / b
-
-    @njit(error_model='numpy')
-    def first(a, b):
-        return ratio(a, b)
-
-    with pytest.raises(ZeroDivisionError):
-        first(1.0, 0.0)
 
 
 def called_by(function):

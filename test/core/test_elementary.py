@@ -110,18 +110,6 @@ def test_array_scalar_and_compiled_code_have_the_same_bits():
     assert np.array_equal(scalars, out[:4], equal_nan=True)
 
 
-def test_long_arrays_are_worked_on_in_parts_and_keep_their_shape():
-    x = np.random.default_rng(11).uniform(-3, 3, (3, 5000))
-    assert np.array_equal(elementary.exp(x)[1, :10], elementary.exp(x[1, :10]))
-    assert np.array_equal(elementary.cos(x)[2], elementary.cos(x[2]))
-
-
-def test_the_product_of_complex_arrays():
-    rng = np.random.default_rng(12)
-    a, b = rng.standard_normal((2, 40)) + 1j * rng.standard_normal((2, 40))
-    assert elementary.product(a, b) == pytest.approx(a * b, rel=1e-14)
-
-
 def test_linear_algebra_agrees_with_lapack():
     rng = np.random.default_rng(13)
     a, b, tall = rng.standard_normal((5, 5)), rng.standard_normal((5, 2)), rng.random((49, 6))

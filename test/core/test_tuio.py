@@ -92,15 +92,6 @@ def test_sessions_and_refresh():
     assert len(Tokens(ring).frame(0.0, rest).alive) == 24
 
 
-def test_a_stamp_that_comes_twice_or_is_older_makes_no_speed():
-    tokens, poses = Tokens(TABLE), still()
-    tokens.frame(1.0, poses)
-    poses[0, 0] += 0.1
-    for stamp_s in (1.0, 0.5):
-        for token in tokens.frame(stamp_s, poses).tokens:
-            assert np.isfinite(token.values).all() and not any(token.values[3:])
-
-
 def test_the_messages_of_both_versions():
     poses = np.full((25, 3), np.nan)
     poses[6] = 0.4, 0.3, 0.0

@@ -57,12 +57,6 @@ def test_a_packet_is_that_of_the_standard(first, cells):
     assert stream.end() == [by_the_table(0x1234, 150, k, 0x40, dark) for k in (2, 3, 4)]
 
 
-def test_numbers_of_packets_begin_again_after_255():
-    stream = Stream(CID, 1, 1, 100, bytes(25))
-    found = [stream.due(float(second))[111] for second in range(300)]
-    assert found == [k % 256 for k in range(300)]
-
-
 def sent(changes, end_s, step_s=0.001):
     """Return (time, levels) of packets; changes as (time, level of the only block)."""
     stream, found, left = Stream(CID, 1, 1, 100, b'\0'), [], list(changes)

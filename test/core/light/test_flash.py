@@ -27,16 +27,6 @@ def test_a_slip_lights_its_block_at_once_and_dies_exponentially():
     assert np.count_nonzero(field.levels(10.3)) == 1
 
 
-def test_dark_in_the_end_and_dark_at_first():
-    field = FlashField(decay_s=0.3)
-
-    assert field.dark
-    field.slip(0.0, 0)
-    assert not field.dark
-    assert field.level_bytes(5.0) == bytes(25)
-    assert field.dark
-
-
 def test_levels_do_not_depend_on_how_often_one_asks():
     slips = [(0.0, 1), (0.11, 2), (0.15, 2), (0.5, 24), (1.3, 1)]
     seldom, often = FlashField(0.35), FlashField(0.35)
@@ -57,15 +47,6 @@ def test_a_second_slip_is_lit_at_once_and_the_decay_waits():
     assert field.levels(0.1 + 0.9 * MIN_PERIOD_S)[1] > 0.9
     assert field.levels(0.1 + MIN_PERIOD_S + 0.2)[1] < 0.4
     assert field.lengthened == 1
-
-
-def test_three_slips_a_second_apart_are_not_lengthened():
-    field = FlashField(decay_s=0.1)
-    for t in (0.0, 1.0, 2.0):
-        field.slip(t, 3)
-        assert field.levels(t + 0.1)[3] == pytest.approx(math.exp(-1))
-
-    assert field.lengthened == 0
 
 
 def test_without_the_limit_a_strobe_stays_a_strobe():

@@ -131,20 +131,6 @@ def test_dim_light_runs_on_to_no_block_that_shines_brighter():
     assert all(np.diff(before) <= 0) and before[-1] < 128
 
 
-def test_frames_lie_on_the_grid_of_the_slip_that_lit_the_dark():
-    field = FlashField(0.2)
-    frames = Frames(field, 100.0)
-    assert until(frames, T0) == []
-    (lit,) = slip(frames, T0 + 5 * MS, 3)
-    assert lit[3] == 255 and sum(lit) == 255
-    assert until(frames, T0 + 14 * MS) == []
-    (first,) = until(frames, T0 + 15 * MS)
-    assert first[3] == round(255 * np.exp(-0.01 / 0.2))
-    before, after = slip(frames, T0 + 26 * MS, 4)
-    assert before[4] == 0 and before[3] < first[3]
-    assert after[4] == 255 and len(until(frames, T0 + 36 * MS)) == 1
-
-
 def test_a_slip_known_too_late_is_lit_and_counted():
     frames = Frames(FlashField(0.2), 100.0)
     slip(frames, T0, 1)

@@ -125,14 +125,6 @@ def test_geometry_knows_fields_that_hold_more():
     assert sight.most_flashes(blocks, sr, 3, 11) == pytest.approx(6)
 
 
-def test_one_block_covers_what_its_side_and_distance_say():
-    for elevation_deg in (90.0, 45.0):
-        view = sight.View(1.2, elevation_deg, 0.0, (0.0, 0.0))
-        _, sr = sight.covered(view)
-        true_sr = 0.084**2 * math.sin(math.radians(elevation_deg)) / 1.2**2
-        assert sr.max() == pytest.approx(true_sr, rel=0.08)
-
-
 def test_the_analyser_counts_a_strobe_of_one_near_block_and_none_of_a_far_one():
     lattice, strobe = rest_lattice(), np.zeros((RATE_HZ, N_BLOCKS))
     strobe[:, 12] = 0.5 + 0.5 * np.sin(2 * np.pi * 6 * np.arange(RATE_HZ) / RATE_HZ)
@@ -158,14 +150,6 @@ def test_a_slip_after_rest_lights_its_block_at_once_whatever_its_neighbours_do()
 
     assert field.levels(0.6)[8] == FIRST
     assert field.levels(0.7)[8] == pytest.approx(FIRST * math.exp(-1))
-
-
-def test_a_slip_that_meets_light_adds_to_it():
-    field = LocalField(0.1, peak=0.8)
-    field.slip(0.0, 3)
-    field.slip(0.0, 3)
-
-    assert field.levels(0.0)[3] == pytest.approx(0.8)
 
 
 def test_the_fourth_flash_of_a_block_is_held_for_a_second_after_the_first():

@@ -78,21 +78,6 @@ def test_friction_of_each_block_is_found(pulled):
         assert low < truth < high
 
 
-@pytest.mark.slow
-def test_errors_of_scale_and_spring_are_in_that_of_friction(pulled):
-    twin, track = pulled
-    sure, unsure = Estimate(twin.coupling.stiffness, 1e-6), Estimate(twin.coupling.stiffness, 10.0)
-    slips = friction.find_slips(track, sure.value, MASS.value, builders.NATURAL_M)
-    first, then = (
-        friction.fit(slips, track, k, MASS, builders.NATURAL_M).static for k in (sure, unsure)
-    )
-    added = math.sqrt(then.sigma**2 - first.sigma**2) / first.value
-    assert added == pytest.approx(10.0 / twin.coupling.stiffness, rel=1e-3)
-    for level in (0.68, 0.95):
-        (low, high), (lower, higher) = first.interval(level), then.interval(level)
-        assert lower < low and high < higher
-
-
 def still(images):
     return np.tile(np.column_stack([Table().rest, np.zeros(Table().cells)]), (images, 1, 1))
 
@@ -163,14 +148,6 @@ def test_nine_blocks_stand_for_a_table_as_often_as_the_interval_says(spread):
         ends = [SampleMean(nine).interval(level) for nine in drawn]
         held = np.mean([low <= 1 <= high for low, high in ends])
         assert held == pytest.approx(exact, abs=4 * math.sqrt(exact * (1 - exact) / tables))
-
-
-def test_more_blocks_than_have_all_subsets_keep_the_interval():
-    tables, level = 1000, 0.95
-    drawn = 1 + np.random.default_rng(0).uniform(-0.15, 0.15, (tables, 169))  # of 15 x 15
-    ends = [SampleMean(inner).interval(level) for inner in drawn]
-    held = np.mean([low <= 1 <= high for low, high in ends])
-    assert held == pytest.approx(level, abs=4 * math.sqrt(level * (1 - level) / tables))
 
 
 @pytest.mark.parametrize('table', [Table(rows=3, columns=4), Table(absent=(7, 11, 13))])

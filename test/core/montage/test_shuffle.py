@@ -55,11 +55,6 @@ def test_says_when_to_ask_again():
     assert flips == plain and asked == len(flips) + 1
 
 
-def test_moves_until_the_last_of_several_blocks_rests():
-    flips = visit(make(), [(0, 1, True), (0.2, 2, True), (0.4, 1, False), (2.1, 2, False)], 5)
-    assert len(flips) == 5  # 0, 0.5 .. 2.0
-
-
 def test_a_slip_without_a_stop_ends_by_itself():
     flips = visit(make(longest_slip_s=3.0), [(0, 4, True)], 10)
     assert 2.4 <= flips[-1].time_s <= 3.0

@@ -235,16 +235,6 @@ def test_where_images_are_lost_nothing_is_learnt_of_a_knock():
     assert told[2][1].probability < first.probability  # there it was
 
 
-@pytest.mark.parametrize('every', [3, 8])
-def test_where_many_images_are_lost_no_knock_is_told(every):
-    told, _ = run(knocks_at(onsets(1)), 1, lost=range(0, 3 * FPS, every))
-    assert len(told) == (0 if every == 3 else 2)
-
-
-def test_level_1_tells_none():
-    assert run(knocks_at(onsets(3)), 3, level=1.0)[0] == []
-
-
 @pytest.mark.parametrize('strength', [float('nan'), float('inf'), -1.0, 0.0])
 def test_a_strength_that_is_none_is_taken_for_what_it_may_be(strength):
     told, slips = run(knocks_at(onsets(1), strength), 1)

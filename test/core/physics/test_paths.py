@@ -10,11 +10,9 @@ from eol_ros.core.physics import builders
 from eol_ros.core.physics.numerics import elastic_energy, kinetic_energy
 from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import from_mapping
-from eol_ros.core.science import powerlaw
 from eol_ros.core.table import Table
 from eol_ros.lab import presets
-from eol_ros.lab.choose import choose_path, simulate
-from eol_ros.lab.science.quiescent import cascades
+from eol_ros.lab.choose import simulate
 from eol_ros.settings import TwinSettings
 
 PULL = {'kind': 'constant_velocity', 'par': [0.02, 0.0]}
@@ -153,12 +151,6 @@ def test_what_cannot_move_is_not_worked_out(scene):
     assert run.steps == 1
     assert len(run.event_t) == 0
     assert np.array_equal(run.u[-1], run.u[0])
-
-
-def test_plan_takes_the_least_that_is_enough():
-    expected = {'S1': 'exact', 'S3L': 'exact', 'S3G': 'event', 'S4L': 'event', 'S5': 'exact'}
-    for name, path in expected.items():
-        assert choose_path(from_mapping(presets.scene(name))) == path
 
 
 @pytest.mark.slow
@@ -323,18 +315,6 @@ def test_a_run_that_ends_early_says_what_it_has_and_what_would_let_it_go_on():
     assert solve(presets.scene('S3L')).notes == []
 
 
-def test_a_block_that_is_dragged_takes_one_step():
-    lag = 0.65 * 0.25 * 9.81 / 40
-    given = builders.single(PULL, 1e6, mu_s=0.65, mu_k=0.65, u0=[[-lag, 0.0]], v0=[[0.03, 0.0]])
-    run = solve(given, sample_s=1e3)
-    w = np.sqrt(160.0)
-    assert run.steps == 1
-    assert len(run.event_t) == 0
-    expected = 0.02 * run.t - lag + 0.01 / w * np.sin(w * run.t)
-    assert np.abs(run.u[:, 0, 0] - expected).max() < 1e-9
-    assert abs(run.energy.residual_J) < 1e-7 * run.energy.work_J
-
-
 @pytest.mark.parametrize('rotation', [None, {'side': 0.084}])
 def test_samples_within_a_stop_show_the_way_and_not_its_end(rotation):
     """The last 3 ms of a stop are one step in closed form."""
@@ -360,25 +340,3 @@ def test_a_block_that_flies_stops_where_it_must(way):
     speed, brake = np.hypot(*way), 0.65 * 9.81
     assert run.event_t[0] == pytest.approx(speed / brake, rel=1e-9)
     assert run.u[-1, 0] == pytest.approx(np.array(way) * speed / (2 * brake), rel=1e-9)
-
-
-def test_poses_and_constant_velocity_are_the_same_pull():
-    rows = [[t, 0.02 * t, 0.0, 0.0] for t in (0, 1, 2.5, 7, 10)]
-    scene = presets.scene('S3L')
-    by_rows = solve(scene | {'drive': {'kind': 'poses', 'par': rows}, 'T': 5.0})
-    by_speed = solve(scene | {'T': 5.0})
-    assert np.abs(by_rows.u - by_speed.u).max() < 1e-10
-
-
-@pytest.mark.slow
-def test_the_table_is_no_power_law_of_earthquakes():
-    """5x5 at 1 mm/s: tau of cascade areas 1..12 is 1.5 to 1.6, so b is 0.5 to 0.6."""
-    drive = {'kind': 'constant_velocity', 'par': [0.001, 0.0]}
-    scene = builders.table(
-        drive, 10_000.0, dim1=True, u0=builders.offsets(25, 0.001, 11, along_x=True)
-    )
-    run = solve(scene, sample_s=10_000.0, ledger=False)
-    _, areas = cascades(run.event_block, run.event_start)
-    assert len(areas) > 3000
-    assert areas.max() == 25
-    assert powerlaw.fit(powerlaw.histogram(areas), 1, 12).tau == pytest.approx(1.55, abs=0.06)

@@ -31,13 +31,6 @@ def table(drive, seconds, **more):
     return builders.table(drive, seconds, u0=offsets, rotation={'side': SIDE}, **more)
 
 
-def test_the_lever_is_the_mean_distance_in_a_square():
-    x, weight = np.polynomial.legendre.leggauss(400)
-    distance = np.hypot(*np.meshgrid(x, x)) / 2
-    mean = np.sum(np.outer(weight, weight) * distance) / 4
-    assert mean == pytest.approx(LEVER, rel=1e-6)
-
-
 def test_a_spinning_block_slows_at_a_constant_rate():
     run = solve(loose(spin0=[6.0]), sample_s=0.005)
     slowing = MU * G * LEVER * SIDE / (SIDE**2 / 6)
@@ -124,26 +117,6 @@ def test_the_ledger_closes_and_tolerance_is_met(geometric):
         assert energy.friction_J > 0.1
 
 
-@pytest.mark.slow
-def test_springs_at_the_centre_turn_nothing():
-    """All arms zero: the plain event path, by other code."""
-    scene = table(presets.CIRCLE, 5.0, geometric=True)
-    for spring in scene['springs_between_blocks']:
-        spring |= {'arm': [0.0, 0.0], 'arm_j': [0.0, 0.0]}
-    for spring in scene['springs_to_frame']:
-        spring |= {'arm': [0.0, 0.0]}
-    rotating = solve(scene, tolerance=1e-12)
-    for spring in scene['springs_between_blocks'] + scene['springs_to_frame']:
-        spring.pop('arm'), spring.pop('arm_j', None)
-    plain = solve(scene | {'rotation': None}, tolerance=1e-12)
-    assert not np.any(rotating.yaw)
-    assert plain.yaw is None
-    assert np.abs(rotating.u - plain.u).max() < 1e-9
-    assert sorted(zip(rotating.event_block, rotating.event_start, strict=True)) == sorted(
-        zip(plain.event_block, plain.event_start, strict=True)
-    )
-
-
 def test_a_mirrored_pull_turns_the_other_way():
     rows = [[t, 0.0, 0.03 * t, 0.02 * t] for t in (0, 2, 4)]
     runs = []
@@ -154,18 +127,6 @@ def test_a_mirrored_pull_turns_the_other_way():
     assert len(runs[0].event_t) > 10
     assert np.abs(runs[0].yaw + runs[1].yaw[:, mirror]).max() < 1e-7
     assert np.abs(runs[0].u[:, :, 1] - runs[1].u[:, mirror, 1]).max() < 1e-8
-
-
-@pytest.mark.slow
-def test_equal_friction_and_limits():
-    run = solve(table(presets.PULL, 4.0, geometric=True, mu_s=0.65, mu_k=0.65))
-    assert run.status == 'ok'
-    assert len(run.event_t) > 5
-    assert abs(run.energy.residual_J) < 1e-7
-    from eol_ros.core.physics.result import Limits
-
-    assert solve(table(presets.PULL, 9.0), limits=Limits(events=3)).status == 'event limit'
-    assert solve(table(presets.PULL, 9.0), limits=Limits(steps=3)).status == 'step limit'
 
 
 def test_a_plate_spring_at_an_arm_holds_the_angle():

@@ -74,22 +74,10 @@ def test_the_table_of_the_paper():
     assert np.abs(scene.to_frame.anchor).max() == pytest.approx(0.48)
 
 
-def test_one_friction_for_all_or_one_for_each():
-    one = from_mapping(builders.table(PULL, 1.0, mu_s=0.8, mu_k=0.5))
-    each = from_mapping(builders.table(PULL, 1.0, mu_s=[0.8] * 25, mu_k=[0.5] * 25))
-    assert np.array_equal(one.static_limit, each.static_limit)
-
-
 def test_poses_do_not_overshoot_at_a_jump():
     rows = np.array([[0, 0, 0, 0], [1, 0, 0, 0], [1.001, 0.1, 0, 0], [2, 0.1, 0, 0]])
     x = Drive.through(rows).pose(np.linspace(0, 2, 20001))[:, 0]
     assert x.min() > -0.03 and x.max() < 0.13
-
-
-def test_evenly_spaced_poses_have_the_slopes_of_parabolas():
-    rows = np.column_stack([np.arange(9) / 60, np.random.default_rng(1).normal(size=(9, 3))])
-    rates = np.gradient(rows[:, 1:], rows[:, 0], axis=0, edge_order=2)
-    assert Drive.through(rows).cubics[:, :, 1] == pytest.approx(rates[:-1], rel=1e-12)
 
 
 def test_poses_go_through_their_rows_smoothly():

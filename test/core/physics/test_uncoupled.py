@@ -42,14 +42,3 @@ def test_a_scene_has_the_springs_of_its_table(shape):
         np.testing.assert_allclose(here + away * way, end, atol=1e-12)
     held = builders.uncoupled(scene, shape)['springs_to_frame']
     assert {s['i'] for s in held} == set(range(shape.count))
-
-
-@pytest.mark.slow
-def test_friction_takes_what_the_catalogue_says():
-    """The ledger of the exact solver: mu_k m g times the way of all blocks, along x."""
-    scene = builders.table(DRIVE, 30.0, u0=builders.offsets(25, 0.001, 1, along_x=True), dim1=True)
-    run = choose.simulate(from_mapping(scene), sample_s=0.01)
-    way = np.abs(np.diff(run.u[:, :, 0], axis=0)).sum()
-
-    assert way > 1.0
-    assert run.energy.friction_J == pytest.approx(0.65 * 0.25 * 9.81 * way, rel=1e-3)

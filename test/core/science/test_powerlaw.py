@@ -68,25 +68,6 @@ def test_powerlaw_agrees_where_there_is_no_upper_limit():
         assert ours.error == pytest.approx(theirs.power_law.sigma, rel=0.5)
 
 
-def test_a_fit_that_forgets_the_limit_is_too_steep():
-    numbers = sample(1.5, 1, 25, 20_000, rng(2))
-    knowing, forgetting = fit(histogram(numbers), 1, 25), fit(histogram(numbers), 1)
-
-    assert abs(knowing.tau - 1.5) < 4 * knowing.error
-    assert forgetting.tau > 1.6
-    assert knowing.log_likelihood > forgetting.log_likelihood + 100
-
-
-def test_the_best_lower_end_is_where_the_law_begins():
-    numbers = sample(2.0, 8, 2000, 20_000, rng(4))
-    noise = rng(5).integers(1, 8, 8000)
-    counts = histogram(np.concatenate([numbers, noise]))
-    found = powerlaw.nearest(powerlaw.candidates(counts, 2000))
-
-    assert 7 <= found.x_min <= 12
-    assert abs(found.tau - 2.0) < 5 * found.error
-
-
 def test_dependent_events_get_a_wider_error():
     draws = sample(1.8, 1, 400, 5000, rng(6))
     runs = np.repeat(draws, 9)
@@ -193,12 +174,6 @@ def test_the_sentence_of_a_law_has_range_error_test_and_sensitivity():
     assert [f.x_min for f in found.others] == [1, 2]
     with pytest.raises(FitError, match='18 cascades are too few for a power law'):
         powerlaw.cascade_law(np.ones(18, int))
-
-
-def test_exceedance():
-    counts = histogram(np.array([1, 1, 2, 5]))
-
-    assert powerlaw.exceedance(counts).tolist() == [1, 1, 0.5, 0.25, 0.25, 0.25]
 
 
 @pytest.mark.parametrize(

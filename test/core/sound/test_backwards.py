@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from support.sound_reference import rendered
 
-from eol_ros.core.sound.bank import Bank, voice_rows
-from eol_ros.core.sound.mixer_layout import GUARD
+from eol_ros.core.sound.bank import Bank
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.sound.voicing import Voicing, new_mixer
 from eol_ros.settings import SoundSettings
@@ -42,19 +41,3 @@ def test_backwards_is_the_sound_turned_round(rates, settings):
     found = heard(SOUNDS, START, DURATION, [-rate for rate in rates], settings)
     assert np.abs(expected).max() > 0.01
     np.testing.assert_array_equal(found, expected)
-
-
-def test_only_grains_that_play_backwards_are_copied():
-    bank = Bank(SOUNDS, FILE, START, DURATION, RATE)
-    voice_rows(triggers((1, 1, 1)), bank, 2)
-    assert not bank._turned
-    voice_rows(triggers((1, -1, 1)), bank, 2)
-    assert bank._is_turned.tolist() == [False, True, False]
-    assert not bank._turned[0].any()
-    assert np.count_nonzero(bank._turned[1]) <= round(DURATION[1] * RATE) + 2 * GUARD
-
-
-def test_guarded_sounds_are_not_copied():
-    memory = np.zeros(len(SOUNDS[0]) + 2 * GUARD, np.float32)
-    bank = Bank([memory[GUARD:-GUARD]], [0], [0.0], [0.1], RATE, guarded=True)
-    assert bank.address[0] == memory[GUARD:].ctypes.data

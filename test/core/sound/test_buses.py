@@ -70,15 +70,6 @@ def test_buses_that_nobody_uses_change_no_bit():
     assert np.array_equal(rendered(with_buses(), rows), plain)
 
 
-@pytest.mark.parametrize('channels', [1, 5])
-def test_other_numbers_of_channels(channels):
-    bank, t = noise_bank(), triggers(9)
-    rows = voice_rows(t, bank, channels, np.full(9, 2 * channels))
-    out = rendered(with_buses(channels=channels), rows)
-    assert out.shape == (FS, channels)
-    assert (np.abs(out).max(axis=0) > 0).all()
-
-
 def test_a_voice_on_a_bus_that_the_mixer_lacks_is_refused():
     with pytest.raises(ValueError, match='row 4 of 2'):
         Mixer(FS).push(voice_rows(triggers(1), noise_bank(), 2, np.array([4])))

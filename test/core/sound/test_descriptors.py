@@ -133,13 +133,6 @@ def test_loudness_of_the_reference_tone(rate):
     assert grain['loudness_lufs'] == pytest.approx(-3.01, abs=0.03)
 
 
-def test_progress_rises_to_one():
-    told = []
-    noise = np.random.default_rng(0).standard_normal(48000).astype(np.float32)
-    analyse(noise, 48000, segments.chop(48000, 48000, 0.1), progress=told.append)
-    assert told == sorted(told) and told[-1] == 1.0
-
-
 @pytest.fixture(scope='module', params=RECORDINGS)
 def recording(request):
     from eol_ros.devices.audio.audio_file import read_mono

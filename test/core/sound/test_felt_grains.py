@@ -11,7 +11,7 @@ from support.quiet_settings import GRAINS as SETTINGS
 
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.select import SLIP_S, Selector
-from eol_ros.core.sound.senses import MOST, SAME_S, FirstSense
+from eol_ros.core.sound.senses import SAME_S, FirstSense
 
 FPS = 60
 # One every 6 cm, all at different distances from any block.
@@ -95,20 +95,6 @@ def test_a_grain_of_a_felt_slip_is_played_once():
     assert all(min(o for o in heard if o[0] // 1 == s)[3] for s in begun)  # by the knock
 
 
-def test_another_block_or_grain_or_time_is_another():
-    first = FirstSense()
-    assert first.plays(1.0, 3, 7, True)
-    assert not first.plays(1.02, 3, 7, False)
-    assert first.plays(1.02, 4, 7, False)
-    assert first.plays(1.02, 3, 8, False)
-    assert first.plays(1.3, 3, 7, False)  # the same slip, later: by its own rule
-    assert first.plays(1.31, 3, 7, False)
-    for k in range(3 * MOST):
-        assert first.plays(2.0 + k, 3, k, True)
-    assert not first.plays(2.0 + k, 3, k, False)
-    assert len(first._played) <= MOST
-
-
 def test_caps_hold_for_the_knocks_of_a_block():
     x, y = rest_lattice()[12]
     count = len(near(x, y))
@@ -139,14 +125,3 @@ def test_a_slip_felt_a_little_too_soon_sounds_as_soon_as_it_may():
 def test_where_a_slip_does_not_sound_at_its_start_knocks_sound_nothing(rule):
     selector = Selector(dataclasses.replace(SETTINGS, **rule), space())
     assert len(selector.felt(1.0, 12, 0.0, 0.0, 2.9)) == 0
-
-
-def test_the_corpus_of_a_knock_is_that_of_its_images():
-    selector, still = Selector(SETTINGS, space()), rest_lattice().T
-    selector.update(1.0, *still, ALL, SIGMA)
-    begins_s = selector.load(space(), 1.0)
-    assert len(selector.felt(begins_s - 0.1, 12, 0.0, 0.0, 2.9))
-    assert not len(selector.felt(begins_s + 0.01, 12, 0.0, 0.0, 2.9))
-    selector.update(begins_s + 0.02, *still, ALL, SIGMA)
-    assert not len(selector.felt(begins_s + 0.01, 12, 0.0, 0.0, 2.9))
-    assert len(selector.felt(begins_s + 0.03, 12, 0.0, 0.0, 2.9))

@@ -15,15 +15,6 @@ def test_same_arguments_same_sound():
     assert np.abs(first - ice(4.0, 24000, seed=8)).max() > 0.1
 
 
-@pytest.mark.parametrize('rate', [8000, 44100])
-def test_starts_and_ends_in_silence_below_full_scale(rate):
-    sound = ice(3.0, rate, seed=2)
-    assert np.isfinite(sound).all()
-    assert np.abs(sound).max() <= np.float32(0.8)
-    assert sound[0] == 0 and abs(sound[-1]) < 1e-6
-    assert abs(sound.mean()) < 0.01 * np.sqrt((sound**2).mean()) + 1e-4  # no lean to one side
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(('seed', 'grain_s'), [(1, 0.25), (1, 0.1), (2, 0.25)])
 def test_grains_spread_over_the_space(seed, grain_s):
@@ -64,15 +55,3 @@ def test_no_comb_of_harmonics_stands_in_its_spectrum():
     harmonics[::400] += 10.0  # of 120 Hz
     assert combs(harmonics) == 1
     assert combs(ice(120.0)) < 0.03
-
-
-@pytest.mark.slow
-def test_long_events_swell_and_die_away():
-    """Each calving: what comes before it, the fall and the wave after it differ by 10 dB."""
-    sound = ice(120.0).astype(float)
-    level = 10 * np.log10(np.square(sound).reshape(-1, 24000).mean(axis=1))  # every 0.5 s
-    loudest = [80 * k + int(np.argmax(level[80 * k : 80 * k + 80])) for k in range(3)]
-    for at in loudest:
-        assert level[at] - np.median(level) > 10
-        assert level[max(0, at - 14) : at].min() < level[at] - 10
-        assert level[at : at + 14].min() < level[at] - 10

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import kendalltau, rankdata
+from scipy.stats import kendalltau
 
 from eol_ros.core.sound import layout
 
@@ -61,12 +61,6 @@ def test_more_than_one_assignment_can_take(monkeypatch):
         assert kendalltau(values[:, axis], places[:, axis])[0] >= 0.7
 
 
-def test_rank_is_the_mean_rank():
-    values = np.array([3.0, 1.0, 1.0, 9.0, 3.0, 3.0])
-    np.testing.assert_allclose(layout.ranked(values), (rankdata(values) - 1) / 5)
-    assert layout.ranked(np.array([4.0])).tolist() == [0.5]
-
-
 @pytest.mark.parametrize(
     ('values', 'name', 'wanted'),
     [
@@ -79,17 +73,6 @@ def test_rank_is_the_mean_rank():
 )
 def test_scaled(values, name, wanted):
     np.testing.assert_allclose(layout.scaled(np.array(values, float), name), wanted)
-
-
-@settings(deadline=None, max_examples=40)
-@given(st.floats(0, 1))
-def test_blend_goes_straight_from_raw_to_even(blend):
-    values = correlated(30, 0.2)
-    names = ('flatness', 'rms_db')
-    ends = [layout.arrange(*values.T, names, 'even', b) for b in (0.0, 1.0)]
-    np.testing.assert_allclose(ends[0], layout.arrange(*values.T, names, 'raw'))
-    between = layout.arrange(*values.T, names, 'even', blend)
-    np.testing.assert_allclose(between, (1 - blend) * ends[0] + blend * ends[1], atol=1e-12)
 
 
 @pytest.mark.parametrize('how', ['raw', 'rank', 'even'])

@@ -43,13 +43,6 @@ def rt60(x, hz):
     return -60 / (np.polyfit(used / FS, level[used], 1)[0])
 
 
-def test_lines_are_as_long_as_different_primes():
-    for rate in (8000, 44100, 96000):
-        found = delays(rate)
-        assert len(set(found.tolist())) == 16
-        assert all(all(n % k for k in range(2, int(n**0.5) + 1)) for n in found.tolist())
-
-
 def decay_at(hz, decay_s, high_s):
     """Return the time of a decay by 60 dB at `hz` (n,), s: the mean over the lines."""
     keep, pole = coefficients(FS, decay_s, high_s).astype(float)[:2]
@@ -105,25 +98,3 @@ def test_it_ends_in_exact_silence():
     assert np.abs(out[int(0.2 * FS) : int(0.3 * FS)]).max() > 1e-6
     assert not out[int(1.2 * FS) :].any()
     assert not mixer.memory.room.lines.any()
-
-
-def test_a_bus_goes_in_by_its_share():
-    half, _bank = click(first=2)
-    whole, _keep = click(first=0)
-    dry = rendered(Mixer(FS, gain_db=0, governor_db=0), whole, FS // 2)
-    first, second = (rendered(room(1.0, 1.0), rows, FS // 2) - dry for rows in (half, whole))
-    assert np.abs(first - 0.5 * second).max() < 1e-6
-    assert np.abs(second).max() > 0.01
-
-
-def test_no_room_has_no_lines():
-    assert Mixer(FS).memory.room.lines.size == 0 and Mixer(FS).memory.room.send.size == 0
-    assert room(1.0, 1.0).memory.room.lines.shape == (16, 8192)
-
-
-@pytest.mark.parametrize('channels', [1, 7])
-def test_every_loudspeaker_hears_it(channels):
-    rows, _bank = click(channels)
-    out = rendered(room(1.0, 0.5, channels=channels), rows, FS // 2)
-    tail = np.square(out[FS // 10 :].astype(float)).mean(axis=0)
-    assert (tail > 0.2 * tail.mean()).all()

@@ -72,12 +72,6 @@ def test_creaks_come_as_often_as_the_stress_says():
     assert again.tobytes() == found.tobytes()  # by chance, and the same chance
 
 
-def test_a_block_that_is_not_seen_is_not_strained():
-    at = rest_lattice() + np.random.default_rng(2).normal(0, 0.01, (N_BLOCKS, 2))
-    at[:] = np.nan
-    assert not len(sounded(at, BED, 5))
-
-
 @pytest.mark.slow
 def test_what_slips_sound_does_not_hang_on_the_bed():
     random = np.random.default_rng(5)

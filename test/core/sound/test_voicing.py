@@ -19,11 +19,9 @@ from eol_ros.core.sound.voicing import (
     bus_of,
     corners_hz,
     new_mixer,
-    set_room,
 )
 from eol_ros.core.table import Table
 
-FS = 48000
 OFF = SOUND
 TABLES = [Table(), Table(rows=3, columns=4), Table(absent=(6, 7, 8, 11, 12, 13, 16, 17, 18))]
 LARGE = Table(rows=15, columns=15, block_side_m=0.03, gap_m=0.02)
@@ -76,13 +74,6 @@ def test_areas_do_not_hang_on_where_the_time_axis_begins():
     assert all(f == found[0] for f in found[1:])
 
 
-def test_stamps_that_begin_again_begin_a_cascade():
-    cascades = CascadeAreas(0.15)
-    assert cascades.add(100.0, 0)[0] == 1
-    assert cascades.add(5.0, 1) == (1, 0, True)
-    assert cascades.add(5.1, 0) == (2, 100, True)
-
-
 def test_off_is_the_plain_voices():
     t = spreading(25)
     rows, refused = Voicing(OFF).rows(t, bank())
@@ -114,34 +105,6 @@ def test_corners_fall_as_the_root_of_the_area(table):
     rows, _ = Voicing(settings, table).rows(slips, bank())
     assert len(new_mixer(settings, table=table).memory.mix) == 2 * len(bus_areas(table))
     assert (rows['channel_a'] // 2 == bus).all() and (rows['channel_b'] // 2 == bus).all()
-
-
-def test_small_cascades_lack_lows_and_creaks_and_sub_do_not():
-    settings = replace(OFF, low_corner_hz=200.0, corner_hz=8000.0, sub_db=-6.0)
-    t, sound = spreading(25), bank()
-    t['block'][0] = -1
-    rows, _ = Voicing(settings).rows(t, sound)
-    grains, sub = (rows[(rows['source'] == sound.address[0]) == own] for own in (True, False))
-    bus = grains['channel_a'] // 2
-    assert bus[0] == 0 and (bus[1:] == 1 + bus_of(np.arange(1, 25))).all()
-    assert len(sub) == 24 and (sub['channel_a'] // 2 == 0).all()
-    memory = new_mixer(settings).memory
-    assert len(memory.mix) == 2 * (2 + bus_of(np.array(25)))
-    assert memory.poles[1] == 0 and memory.poles[2:] == pytest.approx(
-        np.exp(-2 * np.pi * corners_hz(8000.0)[1:] / 48000)
-    )
-    assert memory.highs[1:] == pytest.approx(np.exp(-2 * np.pi * corners_hz(200.0) / 48000))
-
-
-@pytest.mark.parametrize('low_corner_hz', [0.0, 200.0])
-def test_a_room_that_is_changed_live_is_that_of_a_new_mixer(low_corner_hz):
-    settings = replace(OFF, room_s=3.0, low_corner_hz=low_corner_hz)
-    changed = replace(settings, room_db=settings.room_db - 6)
-    mixer = new_mixer(settings)
-    before = mixer.memory.room.wets.copy()
-    set_room(mixer, changed)
-    assert np.array_equal(mixer.memory.room.wets, new_mixer(changed).memory.room.wets)
-    assert mixer.memory.room.wets[1:] == pytest.approx(before[1:] / 10 ** (6 / 20))
 
 
 @pytest.mark.parametrize('table', TABLES[:2])

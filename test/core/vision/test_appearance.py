@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tracker: its parts against independent oracles, then videos with known truth."""
 
-import inspect
 import math
 from dataclasses import replace
 
@@ -15,7 +14,7 @@ from support.vision_bound import position_bound_px
 from eol_ros.core.compiled import njit
 from eol_ros.core.table import Table
 from eol_ros.core.vision import outline
-from eol_ros.core.vision.appearance import find, fit, learnt, model, neighbours, pixels
+from eol_ros.core.vision.appearance import find, learnt, model, pixels
 from eol_ros.core.vision.appearance.follow import Follower
 from eol_ros.core.vision.appearance.register import register
 from eol_ros.core.vision.calibration import covers
@@ -95,16 +94,6 @@ def test_a_printed_cover_beside_a_lamp_is_learned_from_the_first_image_on(beside
     off = np.hypot(blocks['x'] - truth[:, 0], blocks['y'] - truth[:, 1])
     assert off[12] < 2.5e-3  # 1.3 px: the lamp lights the cover too
     assert np.delete(off, 12).max() < 0.5e-3
-
-
-@pytest.mark.parametrize('name', ['straight', 'lens', 'tilted-0mm'])
-def test_printed_covers_taken_to_be_flat_are_seen_all_the_same(name):
-    film = next(f for f in films.load() if f.name == name)
-    tracker = Tracker(TrackerSettings(), films.calibration(film, False))
-    found = [tracker.update(k / 60, films.sensed(film.light, k)) for k in range(60)]
-    assert all(f.seen.all() for f in found[30:])
-    off = np.array([f.world for f in found[30:]]) - film.shot.poses[:, :2]
-    assert np.hypot(*off.transpose(2, 0, 1)).max() < 3.5e-3  # heights that nobody told
 
 
 def out_of_focus(image, noise):
@@ -203,12 +192,6 @@ def test_registration_is_near_the_bound_and_says_how_near(noise):
     assert np.abs(errors.mean(axis=0)).max() < 4 * rms / math.sqrt(len(errors))
 
 
-def test_a_wide_start_ends_at_the_same_place():
-    near, _ = registered('L2', 4)
-    far, _ = registered('L2', 4, 4.0)
-    assert np.sqrt((far**2).mean()) < 1.1 * np.sqrt((near**2).mean())
-
-
 @pytest.mark.parametrize('level', ['ordinary', 'brutal'])
 @pytest.mark.parametrize('angle', [0.0, 0.5, 1.2])
 def test_the_lattice_is_found_in_one_image_at_every_angle(level, angle):
@@ -229,18 +212,6 @@ def followed(images, camera, step_s=1 / 60):
     return np.array(
         [follower.update(k * step_s, read_only(i)).copy() for k, i in enumerate(images)]
     )
-
-
-def test_light_that_changes_moves_no_block():
-    renderer = Renderer(RenderOptions(noise='none'), None, 2)
-    steady = renderer.render(*REST.T, np.zeros(25), 0).astype(float)
-    exposures = [1.0] * 40 + [0.7, 1.3, 0.8, 1.2]
-    found = followed(
-        (np.clip(steady * e, 0, 255).astype(np.uint8) for e in exposures), renderer.calibration
-    )
-    assert found['seen'].all()
-    for name in 'xy':
-        assert np.abs(found[name][40:] - found[name][39]).max() * 545 < 0.035
 
 
 def textured(image, camera, at, yaw):
@@ -318,17 +289,6 @@ def test_the_glow_of_a_lamp_is_no_block():
     assert np.delete(found['seen'], 12, axis=1)[12:].all()
 
 
-def test_in_the_dark_the_lattice_is_not_sought_in_every_image(monkeypatch):
-    renderer, sought = Renderer(RenderOptions(noise='L2'), None, 2), []
-    seek = find.find_lattice
-    monkeypatch.setattr(find, 'find_lattice', lambda *a: sought.append(1) or seek(*a))
-    dark = np.random.default_rng(1).integers(8, 14, (800, 1280)).astype(np.uint8)
-    light = [renderer.render(*REST.T, np.zeros(25), k) for k in range(6)]
-    found = followed([dark] * 60 + light, renderer.calibration)
-    assert 10 <= len(sought) <= 13
-    assert found['seen'][-1].all()
-
-
 def test_what_was_learned_is_known_to_the_next_tracker_in_its_first_image():
     renderer = Renderer(RenderOptions(noise='L2'), None, 2)
     camera = renderer.calibration
@@ -391,13 +351,6 @@ def test_a_block_larger_than_its_room_overflows_nothing():
     pixels.taylor(camera.packed(), 0.0, 0.0, 0.3, d)
     gather(800, 1280, d, HALF_M, 60.0, 90.0, FLAT, 1.0, patches[0], px[0], at[0], *room)
     assert 8000 < patches['starts'][0, 5] * pixels.LANES <= px.shape[1] * pixels.LANES
-
-
-@pytest.mark.parametrize('module', [find, fit, neighbours, pixels])
-def test_loops_that_llvm_may_reorder_are_compiled_with_their_caller_alone(module):
-    for text in inspect.getsource(module).split('\n@njit')[1:]:
-        options = text.split('\ndef ')[0]
-        assert 'fastmath' not in options or 'inner=True' in options, text[:120]
 
 
 @pytest.mark.parametrize('pushed', [-0.12, 0.06])

@@ -40,18 +40,6 @@ def of_flipped(camera):
     )
 
 
-def test_handedness_is_that_of_the_homography():
-    direct = clutter_calibration('brutal')
-    assert not direct.mirrored
-    assert direct.in_mirror().mirrored
-    assert of_flipped(direct).mirrored
-    assert not direct.in_mirror().in_mirror().mirrored
-    assert not replace(direct, homography=-direct.homography).mirrored  # the same camera
-    assert np.allclose(
-        Calibration.ideal(mirror=True).homography, of_flipped(Calibration.ideal()).homography
-    )
-
-
 def test_the_virtual_camera_draws_the_mirror_image():
     rng = np.random.default_rng(1)
     xy, yaw = rest_lattice() + rng.normal(0, 0.01, (25, 2)), rng.normal(0, 0.3, 25)

@@ -36,18 +36,6 @@ def test_a_cover_is_what_brute_force_says(yaw):
     assert np.abs(one(x, y, yaw) - (14 + 170 * seen)).max() < 1.2  # half a grey level is rounding
 
 
-def test_the_centre_moves_as_told_below_a_pixel():
-    places = np.linspace(0, 1 / 545, 7)  # one pixel
-    found = []
-    for x in places:
-        light = one(x, 0.0, 0.2) - 14
-        found.append((light * np.arange(160)).sum() / light.sum())
-    assert (
-        np.abs(np.array(found) - SMALL.to_pixels(np.stack([places, 0 * places], 1))[:, 0]).max()
-        < 2e-3
-    )
-
-
 @pytest.mark.parametrize('noise', ['L1', 'L3'])
 def test_noise_has_the_stated_variance_and_is_fresh_in_every_image(noise):
     read, gain = NOISE_LEVELS[noise]
@@ -95,14 +83,6 @@ def test_arms_hide_what_they_say_they_hide():
     assert lit == pytest.approx(1 - 0.04 / 0.084, abs=0.05)
 
 
-@pytest.mark.parametrize('level', list(LEVELS))
-def test_every_clutter_level_keeps_the_scale_of_the_table(level):
-    camera = clutter_calibration(level)
-    assert camera.px_per_m() == pytest.approx(545, rel=0.02)
-    corners = camera.to_pixels([[-0.6, -0.6], [0.6, 0.6]])
-    assert (corners > 0).all()
-
-
 def test_unknown_levels_are_named():
     with pytest.raises(ConfigError, match="noise 'L9'"):
         Renderer(RenderOptions(noise='L9'))
@@ -133,10 +113,3 @@ def test_it_draws_the_blocks_of_a_table_and_nothing_where_none_is(table, velocit
         )
         shown.render(x, y, 0 * x, 3)
         assert shown.visible_share(x, y, 0 * x, 3).shape == (table.cells,)
-
-
-def test_lamps_beside_the_platform_need_floor_in_the_image():
-    wide = Table(platform_m=(2.4, 1.6))
-    assert Renderer(
-        RenderOptions(clutter='glittering'), Calibration.ideal(table=wide)
-    ).light.shape == (800, 1280)

@@ -6,9 +6,7 @@ import pytest
 from support.paper import rest_lattice, turned
 from support.relief import films
 
-from eol_ros.core.vision.appearance import find, register
 from eol_ros.core.vision.background.model import BackgroundModel
-from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render import clutter as renderer_clutter
 from eol_ros.core.vision.render.clutter import clutter_calibration
@@ -82,10 +80,6 @@ def test_a_frozen_image_is_a_fault_but_a_still_table_is_not(tracker, stills):
     assert frozen[-1].state == FAULT
     assert 'frozen' in frozen[-1].why
     assert tracker.update(130 / 60 + 0.1, stills[0]).state in (TRACKING, LOST)
-
-
-def test_a_picture_without_noise_may_stand_still(tracker, stills):
-    assert {t.state for t in feed(tracker, [stills[0]] * 120)} == {TRACKING}
 
 
 def test_stamps_that_stop_jump_and_run_backwards(tracker, stills):
@@ -177,15 +171,6 @@ def test_lamps_are_learnt_in_a_commanded_darkness_and_the_turn_stays_known(track
     assert np.allclose(again[-1].world[seen], xy[seen], atol=3e-4)
 
 
-def test_lamps_are_not_learnt_while_blocks_are_lit(tracker, scattered):
-    _, lit, _ = scattered
-    tracker.requests.add(ns(5), 'darkness', ns(15))
-    feed(tracker, lit[:20])
-    assert tracker.background is None
-    assert tracker.outcome.refused
-    assert 'blocks are lit' in tracker.outcome.text
-
-
 def test_requests_written_down_make_the_same_answers_again(scattered):
     _, lit, dark = scattered
     images = [*lit[:20], *dark, *lit[20:]]
@@ -216,20 +201,6 @@ def test_requests_written_down_make_the_same_answers_again(scattered):
 
     assert run(live) == run(at_once)
     assert run(live) != run(lambda tracker, k: None)
-
-
-def test_no_image_compiles_anything_again(tracker, stills):
-    """After warm_up every kind of image finds its loops ready: also the first without lamps."""
-    tracker.warm_up()
-    loops = (register.register, find.noise_by_level, mapping.glance)
-    ready = [list(loop.signatures) for loop in loops]
-    image = stills[0]
-    over_the_wire = np.frombuffer(image.tobytes(), np.uint8).reshape(image.shape)
-    for k, kind in enumerate((over_the_wire, image.copy(), np.asfortranarray(image))):
-        tracker.update(k / 60, kind)
-    tracker.background = BackgroundModel(np.zeros_like(image))
-    assert tracker.update(0.1, image).seen.all()
-    assert [list(loop.signatures) for loop in loops] == ready
 
 
 def test_a_calibration_asked_for_is_made_from_still_blocks(stills):
