@@ -43,11 +43,6 @@ def host(fake):
         yield host
 
 
-def test_meets_the_board(host, fake):
-    assert host.board.state.text == f'board fake on {fake.link}, up to 25 blocks'
-    assert host.board.sent >= 1
-
-
 def test_infrared_reaches_the_board(host, fake):
     host.board.infrared(False)
 
@@ -205,15 +200,6 @@ def test_a_line_that_nobody_reads_never_blocks(host, fake, monkeypatch):
 
     assert None in results
     assert host.board.dropped > 0
-
-
-def test_back_off_grows_and_starts_anew():
-    backoff = Backoff()
-    pauses = [backoff.failed() for _ in range(7)]
-    backoff.succeeded()
-
-    assert pauses == [1, 2, 4, 8, 16, 30, 30]
-    assert backoff.failed() == 1
 
 
 PORTS = [

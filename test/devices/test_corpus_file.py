@@ -66,15 +66,6 @@ def test_json_there_and_back(sound, tmp_path):
     }  # fmt: skip
 
 
-def test_json_and_sound_can_be_carried_elsewhere(sound, tmp_path):
-    corpus_file.save(build([sound], Options()), tmp_path / 'c.json')
-    new = tmp_path / 'elsewhere'
-    new.mkdir()
-    for name in ('c.json', 'floe.wav'):
-        shutil.move(tmp_path / name, new / name)
-    assert corpus_file.load(new / 'c.json').sources[0].path == str(new / 'floe.wav')
-
-
 def test_csv_has_the_numbers_of_the_json(sound, tmp_path):
     sound = sound.rename(tmp_path / 'a, "b".wav')
     corpus = build([sound], Options())
@@ -116,27 +107,6 @@ def test_bad_labels(sound, tmp_path, text, said):
     path.write_text(text)
     with pytest.raises(ConfigError, match=said):
         build([sound], Options(segment='labels', labels=str(path)))
-
-
-def test_several_sounds_of_any_rate(sound, tmp_path):
-    other = tmp_path / 'other.flac'
-    audio_file.write(other, np.stack([ice(2.0, 44100, 6)] * 2, axis=1), 44100, 'PCM_16')
-    corpus = build([sound, other], Options())
-    assert [s.sample_rate for s in corpus.sources] == [RATE, 44100]
-    assert corpus.grains['file'].tolist() == [0] * 16 + [1] * 8
-    alone = build([other], Options())
-    np.testing.assert_allclose(
-        corpus.grains['centroid_mean_hz'][16:], alone.grains['centroid_mean_hz']
-    )
-    assert corpus_file.sounds_of(tmp_path) == [sound, other]
-
-
-@pytest.mark.parametrize('segment', ['chop', 'onset', 'gate', 'none'])
-def test_each_cut_makes_a_corpus_inside_the_sound(sound, segment):
-    corpus = build([sound], Options(segment=segment, overlap=0.3 if segment == 'chop' else 0))
-    ends = corpus.grains['start_s'] + corpus.grains['duration_s']
-    assert (corpus.grains['start_s'] >= 0).all() and (ends <= 4.0 + 1e-9).all()
-    assert ((corpus.grains['x'] >= 0) & (corpus.grains['x'] <= 1)).all()
 
 
 def test_silent_grains_have_no_place(tmp_path):
@@ -281,14 +251,6 @@ def test_a_corpus_whose_sound_is_gone(sound, tmp_path):
         corpus_file.load(path)
 
 
-def test_notes_about_the_sound_stay_with_the_corpus(tmp_path):
-    wave = ice(1.0, RATE, 4)
-    wave[5] = np.nan
-    audio_file.write(tmp_path / 'a.wav', wave, RATE, 'FLOAT')
-    for _ in range(2):
-        assert 'not numbers' in build_cached([tmp_path / 'a.wav'], Options()).notes[0]
-
-
 @pytest.mark.slow
 def test_made_apart_is_the_same_and_leaves_no_weight(sound):
     code = (
@@ -363,20 +325,6 @@ def test_a_sound_that_goes_away_is_noticed_without_a_fault(sound):
     assert [loader.changed(spec) for _ in range(2)] == [True, False]
     with pytest.raises(DeviceMissing):
         corpus_file.sha256(sound)
-
-
-def test_what_changes_while_a_corpus_is_made_is_noticed(sound):
-    """A file that came before anybody looked a first time was in no corpus until the next one."""
-    loader = CorpusLoader()
-    spec = (str(sound), Options(), 0)
-    loader.ask(spec)
-    corpus_file.beside(sound, 'moved.csv').write_text('time_s,x,y\n')
-    assert [loader.changed(spec) for _ in range(2)] == [True, False]
-    wait(loader)
-    loader.at_once(spec)
-    corpus_file.beside(sound, 'moved.csv').unlink()
-    assert [loader.changed(spec) for _ in range(2)] == [True, False]
-    loader.close()
 
 
 @pytest.mark.parametrize(

@@ -111,10 +111,6 @@ def test_both_name_the_same_kinds_and_flags(tmp_path):
     assert_compiles(tmp_path, '-I', FIRMWARE, '-c', 'numbers.c', '-o', 'numbers.o')
 
 
-def test_its_integers_are_little_endian(board):
-    assert board.round_trip(ctypes.c_uint32(0x12345678)) == 0x12345678
-
-
 # What needs its own processor's compiler `make firmware` compiles, without a warning, too.
 OF_A_PROCESSOR = ('<avr/', '<simavr/', '<unicorn/', '__asm')
 SOURCES = [

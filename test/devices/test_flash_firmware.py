@@ -116,19 +116,18 @@ static void say_lighting(eol_bridge *bridge, int t, uint8_t *lighting)
 }
 
 /* `ms` milliseconds of the whole firmware of all blocks and their bridge. felt[t * B + b]: block b
- * feels a knock (1) or a weak one (2), or the host lights it (3), or to half of the peak (4), or to
- * n / 128 (128 + n). `flags` are those of Lighting; peaks[t] is its peak, said where it changes.
- * Of 1000 frames `lost` are lost either way, and so many answers. The bridge
- * is started again at `gone_ms`, after 0.1 s, and block 12 at `reset_ms`.
+ * feels a knock (1) or a weak one (2), or the host lights it (3), or to half of the peak (4).
+ * `flags` are those of Lighting. Of 1000 frames `lost` are lost either way, and so many answers.
+ * The bridge is started again at `gone_ms`, after 0.1 s, and block 12 at `reset_ms`.
  * shown[t * B + b]: the light of a block. */
 void table(int ms, const uint8_t *felt, int flags, int decay_ms, int lost, int gone_ms,
-           int reset_ms, const uint8_t *peaks, uint8_t *shown)
+           int reset_ms, uint8_t *shown)
 {
     static eol_bridge bridge;
     static eol_block block[MOST];
     static int measured[MOST];
     uint8_t frame[EOL_FRAME], word[EOL_FRAME] = {0}, byte;
-    uint8_t lighting[4] = {(uint8_t)flags, peaks[0], (uint8_t)decay_ms, (uint8_t)(decay_ms >> 8)};
+    uint8_t lighting[4] = {(uint8_t)flags, 255, (uint8_t)decay_ms, (uint8_t)(decay_ms >> 8)};
     srand(1);
     eol_bridge_begin(&bridge, 0);
     say_lighting(&bridge, 0, lighting);
@@ -138,20 +137,13 @@ void table(int ms, const uint8_t *felt, int flags, int decay_ms, int lost, int g
         uint8_t light[33] = {0}, dim[34] = {EOL_WHOLE / 2}, lights = 0, dims = 0;
         int there = t < gone_ms || t >= gone_ms + 100;
         if (t == gone_ms + 100) eol_bridge_begin(&bridge, now_us);
-        lighting[1] = peaks[t];
-        if (t == gone_ms + 300 || (there && t && peaks[t] != peaks[t - 1]))
-            say_lighting(&bridge, t, lighting);
+        if (t == gone_ms + 300) say_lighting(&bridge, t, lighting);
         if (t == reset_ms) eol_block_begin(&block[12], 12);
         for (int b = 0; b < B; b++) {
             uint8_t kind = felt[t * B + b];
             int busy = measured[b] >= 0;
             if (word[0] && rand() % 1000 >= lost) eol_block_heard(&block[b], word);
             if (kind == 4) dim[5 + b / 8] |= (uint8_t)(1 << b % 8), dims = 1;
-            if (kind > 128 && there) {
-                uint8_t one[34] = {(uint8_t)(kind - 128)};
-                one[5 + b / 8] = (uint8_t)(1 << b % 8);
-                host(&bridge, t, EOL_DIM_LIGHT, one, B > 32 ? sizeof one : 9);
-            }
             if (kind == 3) light[4 + b / 8] |= (uint8_t)(1 << b % 8), lights = 1;
             if ((kind == 1 || kind == 2) && !busy && t > reset_ms + (b == 12 ? 380 : 0)) {
                 eol_block_sample(&block[b], now_us, 1, 0);
@@ -192,7 +184,7 @@ def bridge(tmp_path_factory):
     lib = library(tmp_path_factory.mktemp('bridge'), GLUE, *sources)
     number, memory = ctypes.c_double, ctypes.c_void_p
     lib.flash_size.restype = lib.local_size.restype = ctypes.c_size_t
-    lib.table.argtypes = [ctypes.c_int, memory, *[ctypes.c_int] * 5, memory, memory]
+    lib.table.argtypes = [ctypes.c_int, memory, *[ctypes.c_int] * 5, memory]
     lib.storm.argtypes = [number, ctypes.c_int, *[memory] * 3, ctypes.c_int, number, memory]
     lib.adversary.argtypes = [number, ctypes.c_uint32, *[ctypes.c_int] * 5, number, memory]
     lib.eol_local_begin.argtypes = [memory, number, number]
@@ -324,32 +316,6 @@ def test_the_bridge_limits_as_the_host_does_in_1e5_sequences(bridge):
     assert furthest_local(bridge, 2, 20_000) <= 1
 
 
-def test_it_says_when_blocks_must_hold_and_how_they_fall(bridge):
-    field = Field(bridge, 0.2, 1.0, True, N_BLOCKS)
-    holds = lambda t: field.lib.eol_flash_holds(field.memory, t)  # noqa: E731
-    field.slip(10.0, 3)
-    assert not holds(10.0)  # the first flash falls at once
-    field.level_bytes(10.1)
-    field.slip(10.1, 4)  # meets falling light: the whole field holds
-    assert holds(10.1) and holds(10.1 + MIN_PERIOD_S - 1e-6)
-    assert not holds(10.1 + MIN_PERIOD_S + 1e-6)
-    assert field.lib.eol_flash_share(field.memory, 0.3, 1) == pytest.approx(
-        np.exp(-HOLD_RATE * 0.3)
-    )
-    assert field.lib.eol_flash_share(field.memory, 0.3, 0) == pytest.approx(np.exp(-0.3 / 0.2))
-    free = Field(bridge, 0.2, 1.0, False, N_BLOCKS)
-    free.slip(1.0, 0)
-    free.slip(1.1, 1)
-    assert not free.lib.eol_flash_holds(free.memory, 1.1)
-
-
-def test_a_block_that_is_none_lights_nothing(bridge):
-    field = Field(bridge, 0.2, 1.0, True, N_BLOCKS)
-    field.slip(1.0, 25)
-    field.slip(1.0, 255)
-    assert field.level_bytes(1.0) == bytes(25)
-
-
 MS = 4000
 PLENTY = np.iinfo(np.int32).max
 FREE, WHOLE, EACH = 1, 3, 7  # flags of Lighting: BY_ITSELF, with LIMITED, with EACH_FIELD
@@ -358,21 +324,11 @@ FREE, WHOLE, EACH = 1, 3, 7  # flags of Lighting: BY_ITSELF, with LIMITED, with 
 NEVER = -1000
 
 
-def shown(
-    bridge,
-    felt,
-    decay_ms=100,
-    lost=0,
-    gone_ms=PLENTY - 1000,
-    reset_ms=NEVER,
-    flags=EACH,
-    peaks=None,
-):
+def shown(bridge, felt, decay_ms=100, lost=0, gone_ms=PLENTY - 1000, reset_ms=NEVER, flags=EACH):
     """Light (ms, 25) in 0..1 of the whole firmware, of what `table` takes."""
     felt, out = np.ascontiguousarray(felt, np.uint8), np.zeros(felt.shape, np.uint8)
     settings = flags, decay_ms, lost, gone_ms, reset_ms
-    peaks = np.full(len(felt), 255, np.uint8) if peaks is None else peaks
-    bridge.table(len(felt), felt.ctypes.data, *settings, peaks.ctypes.data, out.ctypes.data)
+    bridge.table(len(felt), felt.ctypes.data, *settings, out.ctypes.data)
     return out / 255
 
 
@@ -562,11 +518,12 @@ def test_an_order_of_half_of_the_peak_gives_half_of_the_light(bridge):
     assert light[3900].max() == 0
 
 
-def both(bridge, hz, seed, table, begin):
-    """Light of the firmware and of the model (ms, cells) of the same storm from `begin` on."""
-    felt, model = of_all_kinds(seed, hz, table.cells), Bridge(table)
+@pytest.mark.parametrize(('hz', 'seed'), [(6, 1), (6, 2), (40, 3)])
+def test_each_block_of_the_firmware_shines_as_that_of_the_model(bridge, hz, seed):
+    begin = 2200  # until then the hold at the start counts, which the model has not
+    felt, model = of_all_kinds(seed, hz), Bridge()
     felt[:begin] = 0  # while the bridge does not know what shines
-    theirs = np.zeros((MS, table.cells))
+    theirs = np.zeros((MS, N_BLOCKS))
     for ms in range(MS):
         for block in np.flatnonzero(felt[ms]).tolist():
             if felt[ms, block] < 3:
@@ -574,17 +531,7 @@ def both(bridge, hz, seed, table, begin):
             else:
                 model.light(ms * 1e-3, 1 << block, 0.5 if felt[ms, block] == 4 else 1.0)
         theirs[ms] = model.levels((ms + 1) * 1e-3)
-    if table != Table():
-        bridge.shape(table.columns, block_falls(table), table.cells)
     ours = shown(bridge, felt)
-    bridge.shape(0, 0, 0)
-    return ours, theirs
-
-
-@pytest.mark.parametrize(('hz', 'seed'), [(6, 1), (6, 2), (40, 3)])
-def test_each_block_of_the_firmware_shines_as_that_of_the_model(bridge, hz, seed):
-    begin = 2200  # until then the hold at the start counts, which the model has not
-    ours, theirs = both(bridge, hz, seed, Table(), begin)
     # it falls some 10 ms later, when the bridge is known to know
     late = np.abs(ours[10:] - theirs[:-10])
     if hz < 10:  # in a storm 10 ms decide which flash is the one that waits
@@ -592,15 +539,6 @@ def test_each_block_of_the_firmware_shines_as_that_of_the_model(bridge, hz, seed
     shines, should = (light[begin + 100 :] > 0.1 for light in (ours, theirs))
     # and an order is told for 20 ms, in which its block holds
     assert shines.mean() == pytest.approx(should.mean(), rel=0.08) and should.any()
-
-
-@pytest.mark.parametrize('table', OTHERS)
-def test_blocks_of_another_table_shine_as_those_of_the_model(bridge, table):
-    """Over six storms, in each of which some ms decide which flash waits."""
-    begin = 2200 if block_falls(table) > 1 else 2700  # a fall after that time counts
-    storms = [both(bridge, table.cells // 2, seed, table, begin) for seed in range(3, 9)]
-    shines, should = (np.mean([one[k][begin + 100 :] > 0.1 for one in storms]) for k in (0, 1))
-    assert shines == pytest.approx(should, rel=0.15) and should > 0.01
 
 
 def test_a_block_that_the_bridge_does_not_hear_holds_and_falls_when_it_is_heard(bridge):

@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """GenICam cameras: the real protocol on a loopback, from the simulated camera of Aravis."""
 
-import itertools
 import re
 import signal
 import subprocess
 import sys
-import time
 
 import cv2
 import numpy as np
@@ -19,7 +17,7 @@ from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.camera import aravis, genicam
 from eol_ros.devices.camera.camera import Camera
 from eol_ros.devices.camera.genicam import GenicamCamera
-from eol_ros.devices.camera.sources import is_file, source_of
+from eol_ros.devices.camera.sources import source_of
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.settings import CameraSettings
 
@@ -194,17 +192,6 @@ def test_its_clock_is_carried_over_within_the_error_that_is_told(plugged, opened
     assert source.values['stamp_error_us'] < 5000
 
 
-def test_an_image_that_is_looked_at_late_came_no_earlier_for_it(monkeypatch):
-    """The machine stands still for a millisecond at each look at a clock."""
-    now = itertools.count(5_000_000, 1_000_000)
-    monkeypatch.setattr(genicam.time, 'monotonic_ns', lambda: next(now))
-    monkeypatch.setattr(genicam.time, 'time_ns', lambda: 10**18 + next(now))
-
-    assert genicam.arrival_ns(10**18 + 3_000_000) in range(3_000_000, 4_000_001)
-    assert genicam.arrival_ns(10**18 + 9_000_000) == 8_000_000  # from the future: the clock was set
-    assert genicam.arrival_ns(0) == 10_000_000
-
-
 def test_without_a_clock_to_ask_images_are_late_by_their_delay_and_it_says_so(plugged, opened):
     gige = plugged(clock=lambda ns: 10**15 + ns, readout_ns=6_000_000)
     source = opened(exposure_us=1000)
@@ -217,16 +204,6 @@ def test_without_a_clock_to_ask_images_are_late_by_their_delay_and_it_says_so(pl
     assert source.values['stamp_error_us'] >= 10_000
 
 
-def test_a_stamp_of_another_end_of_the_exposure(plugged, opened):
-    gige = plugged(clock=lambda ns: ns + 7_000_000, readout_ns=0)  # stamped when 7 ms are over
-    source = opened(exposure_us=7000, stamped_at='end')
-    found = [source.read() for _ in range(30)]
-
-    for picture in found[20:]:
-        begun_ns, _ = gige.exposed[number_of(picture.image)]
-        assert picture.monotonic_ns >= begun_ns + 3_500_000
-
-
 def test_images_with_holes_are_counted_and_kept_back(plugged, opened):
     plugged(lost=0.005)
     source = opened()
@@ -236,29 +213,6 @@ def test_images_with_holes_are_counted_and_kept_back(plugged, opened):
     assert all((i.ravel()[4:] == GREY).all() for i in images)
     assert counts['incomplete'] + counts['lost_images'] > 0
     assert counts['lost_packets'] > 0
-
-
-def test_pulled_out_it_is_lost_and_plugged_in_it_goes_on(plugged):
-    gige, states, images = plugged(), [], []
-    source = camera()
-    watched = Camera(source, lambda *a: images.append(a), states.append, backoff=Backoff(0.05, 0.1))
-    watched.start()
-    try:
-        wait_until(lambda: len(images) > 5)
-        gige.unplug()
-        wait_until(lambda: states[-1].kind == 'lost')
-        gige.plug()
-        count = len(images)
-        wait_until(lambda: len(images) > count + 5)
-    finally:
-        began = time.monotonic()
-        watched.close()
-
-    assert watched.opened == 2
-    assert 'it gives no more images; trying again in' in next(
-        s.text for s in states if s.kind == 'lost'
-    )
-    assert not any(t.is_alive() for t in watched._threads), time.monotonic() - began
 
 
 def test_a_camera_that_hangs_or_ends_is_lost_and_found_again(tmp_path, monkeypatch):
@@ -304,14 +258,6 @@ def test_a_camera_that_hangs_or_ends_is_lost_and_found_again(tmp_path, monkeypat
     assert np.abs(images[-1].astype(int) - 77).max() < 4
 
 
-def test_a_trigger_that_pauses_is_no_loss(plugged, monkeypatch, opened):
-    gige = plugged()
-    monkeypatch.setattr(genicam, 'PATIENCE_S', 0.05)
-    source = opened(trigger='Line0')
-    gige.trigger(0.01)
-    wait_until(lambda: source.read() is None)
-
-
 @pytest.mark.soak  # the simulated camera leaves a stranger without an answer: seconds
 def test_two_programs_do_not_share_one(plugged):
     plugged()
@@ -325,10 +271,6 @@ def test_two_programs_do_not_share_one(plugged):
 
 
 # On every machine
-
-
-def test_a_name_is_told_from_a_file():
-    assert not is_file('genicam:Basler-acA1300.200um/7')
 
 
 def test_an_address_is_not_looked_for(monkeypatch):

@@ -239,17 +239,6 @@ def test_the_board_of_the_twin_drives_any_table(make_lights):
     wait_until(lambda: lights.board.rejected == 1)  # there is no block
 
 
-def test_what_the_table_has_beyond_the_numbers_of_the_board_is_dark_and_told(fake, make_lights):
-    lights = make_lights(port=fake.port, table=Table(rows=6))
-    (line,) = lights.faults()
-
-    assert line.startswith('the board drives 25 blocks, and the table has 30')
-    assert lights.slip(27, time.time_ns(), time.time_ns()) is None
-    seen(lights, 7, time.time_ns())
-    wait_until(lambda: fake.levels()[7])
-    assert fake.bridge.limit == lights.values()['flash_limit'] == 'field'
-
-
 @pytest.mark.parametrize(
     ('version', 'limit'),
     [((2, 4), 'field'), (protocol.LATTICE_FROM, 'field_of_view')],
@@ -305,19 +294,6 @@ def test_a_slip_that_was_in_time_is_in_time_when_played_slowly(monkeypatch):
         lights.frame()
     lights.close()
     assert lights.glows and lights.frames.late == 0
-
-
-def test_after_a_jump_back_the_twin_begins_in_the_dark_and_a_real_board_fades():
-    played = Played(lambda stamp: stamp, lambda wall: wall, lambda: 1.0)
-    with FakeBoard() as fake:
-        for port, glows in (('twin', False), (fake.port, True)):
-            lights = Lights(LedsSettings(port=port), played=played)
-            lights.start()
-            wait_until(lambda board=lights.board: board.ready)
-            seen(lights, 1, time.time_ns())
-            lights.restart()
-            assert lights.glows is glows
-            lights.close()
 
 
 def test_a_slip_is_shown_and_told(fake, make_lights):
@@ -540,73 +516,6 @@ def test_flashes_get_dimmer_over_the_fade_into_sleep_and_brighter_out_of_it(unto
     assert told[-1][1:] == (0.8, True) and not lights.glows
 
 
-@pytest.mark.parametrize('look', [{'afterglow_s': 3.0}, {'look': 'wildfire'}])
-def test_nothing_lights_up_once_all_is_dark_and_wakes_with_no_old_light(untouched, look):
-    still = untouched(sleep_fade_s=5.0, **look)
-    lights, lit = still.lights, []
-    lights.board.light = lambda mask, stamp_us, share: lit.append(still.now_s)
-    lights.board.state = State('ready', '')
-    lights.asleep = True
-    slips = [(1.0, 20), (2.5, 6), (3.5, 6), (4.5, 0), (4.95, 12)]
-    for at_s, block in slips:
-        still.wait(at_s)
-        seen(lights, block, still.clock.time_ns())
-    assert lights.glows
-    still.wait(6.0)
-    assert lights.dark and not lights.glows
-    lights.asleep = False
-    still.wait(13.0)
-    assert len(lit) > len(slips) and max(lit) < 5.0
-
-
-def test_the_last_flash_before_all_is_dark_is_told_as_dim_as_it_shone(untouched):
-    still = untouched(sleep_fade_s=5.0)
-    lights, told = still.lights, []
-    lights.board.state = State('ready', '')
-    lights.asleep = True
-    still.wait(4.95)
-    stamp_ns = still.clock.time_ns()
-    seen(lights, 6, stamp_ns)
-    while not lights.dark:
-        told += lights.frame()
-        still.clock.steady_ns += 10_000_000
-    assert not any(one.white[6] for one in told)  # it waits for earlier slips
-    lights.board.light = lambda mask, stamp_us, share: 9
-    while lights.glows:
-        told += lights.frame()
-        still.clock.steady_ns += 10_000_000
-    levels = [one.white[6] for one in told]
-    assert 0 < max(levels) < 255 * 0.04
-
-
-@pytest.mark.parametrize('asleep', [False, True])
-def test_a_fade_that_is_set_after_the_turn_does_not_begin_it_again(untouched, asleep):
-    still = untouched()
-    lights, peaks = still.lights, []
-    lights.board.state = State('ready', '')
-    lights.asleep = not asleep
-    lights.asleep = asleep
-    still.wait(3.0)
-    lights.board.configure = lambda lighting, _detector: peaks.append(lighting.peak)
-    lights.set(LedsSettings(port='twin', sleep_fade_s=30.0))
-    lights.frame()
-    assert peaks == [255] and lights.dark is asleep and not lights.glows
-
-
-def test_settings_that_change_all_the_time_do_not_hold_up_a_fade(untouched):
-    still = untouched(sleep_fade_s=4.0)
-    lights = still.lights
-    lights.board.state = State('ready', '')
-    lights.asleep = True
-    for k in range(1, 50):
-        still.wait(k / 25)
-        lights.set(LedsSettings(port='twin', sleep_fade_s=4.0, decay_s=0.1 + k / 1000))
-    assert lights._awake == pytest.approx(0.5, abs=0.06)
-    lights.set(LedsSettings(port='twin', sleep_fade_s=1.0))  # from there, but faster
-    still.wait(2.6)
-    assert lights.dark
-
-
 def test_no_board_that_is_known_to_dim_is_told_to(fake, make_lights):
     lights = make_lights(port=fake.port, idle_period_s=1.0)
     assert lights.idle_in_s is None  # before anybody looked
@@ -636,22 +545,6 @@ def test_an_afterglow_runs_through_the_last_slips_in_their_order(fake, make_ligh
 
     assert [block for block, _ in again] == [3, 20, 9]
     assert [t for _, t in again] == pytest.approx([1.3, 1.4, 1.55], abs=0.06)
-
-
-def test_the_log_of_the_wire(tmp_path):
-    path = tmp_path / 'wire.csv'
-    lights = Lights(LedsSettings(port='twin', board_log=str(path)))
-    lights.start()
-    wait_until(lambda: lights.board.ready)
-    seen(lights, 0, time.time_ns())
-    wait_until(lambda: 'wire_packets' in lights.values())
-    lights.close()
-    rows = [line.split(',') for line in path.read_text().split()]
-
-    assert rows[0] == ['time_ns', 'kind', 'sequence', 'stamp_us']
-    assert {'Hello', 'Infrared', 'Lighting', 'Detector', 'Light'} <= {row[1] for row in rows}
-    assert lights.values()['wire_packets'] == 1
-    assert lights.values()['wire_p50_ms'] > 0
 
 
 def test_a_knock_is_reported_when_its_block_has_measured_it():
@@ -698,14 +591,3 @@ def test_the_blocks_of_the_twin_do_what_their_board_says(make_lights):
     radio.close()
     before, after = (lamps.advance(10.5, t, [])[0][9] for t in (10.5, 11.5))
     assert after == pytest.approx(before * math.exp(-1 / 17.3), rel=1e-3)
-
-
-def test_of_two_boards_in_one_graph_the_first_hears():
-    first, second, radio, taps = TwinBoard(), TwinBoard(), Radio(), []
-    for name, board in (('first', first), ('second', second)):
-        board.fake.knock = lambda *tap, name=name: taps.append(name)
-    radio.send([Felt(time.time_ns(), 3, 2.5)])
-    wait_until(lambda: taps)
-    for end in (first, second, radio):
-        end.close()
-    assert taps == ['first']

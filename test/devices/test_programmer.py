@@ -85,12 +85,6 @@ def test_without_avrdude_it_says_how_to_get_it(hexfile, capsys, monkeypatch, tmp
     assert 'sudo apt-get install avrdude' in capsys.readouterr().err
 
 
-def test_a_dry_run_prints_what_a_person_can_run(capsys):
-    assert cli.main(['board', '--flash', '7', '--new', '--dry-run']) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 2 and all(line.startswith('avrdude ') for line in lines)
-
-
 def test_the_bridge_is_written_by_the_line_that_it_uses(capsys):
     assert cli.main(['board', '--flash', 'bridge', '--port', '/dev/ttyUSB7', '--dry-run']) == 0
     words = capsys.readouterr().out.split()

@@ -267,34 +267,6 @@ def test_the_file_holds_what_its_triggers_are_rendered_to(tmp_path):
     assert np.array_equal(pcm[live : live + size], wanted[offline : offline + size])
 
 
-@pytest.mark.parametrize('torn', [0, 3, 10])
-def test_a_thread_that_is_put_aside_does_not_take_it_for_a_clock_that_was_set(monkeypatch, torn):
-    now_s, pauses = [100.0], [0.3] * torn
-
-    def monotonic():
-        return now_s[0]
-
-    def system():
-        now_s[0] += pauses.pop() if pauses else 1e-6
-        return now_s[0] + 1000.0
-
-    monkeypatch.setattr(wav_sink.time, 'monotonic', monotonic)
-    monkeypatch.setattr(wav_sink.time, 'time', system)
-    offset_s, unsure_s = wav_sink._clock_offset()
-    assert abs(offset_s - 1000.0) <= unsure_s
-    assert (unsure_s < 1e-3) == (torn < 10)
-
-
-@pytest.mark.slow
-def test_a_folder_that_cannot_be_written_is_said_and_lived_with(tmp_path):
-    (tmp_path / 'file').write_text('')
-    player = Player(new_mixer(), 'wav', PERIOD, tmp_path / 'file' / 'x.wav')
-    assert player.output.name == 'nothing'
-    assert player.level == 'warn'
-    assert 'cannot write' in player.text
-    player.close(0)
-
-
 @pytest.mark.slow
 def test_names_of_cards(card):
     assert [c['name'] for c in cards()] == ['system']

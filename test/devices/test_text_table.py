@@ -15,7 +15,6 @@ from eol_ros.devices.files.media_folder import _listed
 from eol_ros.devices.files.trigger_file import load_triggers
 from eol_ros.errors import EolError
 
-HEAD = ('left', 'right')
 BOMS = {
     'utf-8': codecs.BOM_UTF8,
     'utf-16-le': codecs.BOM_UTF16_LE,

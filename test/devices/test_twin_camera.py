@@ -7,7 +7,6 @@ import pytest
 from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.covers import CoverOutlines
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.devices.camera.twin import TwinCamera
 from eol_ros.devices.files import calibration_file
 from eol_ros.devices.files.twin_camera import twin_camera
 from eol_ros.errors import ConfigError
@@ -49,13 +48,3 @@ def test_covers_of_another_table_are_refused(tmp_path):
     assert twin_camera(settings).covers is not None
     with pytest.raises(ConfigError, match='of the scene: rows 5, not 3, columns 5, not 4:'):
         twin_camera(settings, Table(rows=3, columns=4))
-
-
-@pytest.mark.slow
-def test_a_twin_as_a_camera_shows_its_table():
-    table = Table(rows=3, columns=4, absent=(5,))
-    camera = TwinCamera(TwinSettings(noise='none'), table)
-    camera.open()
-    image = camera.read().image
-    shown = twin_camera(camera._settings, table).to_pixels(table.rest).round().astype(int)
-    assert np.array_equal(image[shown[:, 1], shown[:, 0]] > 100, table.present)
