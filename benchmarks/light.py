@@ -20,7 +20,7 @@ field, under that of each 10 degree field with each look, and under none; `recor
     cost      run time for each slip and each frame
 
 With `--seeds N` the lightings are those of N rehearsals of the twin, each with another seed: a
-block is lit KNOCK_S after each true onset.
+block is lit KNOCK_S after each true onset. `--look` chooses the look.
 """
 
 import argparse
@@ -30,9 +30,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from support.fields_of_view import fields, most_in_a_second
+from support.fields_of_view import distinct, fields, most_in_a_second
 from support.paper import COLS, N_BLOCKS, ROWS, rest_lattice
 
+from benchmarks import held_out
 from benchmarks.machine import tell
 from benchmarks.twin_slips import Rehearsal
 from eol_ros.analysis import light, open_bag
@@ -45,13 +46,14 @@ from eol_ros.core.light.looks import LOOKS, REST_S, Look, spread
 from eol_ros.core.motion.slips import START, STOP
 from eol_ros.core.table import Table
 from eol_ros.errors import EolError
+from eol_ros.verbs.progress import track
 
 HELP = 'Light of a recording under each limit of flashes: duration, share lit, WCAG 2.2.'
 EXAMPLES = [
     'eol bench light',
     'eol bench light bags/run --json',
     'eol bench light --sheet light.svg',
-    'eol bench light --seeds 8 --seconds 60',
+    'eol bench light --seeds 8 --seeds-from-time',
 ]
 SAMPLE = Path(__file__).parents[1] / 'bags' / 'sample'
 WITHIN_S = 0.005  # from a tap to its light
@@ -85,6 +87,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--seconds', type=float, default=60.0, metavar='S', help='length of each (60 s)'
+    )
+    parser.add_argument('--first-seed', type=int, default=1, metavar='S', help='of --seeds')
+    held_out.add_argument(parser)
+    parser.add_argument(
+        '--look', choices=('paper', *LOOKS), default='paper', help='of the rehearsals (paper)'
     )
 
 
@@ -227,7 +234,7 @@ def figures(levels: np.ndarray) -> dict[str, Any]:
     """Return what holds of any light, recorded or recomputed."""
     shape = light.Measure(Table())
     shape.add(levels)
-    areas_sr = np.concatenate([fields(rest_lattice(), eye) for eye in EYES])
+    areas_sr = distinct(np.concatenate([fields(rest_lattice(), eye) for eye in EYES]))
     most = most_in_a_second(levels, areas_sr)
     return shape.figures() | {'most_flashes_per_s': most, 'spectrum': shape.spectrum()}
 
@@ -326,12 +333,16 @@ def optimum(lit: list[tuple[float, int, bool]]) -> dict[str, Any]:
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
     if args.seeds:
-        rows = []
-        for seed in range(1, args.seeds + 1):
-            lit = rehearsed(seed, args.seconds)
-            row = measure(lit, args.seconds, 'field of view, paper')
-            rows.append(row | {'limit': f'twin, seed {seed}', 'optimum': optimum(lit)})
-        tell({'seconds': args.seconds, 'limits': rows}, args.json, table)
+
+        def rehearsals(first: int) -> dict[str, Any]:
+            rows = []
+            for seed in track(range(first, first + args.seeds), 'rehearsals', args.seeds):
+                lit = rehearsed(seed, args.seconds)
+                row = measure(lit, args.seconds, f'field of view, {args.look}')
+                rows.append(row | {'limit': f'twin, seed {seed}', 'optimum': optimum(lit)})
+            return {'seconds': args.seconds, 'limits': rows}
+
+        held_out.measure(args.seeds_from_time, args.first_seed, rehearsals, args.json, table)
         return 0
     bag = open_bag(args.bag)
     lit = lightings(bag)

@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 import pytest
-from support.fields_of_view import RATE_HZ, fields, most_in_a_second
+from support.fields_of_view import RATE_HZ, distinct, fields, most_in_a_second
 from support.flashes import changes, most_flashes_in_a_second
 from support.native import library
 from support.paper import N_BLOCKS
@@ -399,7 +399,7 @@ def areas_of(table):
         (0.0, 0.0, 2.2),
         (0.0, -2.0, 1.5),
     )  # the farthest: test_local.py
-    return np.concatenate([fields(table.rest, eye) for eye in eyes])
+    return distinct(np.concatenate([fields(table.rest, eye) for eye in eyes]))
 
 
 @pytest.fixture(scope='module')

@@ -52,6 +52,37 @@ def fields(centres_m, eye_m, step_deg=1.5, side_m=0.084):
     return np.array(found).reshape(-1, len(centres_m))
 
 
+def distinct(areas_sr, most_blocks=12):
+    """Return one field, (n, blocks), of each kind that counts the same flashes.
+
+    That depends on which sets of its blocks cover more than 0.006 sr, and on nothing else. A block
+    that decides of no set is left out. Fields of more than `most_blocks` blocks are kept as they
+    are.
+    """
+    kinds = {}
+    for field in np.asarray(areas_sr):
+        blocks = np.flatnonzero(field)
+        if len(blocks) > most_blocks:
+            kinds[field.tobytes()] = field
+            continue
+        total_sr = np.zeros((2,) * len(blocks))
+        for axis, one_sr in enumerate(field[blocks]):  # summed in the order of `_flashed`
+            with_it = [slice(None)] * len(blocks)
+            with_it[axis] = 1
+            total_sr[tuple(with_it)] += one_sr
+        covers = total_sr > 0.006
+        decides = [
+            bool((covers.take(0, axis) != covers.take(1, axis)).any())
+            for axis in range(len(blocks))
+        ]
+        for axis in np.flatnonzero(np.logical_not(decides))[::-1]:
+            covers = covers.take(0, axis)
+        kept = np.zeros_like(field)
+        kept[blocks[decides]] = field[blocks[decides]]
+        kinds.setdefault((np.flatnonzero(kept).tobytes(), covers.tobytes()), kept)
+    return np.array(list(kinds.values())).reshape(-1, np.shape(areas_sr)[1])
+
+
 def most_in_a_second(levels, areas_sr, rate_hz=RATE_HZ):
     """Return the most flashes of any field in any second.
 

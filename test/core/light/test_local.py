@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from support import flash_bound as sight
-from support.fields_of_view import RATE_HZ, fields, most_in_a_second
+from support.fields_of_view import RATE_HZ, distinct, fields, most_in_a_second
 from support.flashes import render
 from support.paper import N_BLOCKS, rest_lattice
 
@@ -40,7 +40,7 @@ def areas_of(table):
     ]
     found = np.zeros((sum(map(len, areas)), table.cells))
     found[:, table.ids] = np.concatenate(areas)
-    return found
+    return distinct(found)
 
 
 def random_slips(random, ids=range(N_BLOCKS)):
@@ -132,6 +132,18 @@ def test_the_analyser_counts_a_strobe_of_one_near_block_and_none_of_a_far_one():
     assert most_in_a_second(strobe, fields(lattice, (0.0, 0.0, 0.8))) >= 5
     assert most_in_a_second(strobe, fields(lattice, (0.0, 0.0, 1.5))) == 0
     assert most_in_a_second(0.09 * strobe, fields(lattice, (0.0, 0.0, 0.8))) == 0
+
+
+def test_fields_of_a_kind_count_the_same_flashes():
+    random = np.random.default_rng(8)
+    areas_sr = np.concatenate([fields(rest_lattice(), eye) for eye in EYES + FARTHEST])
+    kinds_sr, counts = distinct(areas_sr), set()
+    for _ in range(20):
+        slips = random_slips(random)
+        levels = render(LocalField(0.05, limited=False), slips, SECONDS, RATE_HZ)
+        counts.add(found := most_in_a_second(levels, areas_sr))
+        assert most_in_a_second(levels, kinds_sr) == found
+    assert len(kinds_sr) < len(areas_sr) / 2 and len(counts) > 3
 
 
 def test_no_field_from_3_m_on_holds_what_counts():
