@@ -400,6 +400,11 @@ class LedsSettings:
         0,
         600,
     )
+    idle_by_stress: bool = live(
+        False,
+        'idle light shows how near each block is to slipping, from the places of its neighbours: '
+        'dark where no spring pulls, brightest where friction is at its limit',
+    )
     flash_limit: str = setting(
         'field_of_view',
         'area limited to three flashes a second: each field of view of 10 degrees, seen from any '

@@ -8,8 +8,10 @@ tap; the levels of the decay that follows have none.
 
 import sys
 
+import numpy as np
 from eol_msgs.msg import BlockTap, LedCommand, Slip
 
+from eol_ros.core.vision.states import TRACKING
 from eol_ros.devices.board.board import State
 from eol_ros.devices.board.lights import Lights, Played, Sent, Tap
 from eol_ros.errors import EolError
@@ -20,7 +22,8 @@ from eol_ros.ros.requests import LATER
 from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import to_ns
 from eol_ros.said import clauses
-from eol_ros.streams import leds, slips, taps
+from eol_ros.streams import blocks, leds, slips, taps
+from eol_ros.streams.osc import poses, strains
 from eol_ros.streams.requests import Asked
 
 
@@ -34,8 +37,9 @@ class LedsNode(EolNode):
         super().__init__(settings, **kwargs)
         played = Played(self.wall_ns, self.recorded_ns, self.stretch) if self.sim_time else None
         self.lights = Lights(
-            self.settings, self.on_tap, self.on_state, played, self.namespace, self.table
-        )
+            self.settings, self.on_tap, self.on_state, played, self.namespace, self.table,
+            self.stress,
+        )  # fmt: skip
         self.lights.asleep = bool(self.resumed.get('asleep'))
         self.relearns = False  # the background, as soon as the lights have fallen asleep
         self.commands = self.publisher('led_commands')
@@ -50,6 +54,9 @@ class LedsNode(EolNode):
             self.health.watches('fake board', self.lights.twin.fake.rounds)
         self.create_timer(1.0, self.on_second)
         self.main_clock: MainClock = MainClock(self)
+        self.blocks: blocks.Blocks | None = None
+        self.sees_blocks = False
+        self.see_blocks(self.settings)
         self.subscribe('slips', self.on_slip)
         self.subscribe('block_taps', self.on_own_tap)
         self.requests.serve(
@@ -62,8 +69,25 @@ class LedsNode(EolNode):
 
     def on_settings(self, new) -> None:
         self.lights.set(new)
+        self.see_blocks(new)
         self.idle.cancel()
         self.await_idle()
+
+    def see_blocks(self, new) -> None:
+        """Subscribe to the places of blocks where idle light needs them."""
+        if new.idle_by_stress and not self.sees_blocks:
+            self.sees_blocks = True
+            self.subscribe('blocks', self.on_blocks)
+
+    def on_blocks(self, message: blocks.Blocks) -> None:
+        self.blocks = message
+
+    def stress(self) -> np.ndarray:
+        """Return the stress of each place by the last image, (cells,); NaN where not known."""
+        if self.blocks is None:
+            return np.full(self.table.cells, np.nan)
+        at = poses(self.blocks.rows, self.blocks.state == TRACKING)
+        return strains(at, self.scene.settings('grains').ambience_break_m, self.table)
 
     def restart(self) -> None:
         self.lights.restart()

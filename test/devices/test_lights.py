@@ -478,6 +478,20 @@ def test_no_idle_light_while_asleep_nor_within_a_period_of_a_slip_or_of_waking(u
     assert still.began == [29.0]
 
 
+def test_idle_light_shows_the_stress_of_each_block(untouched):
+    strains, shown = np.full(25, np.nan), {}
+    strains[[3, 12, 24]] = 0.5, 0.0, 1.7
+    still = untouched(idle_period_s=2.0, idle_by_stress=True)
+    still.lights._stress = lambda: strains
+    still.lights.board.light = lambda mask, stamp_us, share: shown.update({mask: share}) or 0
+    still.wait(3.9)
+
+    assert shown == {1 << 3: 0.125, 1 << 24: 0.25}
+    still.lights.set(LedsSettings(port='twin', idle_period_s=2.0))
+    still.wait(5.9)
+    assert shown == {1 << block: 0.25 for block in range(25)}
+
+
 def test_flashes_get_dimmer_over_the_fade_into_sleep_and_brighter_out_of_it(untouched):
     still, told = untouched(sleep_fade_s=3.0, peak=0.8), []
     lights = still.lights

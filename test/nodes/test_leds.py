@@ -10,15 +10,19 @@ from eol_msgs.msg import NodeState, Slip
 from rclpy.parameter import Parameter
 from support.spinning import Nodes
 
+from eol_ros.core.table import Table
+from eol_ros.core.vision.states import TRACKING
 from eol_ros.devices.board.fake import FakeBoard, latency_s
 from eol_ros.devices.board.twin import Felt, Radio
 from eol_ros.errors import ConfigError
 from eol_ros.nodes.leds import LedsNode
+from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import parameter_messages
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
 from eol_ros.scene import Machine, Scene
 from eol_ros.settings import CameraSettings, LedsSettings, MotionSettings, TableSettings
+from eol_ros.streams import blocks
 from eol_ros.streams.requests import Asked
 
 LIT = 191  # a slip after rest: three quarters of full light
@@ -32,7 +36,7 @@ class Around(EolNode):
     def __init__(self, settings, table):
         super().__init__(settings, scene=Scene('around', {}, table=table))
         self.commands, self.taps, self.states = [], [], []
-        self.slips = self.publisher('slips')
+        self.slips, self.blocks = self.publisher('slips'), self.publisher('blocks')
         self.results = []
         self.subscribe('request_results', self.results.append)
         self.subscribe('led_commands', self.commands.append)
@@ -158,6 +162,23 @@ def test_idle_light_needs_no_slip_and_no_frames_until_it_is_due(make_rig):
     rig.leds.set_parameters([Parameter('idle_period_s', value=600.0)])
     assert rig.until(rig.leds.frames.is_canceled)
     assert rig.leds.idle.timer_period_ns > 10**9
+
+
+def test_idle_light_takes_the_stress_of_the_last_image_once_it_is_asked_to(make_rig):
+    rig = make_rig(port='twin')
+    assert not rig.leds.sees_blocks and np.isnan(rig.leds.stress()).all()
+    rig.leds.set_parameters([Parameter('idle_by_stress', value=True)])
+    rows, codec = np.zeros(25, blocks.BLOCK), blocks.Codec(definition(blocks.TYPE))
+    rows['x'], rows['y'] = Table().rest.T
+    rows['x'][[4, 9, 14, 19, 24]] += 0.01  # the springs to the last column are 1 cm longer
+
+    def seen():
+        rig.around.blocks.publish(codec.pack(now_ns(), TRACKING, False, 7, rows))
+        return rig.leds.blocks
+
+    assert rig.until(seen)
+    strains = rig.leds.stress().reshape(5, 5)
+    assert (strains[:, 3:] > 0.1).all() and np.allclose(strains[:, :3], 0, atol=1e-6)
 
 
 def test_a_stop_makes_no_light(rig):

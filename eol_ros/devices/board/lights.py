@@ -17,6 +17,8 @@ from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.light.frames import FELT_NS, Frames
 from eol_ros.core.light.local import (
@@ -125,8 +127,8 @@ def faults(blocks: Mapping[int, protocol.BlockStatus]) -> list[str]:
 class Lights:
     """Slips in, packets out. `on_tap` and `on_state` are called from the board's thread.
 
-    `played` is given behind a replay. The methods that send return what they sent, nothing while
-    there is no board to send to.
+    `played` is given behind a replay. `stress` returns that of each place, NaN where not known. The
+    methods that send return what they sent, nothing while there is no board to send to.
     """
 
     def __init__(
@@ -137,11 +139,13 @@ class Lights:
         played: Played | None = None,
         namespace: str = NAMESPACE,
         table: Table = Table(),
+        stress: Callable[[], np.ndarray] | None = None,
     ):
         s = settings
         check_settings(s)
         self._settings, self._played, self.table = settings, played, table
         self._ids = frozenset(table.ids.tolist())
+        self._stress = stress
         self._lattice = protocol.Lattice(table.columns, block_falls(table), table.cells)
         self._limit = self._kept_limit({})  # as the board can keep it
         self._dims = s.port == 'twin'  # blocks and bridge know DimLight
@@ -368,7 +372,7 @@ class Lights:
         due_ns = self._idle_due_ns(now_ns)
         if due_ns is not None and due_ns <= now_ns:
             self._still_ns = due_ns if now_ns - due_ns <= self._lag_ns else now_ns
-            for after_s, one, dim in idle(self._look, self.table):
+            for after_s, one, dim in self._idle():
                 heapq.heappush(self._running, (self._still_ns + round(after_s * 1e9), one, dim))
         while self._running and self._running[0][0] <= now_ns:
             at_ns, block, share = heapq.heappop(self._running)
@@ -376,6 +380,15 @@ class Lights:
             if dimmer and at_ns - self._lit_ns[block] >= REST_S * 1e9:
                 self._lit_ns[block] = at_ns
                 self._light(0, block, at_ns=at_ns, spread=share)
+
+    def _idle(self) -> list[tuple[float, int, float]]:
+        """Return idle light as `looks.idle` does; `idle_by_stress`: dimmer by each stress."""
+        found = idle(self._look, self.table)
+        if not (self._settings.idle_by_stress and self._stress):
+            return found
+        share = np.nan_to_num(self._stress()).clip(0.0, 1.0) * protocol.SHARES
+        dimmed = [(t, one, round(dim * share[one]) / protocol.SHARES) for t, one, dim in found]
+        return [one for one in dimmed if one[2] > 0]
 
     def test(self, stamp_ns: int) -> None:
         """Light all blocks once, for the people who set up and asked for it at `stamp_ns`.
