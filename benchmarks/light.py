@@ -65,6 +65,10 @@ EYES = [
 FRAMES, FRAME_S = 12, 0.1  # of the sheet
 RAISED, LONG_M = 0.2, 1e-3
 RATE_HZ = light.RATE_HZ
+SOMETIMES = {  # figures that are None without light, slips or cascades, or in short recordings
+    'many_lit': '.1%', 'raised': '.1%', 'at_limit': '.1%', 'contrast_space': '.2f',
+    'contrast_time': '.0%', 'order_tau': '.2f',
+}  # fmt: skip
 PAPER = Look(0.1, 0, 0.0)
 LIMITS = {  # name: field, look, limited
     'whole field': (FlashField, PAPER._replace(decay_s=0.35), True),
@@ -364,14 +368,16 @@ def table(result: dict[str, Any]) -> str:
         f'{"space":>7}{"time":>6}{"at limit":>10}{"tau":>7}{"frames":>10}{"cost":>8}'
     ]
     for r in result['limits']:
-        raised = '-' if r['raised'] is None else f'{r["raised"]:.1%}'
-        tau = '-' if r.get('order_tau') is None else f'{r["order_tau"]:.2f}'
+        many, raised, limited, space, fast, tau = (
+            '-' if r.get(name) is None else format(r[name], form)
+            for name, form in SOMETIMES.items()
+        )
         median_s, p90_s = (r[k] or 0.0 for k in ('flash_median_s', 'flash_p90_s'))  # none: 0
         frames = ' '.join(map(str, r.get('frames_lit', '-')))
         lines.append(
             f'{r["limit"]:25}{r["decay_s"]:5.2f} s{median_s:7.2f}'
-            f'{p90_s:5.2f} s{r["many_lit"]:8.1%}{raised:>9}{r["most_flashes_per_s"]:9d}'
-            f'{r["contrast_space"]:7.2f}{r["contrast_time"]:6.0%}{r["at_limit"]:10.1%}{tau:>7}'
+            f'{p90_s:5.2f} s{many:>8}{raised:>9}{r["most_flashes_per_s"]:9d}'
+            f'{space:>7}{fast:>6}{limited:>10}{tau:>7}'
             f'{frames:>10}' + (f'{r["cost_us"]:5.0f} us' if r['cost_us'] else '')
         )
     if 'lightings' in result:

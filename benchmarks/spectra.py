@@ -3,10 +3,15 @@
 
 import argparse
 import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from benchmarks import held_out
 from eol_ros.errors import UsageError
+
+if TYPE_CHECKING:
+    from eol_ros.lab.science.one_over_f import Answer
 
 HELP = 'Ask series of known spectrum whether they are 1/f: right, wrong and undecided, by length.'
 EXAMPLES = [
@@ -36,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Ask, count, print."""
-    from support.known_series import SERIES
+    from support.known_series import SERIES, ask
 
     from eol_ros.verbs.progress import track
 
@@ -54,8 +59,13 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f'--plots draws one set of seeds: leave out {held_out.OPTION}')
 
     def one(first: int) -> dict:
-        seeds = range(first, first + args.seeds)
-        rows = [_row(name, seconds, seeds) for name, seconds in track(work, 'series')]
+        asked = [(*row, first + k) for k in range(args.seeds) for row in work]
+        found: dict[tuple[str, int], list[tuple[Any, float]]] = {row: [] for row in work}
+        for name, seconds, seed in track(asked, 'realisations'):
+            begin_s = time.process_time()
+            answer = ask(name, seconds, seed)
+            found[name, seconds].append((answer, time.process_time() - begin_s))
+        rows = [_row(*row, *zip(*found[row], strict=True)) for row in work]
         if args.plots:
             _draw(rows, args.seeds, Path(args.plots))
         return {'realisations': args.seeds, 'rows': rows}
@@ -64,20 +74,18 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _row(name: str, seconds: int, seeds: range) -> dict:
+def _row(name: str, seconds: int, found: Sequence['Answer'], took_s: Sequence[float]) -> dict:
+    """Return the row of the verdicts on the realisations of one series of one length."""
     import numpy as np
-    from support.known_series import SERIES, ask
+    from support.known_series import SERIES
 
-    begin = time.process_time()
-    found = [ask(name, seconds, seed) for seed in seeds]
-    took = time.process_time() - begin
     slopes = [f.slope for f in found if f.slope is not None]
     betas = np.array([s.beta for s in slopes])
     row = {
         'series': name, 'right': SERIES[name][0], 'seconds': seconds,
-        **{answer: sum(f.answer == answer for f in found) / len(seeds)
+        **{answer: sum(f.answer == answer for f in found) / len(found)
            for answer in ('yes', 'no', 'undecided')},
-        'ms': 1e3 * took / len(seeds),
+        'ms': 1e3 * float(np.mean(took_s)),
     }  # fmt: skip
     if slopes:  # none of a record that is too short for any verdict
         row |= {

@@ -97,7 +97,7 @@ def ask(series: Series | Absent, control: 'Uncoupled | None' = None) -> one_over
     """
     if isinstance(series, Absent):
         return one_over_f.Answer(series.name, 'undecided', doubts=[series.why])
-    others = {control.NAME: lambda: control.series[series.name]} if control else None
+    others = {control.NAME: lambda: control.series(series.name)} if control else None
     try:
         return one_over_f.ask(series, np.random.default_rng(1), others)
     except EolError as error:

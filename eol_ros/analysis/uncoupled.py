@@ -51,7 +51,7 @@ class Uncoupled:
 
     Each block is held by the springs to the rim that it has, or by one from above, and does not
     rotate. Slips, places and flashes are simulated; triggers and sound are those of `sounding`. The
-    first hour at most is simulated, when the first series is read.
+    first hour at most is simulated, when the first series is asked for.
     """
 
     NAME = 'the same motion of the rim without coupling'
@@ -68,9 +68,28 @@ class Uncoupled:
         self._twin, self._leds, self._grains = twin, leds, grains
         self._rim, self._span_s, self._shape = rim, min(span_s, MOST_S), shape
 
+    def series(self, name: str) -> np.ndarray:
+        """Return the series of a name of `series.NAMES`, (n,) at RATE_HZ.
+
+        Raises EolError where the solver gives up.
+        """
+        times_s, block, u = self._run
+        if name == 'light':
+            return self._light(times_s, block)
+        if name == 'kinetic energy':
+            steps, per_s = np.diff(u, axis=0), IMAGES * series.RATE_HZ
+            energy = 0.5 * self._twin.block_kg * per_s**2 * np.einsum('tbi,tbi->t', steps, steps)
+            whole = len(energy) // IMAGES * IMAGES
+            return energy[:whole].reshape(-1, IMAGES).mean(axis=1)
+        heard_s = times_s[sounding.heard(times_s, block, self._grains)]
+        if name == 'triggers':
+            return surrogates.event_counts(heard_s, self._span_s, series.RATE_HZ)
+        power = sounding.power(heard_s, self._span_s, series.RATE_HZ, self._grains)
+        return series.momentary(power) if name == 'loudness' else power
+
     @functools.cached_property
-    def series(self) -> dict[str, np.ndarray]:
-        """The series by name, (n,) each at RATE_HZ. Raises EolError where the solver gives up."""
+    def _run(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Onsets in s, their blocks, and displacements (t, blocks, 2) at IMAGES * RATE_HZ."""
         drive = {'kind': 'poses', 'par': self._rim}
         coupling = Coupling.of(self._twin)._replace(rotate=False)
         shape = self._shape
@@ -85,19 +104,7 @@ class Uncoupled:
         if run.status != 'ok':
             raise EolError(f'the uncoupled table stopped at {run.t_reached:g} s: {run.status}')
         begins = run.event_start != 0
-        times_s, block = run.event_t[begins], shape.ids[run.event_block[begins]]
-        heard_s = times_s[sounding.heard(times_s, block, self._grains)]
-        power = sounding.power(heard_s, self._span_s, series.RATE_HZ, self._grains)
-        steps, per_s = np.diff(run.u, axis=0), IMAGES * series.RATE_HZ
-        energy = 0.5 * self._twin.block_kg * per_s**2 * np.einsum('tbi,tbi->t', steps, steps)
-        whole = len(energy) // IMAGES * IMAGES
-        return {
-            'triggers': surrogates.event_counts(heard_s, self._span_s, series.RATE_HZ),
-            'light': self._light(times_s, block),
-            'kinetic energy': energy[:whole].reshape(-1, IMAGES).mean(axis=1),
-            'sound power': power,
-            'loudness': series.momentary(power),
-        }
+        return run.event_t[begins], shape.ids[run.event_block[begins]], run.u
 
     def _light(self, times_s: np.ndarray, block: np.ndarray) -> np.ndarray:
         """Return the mean level of the white LEDs, (n,)."""

@@ -143,7 +143,7 @@ def _visitors(name: str) -> Callable:
     def make(T: float, rng: np.random.Generator) -> Made:
         times_s, control = _played(T, int(rng.integers(1 << 31)))
         more = {'drive_s': one_over_f.GESTURE_S, 'rest': 0.0}
-        others = {control.NAME: lambda: control.series[name]}
+        others = {control.NAME: lambda: control.series(name)}
         if name == 'triggers':
             return Made(surrogates.event_counts(times_s, T, RATE_HZ), times_s, more, others)
         return Made(sounding.power(times_s, T, RATE_HZ, GrainsSettings()), None, more, others)
