@@ -35,6 +35,7 @@ COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
 FILTER = ('filter', 'filter_hz', 'filter_q', 'filter_by', 'filter_octaves')
 FADES = ('mute', 'unmute', 'sleep', 'wake')
 TEST_IN_S = 0.1
+OLD_S = 1.0  # a grain so late is not played: a cable that is back brings many together
 DRIVER_S, DRIVER_HUNG_S = 10.0, 60.0  # time limits for a driver to open a card
 
 
@@ -258,14 +259,19 @@ class SoundNode(EolNode):
             since_ns = now_ns() - self.epoch_ns
         latency_s = min(latency_s * self.stretch(), AHEAD_S / 2)
         trigger = triggers.to_core(message, since_ns * 1e-9 + latency_s)
-        self.mixer.play(np.array([trigger], TRIGGER), bank, self.voicing)
-        if by_hand or self.sim_time:
-            return
         # it is late where the frame at which it begins has been mixed already
         mixed_s = self.mixer.time_of(int(self.mixer.state['frame'][0]))
         spare_s = since_ns * 1e-9 + latency_s - LOOK_AHEAD_S - mixed_s
-        arrivals = self.arrivals['tap_latency_s' if felt else 'latency_s']
-        arrivals.add(time.monotonic(), latency_s - spare_s)
+        live = not (by_hand or self.sim_time)
+        if live:
+            arrivals = self.arrivals['tap_latency_s' if felt else 'latency_s']
+            arrivals.add(time.monotonic(), latency_s - spare_s)
+        if live and spare_s < -OLD_S:
+            self.unheard += 1
+            return
+        self.mixer.play(np.array([trigger], TRIGGER), bank, self.voicing)
+        if not live:
+            return
         kind = 'stamp_to_tap_trigger' if felt else 'stamp_to_trigger'
         self.health.took(kind, (came_ns - self.epoch_ns - since_ns) * 1e-9)
         if self.sounding and not (self.muted or self.asleep):

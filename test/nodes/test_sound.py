@@ -374,6 +374,16 @@ def test_late_grains_lead_to_a_latency_that_would_do(graph, tmp_path):
     until(lambda: 'are late' not in node.health.text)
 
 
+def test_what_waited_behind_a_pulled_cable_is_not_played(graph, tmp_path):
+    node, probe, until, _ = graph
+    probe.corpus.publish(corpus_of(tmp_path))
+    until(lambda: node.banks.at(now_ns()))
+    for age_ms in (*range(20_000, 1_500, -100), 200):
+        probe.triggers.publish(trigger(now_ns() - age_ms * 1_000_000))
+    until(lambda: node.mixer.state['triggers'][0])
+    assert (node.unheard, node.mixer.state['triggers'][0]) == (185, 1)
+
+
 def test_a_preset_is_saved_and_glided_to(graph, tmp_path, monkeypatch):
     monkeypatch.setenv('EOL_STATE', str(tmp_path))
     node, probe, turn, _ = graph
