@@ -6,6 +6,7 @@ import functools
 import json
 import signal
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from support.machines import Machines, answer, ip
 from support.waiting import wait_until
 
 from eol_ros.analysis.bag import open_bag
+from eol_ros.nodes.machine import SILENT_S
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 SCENE = """
@@ -99,7 +101,9 @@ def test_each_machine_lists_all_of_them_and_names_one_that_is_pulled(machines, t
         values = rows('audio')['machine']['values']
         assert abs(values['offset_ms']) < 2 + values['offset_error_ms']  # one clock for all here
 
-        ip('-n', machines.names['show'], 'link', 'set', 'port0', 'down')  # of audio
+        port = ('-n', machines.names['show'], 'link', 'set', machines.port('audio'))
+        pulled_s = time.time()
+        ip(*port, 'down')
         lost = 'audio: not heard for '
         for name in ('show', 'walls'):
             wait_until(lambda name=name: rows(name)['audio/sound']['level'] == 2, 60)
@@ -108,9 +112,29 @@ def test_each_machine_lists_all_of_them_and_names_one_that_is_pulled(machines, t
         for name in ('show', 'walls'):
             others = f'{name}: not heard for '
             wait_until(lambda others=others: others in rows('audio')['machine']['text'], 60)
-        ip('-n', machines.names['show'], 'link', 'set', 'port0', 'up')
+        time.sleep(max(0.0, pulled_s + 20 - time.time()))
+        back_s = time.time()
+        ip(*port, 'up')
         for name in machines.names:
             wait_until(lambda name=name: _well(rows(name), 11), 60)
+    bag = open_bag(tmp_path / 'bags')
+    states = bag.table('node_states')
+    at_s = states['stamp'].astype('i8') * 1e-9
+    for name in ('show', 'walls'):  # its nodes are heard once a second, and looked at as often
+        tells = (states['node'] == f'machine_{name}') & np.char.startswith(states['text'], lost)
+        assert pulled_s < at_s[tells].min() < pulled_s + SILENT_S + 2
+    meter = bag.table('sound_meter')
+    meter_s = meter['stamp'].astype('i8') * 1e-9
+    print('meter after the cable is back, s:', meter_s[meter_s > back_s][:3] - back_s)
+    before, after = meter[meter_s < pulled_s][-1], meter[meter_s > back_s][:3]
+    assert before['late'] <= 0.01 * before['triggers']
+    assert meter_s[meter_s > back_s][0] < back_s + 3  # of which the recorder's thinning is 1 s
+    per_s = before['triggers'] / (meter_s[meter_s < pulled_s][-1] - meter_s[0])
+    assert after['triggers'][0] - before['triggers'] < 4 * per_s + 20  # none of those of 20 s
+    for topic, number in (('blocks', 'image'), ('grain_triggers', 'sequence')):
+        assert set(np.diff(bag.table(topic)[number].astype(int))) == {1}
+    assert set(json.loads(bag.gaps['lost_before_recorder'])) <= {'/eol/sound_meter'}
+    assert bag.gaps['dropped_in_recorder'] == '{}'
 
 
 def test_sound_subtracts_how_far_its_clock_is_ahead(machines, tmp_path, monkeypatch):
@@ -146,6 +170,48 @@ def test_a_cable_that_loses_packets_loses_no_message(machines, tmp_path):
     for topic, number in (('blocks', 'image'), ('grain_triggers', 'sequence')):
         assert set(np.diff(bag.table(topic)[number].astype(int))) == {1}
     assert bag.gaps['lost_before_recorder'] == bag.gaps['dropped_in_recorder'] == '{}'
+
+
+def test_a_slow_cable_makes_grains_late_until_the_latency_may_rise(machines, tmp_path):
+    """20 ms each way, and 1 % of the packets lost."""
+    scene = tmp_path / 'scene.yaml'
+    text = SCENE.format(folder=tmp_path, net=machines.net)
+    scene.write_text(text.replace('latency_s: 0.5', 'latency_s: 0.025'))
+    with (
+        machines.slow('audio', 20, tmp_path),
+        machines.losing(1),
+        running(machines, scene, *machines.names) as rows,
+    ):
+        seen = []
+
+        def sound():
+            row = rows('audio').get('sound', {'text': '', 'values': {}})
+            seen.append([row['values'].get(name, 0) for name in ('triggers', 'late')])
+            return row
+
+        def in_time():
+            """Whether 1 % of the last 200 grains or more are late, at most."""
+            sound()
+            return any(
+                new - old >= 200 and late - before <= 0.01 * (new - old)
+                for (old, before), (new, late) in zip(seen, seen[-1:] * len(seen), strict=True)
+            )
+
+        wait_until(lambda: 'latency_s of ' in sound()['text'], 120)
+        triggers, late = seen[-1]
+        assert late > triggers / 2
+        machines.eol('show', 'param', 'set', 'sound', 'latency_max_s', '1', '--lan')
+        seen.clear()
+        wait_until(in_time, 120)
+        wait_until(lambda: 'latency_s of ' not in sound()['text'], 60)
+    asked = open_bag(tmp_path / 'bags').table('requests')
+    raised = [
+        value['value']['double_value']
+        for values in asked['values'][asked['node'] == 'sound']
+        for value in values
+        if value['name'] == 'latency_s'
+    ]
+    assert raised and 0.04 < raised[-1] <= 1
 
 
 def test_each_machine_is_killed_once_and_comes_back(machines, tmp_path):

@@ -17,8 +17,10 @@ from pathlib import Path
 import pytest
 
 from eol_ros import folders, parent_death
+from support import native
 
 DOMAIN = '61'
+SLOW_CABLE = Path(__file__).with_name('slow_cable.c')
 
 
 class Machines:
@@ -54,15 +56,31 @@ class Machines:
         except subprocess.CalledProcessError as error:
             pytest.skip(f'network namespaces are not permitted: {error.stderr.strip()}')
         ip('-n', first, 'link', 'add', 'cable', 'type', 'bridge')
-        for i, name in enumerate(others):
+        for name in others:
             ip('netns', 'add', name)
-            port = [f'port{i}', 'type', 'veth', 'peer', 'cable', 'netns', name]
-            ip('-n', first, 'link', 'add', *port)
-            ip('-n', first, 'link', 'set', f'port{i}', 'master', 'cable', 'up')
-        for i, name in enumerate(self.names.values()):
-            ip('-n', name, 'addr', 'add', f'{self.net}.{i + 1}/24', 'dev', 'cable')
-            for link in ('lo', 'cable'):
-                ip('-n', name, 'link', 'set', link, 'up')
+        for machine, name in self.names.items():
+            ip('-n', name, 'link', 'set', 'lo', 'up')
+            if machine != self.work:
+                self._lay(machine)
+            self._connect(machine)
+
+    def port(self, machine: str) -> str:
+        """Return the end of the cable of another machine at that of the work."""
+        return f'port{list(self.names).index(machine)}'
+
+    def _lay(self, machine: str) -> None:
+        cable = [self.port(machine), 'type', 'veth', 'peer', 'cable', 'netns', self.names[machine]]
+        ip('-n', self.names[self.work], 'link', 'add', *cable)
+
+    def _connect(self, machine: str) -> None:
+        name, number = self.names[machine], list(self.names).index(machine) + 1
+        if machine != self.work:
+            port = self.port(machine)
+            ip('-n', self.names[self.work], 'link', 'set', port, 'master', 'cable', 'up')
+        # the same one with another cable: others remember it
+        ip('-n', name, 'link', 'set', 'cable', 'address', f'02:00:00:00:00:{number:02x}')
+        ip('-n', name, 'addr', 'add', f'{self.address(machine)}/24', 'dev', 'cable')
+        ip('-n', name, 'link', 'set', 'cable', 'up')
 
     def stop(self) -> None:
         """Remove them, and whatever runs in them."""
@@ -127,6 +145,27 @@ class Machines:
         finally:
             for name in self.names.values():
                 nft(name, 'delete', 'table', 'ip', 'loss')
+
+    @contextlib.contextmanager
+    def slow(self, machine: str, delay_ms: float, folder: Path) -> Iterator[None]:
+        """Let all that goes over the cable of another machine take `delay_ms` each way."""
+        native.assert_compiles(folder, '-O2', SLOW_CABLE, '-o', 'slow_cable')
+        work, name, port = self.names[self.work], self.names[machine], self.port(machine)
+        ip('-n', work, 'link', 'del', port)
+        command = [folder / 'slow_cable', work, port, name, 'cable', f'{1e3 * delay_ms:.0f}']
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, preexec_fn=parent_death.following()
+        ) as cable:
+            assert cable.stdout
+            try:
+                if not cable.stdout.readline():
+                    pytest.skip('no network device can be made here (/dev/net/tun)')
+                self._connect(machine)
+                yield
+            finally:
+                cable.kill()
+        self._lay(machine)
+        self._connect(machine)
 
     def mesh(self, folder: Path) -> None:
         """Connect all machines with each other by WireGuard, the n-th as 10.77.0.n."""
