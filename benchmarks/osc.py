@@ -4,8 +4,8 @@
 The node runs in a process of its own over real DDS; this process sends the packets, publishes the
 slips and stands for the nodes that answer. `out`: slips, twenty of an image. `setting`: one fader.
 `settings`: eight faders in turn. `call`: the same request again and again. `calls`: each request
-another one. The node lets 256 wait. `dds`: what a node costs that receives the slips of `out` and
-does nothing. Share of a core of the process, user and system time, less that while nothing comes.
+another one. The node lets 256 wait. Share of a core of the process, user and system time, less
+that while nothing comes.
 """
 
 import argparse
@@ -103,7 +103,7 @@ def _givers(
         'setting': fader(1),
         'settings': fader(len(FADERS)),
         'call': lambda number: send('/eol/call/sleep/montage'),
-        'calls': lambda number: send('/eol/call/restore_grain', number),
+        'calls': lambda number: send('/eol/call/restore_grain/grains', number),
     }
 
 
