@@ -662,7 +662,7 @@ class SoundSettings:
         0,
         1,
     )
-    gain_db: float = live(-6.0, 'master gain', 'dB', -90, 24)
+    gain_db: float = live(-6.0, 'master gain (volume)', 'dB', -90, 24)
     interpolation: str = live('cubic', 'resampling interpolation', choices=('cubic', 'linear'))
     polyphony: int = setting(
         512,

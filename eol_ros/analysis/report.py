@@ -114,11 +114,9 @@ def _lacking(bag: Bag) -> list[str]:
     else:
         lines = []
     if not bag.count('cascades'):
-        lines.append(
-            'cascades: law, waiting times and energies cannot be told: no cascades in this bag'
-        )
+        lines.append('cascades: no law, waiting times and energies, since the bag has no cascades')
     if not bag.count('led_commands'):
-        lines.append('patterns of light: cannot be told: no led_commands in this bag')
+        lines.append('patterns of light: not measured, since the bag has no led_commands')
     return lines
 
 
@@ -234,7 +232,7 @@ def write(
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
     bag.keep(KEPT, (series.KineticEnergy, uncoupled.RimPath))
-    answers = list(_tracked(spectra(bag, measured), 'asking for 1/f', track, len(series.NAMES)))
+    answers = list(_tracked(spectra(bag, measured), 'testing for 1/f', track, len(series.NAMES)))
     found = numbers(bag, answers, measured)
     if retracked is not None:
         found['retracked'] = {

@@ -66,7 +66,7 @@ class Message(dict[str, Any]):
 def mistakes(settings: NotifySettings) -> Iterator[tuple[str, str]]:
     """Yield what cannot be meant, each with the setting."""
     if not settings.webhook and not settings.mail_to:
-        yield 'webhook', 'names nobody to tell: give webhook or mail_to'
+        yield 'webhook', 'no receiver: give webhook or mail_to'
     if settings.webhook and not re.fullmatch('https?://[!-~]+', settings.webhook):
         yield 'webhook', 'is not an address that begins with https:// or http://'
     for address in settings.mail_to:

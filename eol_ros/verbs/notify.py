@@ -29,7 +29,9 @@ def run(args):
     """Send it by each way; return 0 where all have taken it."""
     scene = scenes.load(args.scene)
     if scene.notify is None:
-        raise ConfigError(f'{scene.path}: names nobody to tell; add notify: {{webhook: URL}}')
+        raise ConfigError(
+            f'{scene.path}: no receiver of notifications; add notify: {{webhook: URL}}'
+        )
     notify.check(scene.notify)
     texts = said('test_message'), (said('asked_for'),)
     message = notify.Message('test', scene.name, *texts, scene.notify.language)

@@ -118,15 +118,15 @@ def test_an_empty_or_foreign_bag_says_what_it_cannot_say(tmp_path, capsys, topic
 
     assert cli.main(['report', str(tmp_path / 'run'), '--output', str(tmp_path / 'out')]) == 0
     lines = [
-        'cascades: law, waiting times and energies cannot be told: no cascades in this bag',
-        'patterns of light: cannot be told: no led_commands in this bag',
+        'cascades: no law, waiting times and energies, since the bag has no cascades',
+        'patterns of light: not measured, since the bag has no led_commands',
     ]
     page = (tmp_path / 'out/report.html').read_text()
     words = capsys.readouterr().out
     for line in [said, *lines] if said else lines:
         assert line in page and line in words.splitlines()
     assert said or ('is of eol_ros' not in words and 'is empty' not in words)
-    unknown = [line for line in words.splitlines() if 'whether it is 1/f cannot be said' in line]
+    unknown = [line for line in words.splitlines() if '1/f is undecided' in line]
     names = [name for line in unknown for name in line.split(':')[0].split(', ')]
     assert sorted(names) == sorted(series.NAMES)
     whys = [line.split(': ', 1)[1] for line in unknown]

@@ -163,8 +163,8 @@ def test_a_bag_of_one_message_each_has_a_report(tmp_path):
 
     json.dumps(found, allow_nan=False)
     words = report.summary(found)
-    assert words.count('cannot be said: the bag is of 0.0 s') == 1
-    assert f'{", ".join(series.NAMES)}: whether it is 1/f cannot be said: the bag' in words
+    assert words.count('undecided: the bag is of 0.0 s') == 1
+    assert f'{", ".join(series.NAMES)}: 1/f is undecided: the bag' in words
     assert '1 cascade is too few for a power law of areas: 200 are needed' in words
 
 

@@ -308,7 +308,7 @@ def test_a_disk_that_is_nearly_full_is_told(scene, hook):
 @pytest.mark.parametrize(
     ('lines', 'what'),
     [
-        (['after_s: 60'], 'notify.webhook: names nobody to tell: give webhook or mail_to'),
+        (['after_s: 60'], 'notify.webhook: no receiver: give webhook or mail_to'),
         (['webhook: ftp://a/b'], 'notify.webhook: is not an address that begins with https://'),
         (['mail_to: [nobody]', 'mail_from: a@b.at', 'smtp: a:25'], "'nobody' is not a mail addr"),
         (['mail_to: [a@b.at]', 'smtp: a:25'], "notify.mail_from: '' is not a mail address"),
@@ -358,7 +358,7 @@ def test_the_test_command_says_what_each_server_answered(scene, hook, mailbox, c
     path = loaded.path.with_name('quiet.yaml')
     path.write_text('nodes: {twin: {}}\n')
     assert cli.main(['notify', str(path)]) == 78
-    assert 'names nobody to tell; add notify' in capsys.readouterr().err
+    assert 'no receiver of notifications; add notify' in capsys.readouterr().err
 
 
 def test_the_supervisor_hands_its_state_over_and_says_what_was_told(scene, hook, tmp_path):

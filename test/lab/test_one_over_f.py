@@ -80,7 +80,7 @@ def test_a_control_that_is_shorter_is_asked_over_its_own_band():
 
 def test_two_relaxations_bend_and_a_short_record_does_not_exclude_them():
     found = ask('sum of two relaxations', 3600.0, 1)
-    assert found.answer == 'no' and 'two Lorentzians is better by' in found.sentence
+    assert found.answer == 'no' and 'two Lorentzians: AIC lower by' in found.sentence
     assert (
         'two Lorentzians (an alternative without 1/f) not excluded' in ask('1/f', 160.0, 1).sentence
     )

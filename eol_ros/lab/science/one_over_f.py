@@ -58,7 +58,7 @@ class Answer:
     def sentence(self) -> str:
         """The verdict, how sure it is, and what is missing."""
         if self.spectrum is None or self.slope is None:
-            return f'{self.name}: whether it is 1/f cannot be said: {"; ".join(self.doubts)}'
+            return f'{self.name}: 1/f is undecided: {"; ".join(self.doubts)}'
         s, band = self.slope, self.spectrum
         words = {'yes': '1/f', 'no': 'not 1/f', 'undecided': 'undecided whether 1/f'}[self.answer]
         text = (
@@ -229,7 +229,7 @@ def _against(
     if best.name not in STRAIGHT and better >= BENDS:
         said.append(
             f'it bends, slope {both[0].beta:.2f} in the lower half and {both[1].beta:.2f} in the '
-            f'upper: {best.name} is better by {better:.0f} of AIC'
+            f'upper: {best.name}: AIC lower by {better:.0f}'
         )
     if line.p_value < MISFIT and not said:
         said.append(f'it scatters too widely about the line (p {line.p_value:.1g})')
