@@ -38,11 +38,7 @@ def test_shipped_scenes_are_right(name):
 
     assert scene.name == name
     assert list(scene.nodes) == [n for n in NODES if n in scene.nodes]  # in data order
-    pictures = dict.fromkeys(('rehearsal', 'soft', 'small', 'wide', 'ring'), 'around_slips')
-    pictures['museum'] = 'preview'
-    assert scene.nodes['recorder'].images == pictures.get(name, 'none')
-    if 'twin' in scene.nodes:  # its visitors never leave
-        assert scene.nodes['recorder'].images_max_gb <= 2 or name not in pictures
+    assert scene.nodes['recorder'].images == ('preview' if name == 'museum' else 'none')
 
 
 FILES = [
