@@ -40,6 +40,9 @@ WORDS = {
     r'\b[Gg]ivers?\b|\b[Tt]akers?\b': 'publisher, subscriber',
     r'\banew\b': 'again',
     r'\bwhoever\b': 'the node, function or user by name',
+    r'\b[Aa]valanches?\b': 'cascade',
+    r'\b(misled|astray)\b': 'outlier',
+    r'\bpatience\b': 'timeout',
     r'\b(exact1d|event2d|stepping_run|turning_step)\b': 'exact, event, stepping, rotation',
     r'\bcore/physics/(plan|run|named|lattice)\.py\b': 'choose, result, presets, kernel_args',
 }
