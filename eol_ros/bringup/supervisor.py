@@ -39,6 +39,7 @@ FINAL = (2, 69, 78)  # a node that ends so at the start lacks a device or a file
 ESSENTIAL = {*IMAGE_SOURCES, 'tracker'}  # without which nothing moves
 DRAIN_S = 0.3  # from the last image to all that it causes
 DUMP_S = 0.5  # a hung process may take this long to write down its stacks
+FAULT_S = 5.0  # a fault that lasts so long is not one of the start
 AWAY_S = 5.0  # bringup was stopped, or blocked, for longer: that is told
 LOOK_S = 1.0  # between two looks whether all nodes must be started again
 # Whose input never pauses while the node before it is well, and who that may be: a replay pauses.
@@ -88,7 +89,7 @@ class Supervisor:
         self._server, self._events, self._say = server, events, say
         self._asked_to_stop = self._hurry = self._stopped = False
         self._code = 0  # of a run that was asked to stop
-        self._told_work = ''
+        self._told_work = self._work_code = ''
         self._told: dict[str, tuple[int, str]] = {}
         self._began_s = self._clock()
         self.all_ok_s: float | None = None  # seconds from the start to all ok
@@ -134,7 +135,7 @@ class Supervisor:
     def _watch(self, seconds: float | None) -> int:
         """Look after the nodes until the run is over; return its exit code."""
         began_s = last_s = self._clock()
-        could_s = 0.0  # seconds in which all could have become ok
+        could_s = faulty_s = 0.0  # seconds in which all could have become ok, and those of a fault
         while not self._asked_to_stop:
             thread_faults.check()
             now = self._clock()
@@ -144,6 +145,8 @@ class Supervisor:
                 return ended
             if not any(child.starved for child in self.children):
                 could_s += min(now - last_s, PAUSE_S)
+                faulty = self._work_code in ('work_fault', 'no_camera')
+                faulty_s = faulty_s + min(now - last_s, PAUSE_S) if faulty else 0.0
             if now - last_s > AWAY_S:
                 self._note(
                     f'bringup stood still for {now - last_s:.0f} s; the nodes went on, but '
@@ -154,8 +157,8 @@ class Supervisor:
             if seconds is not None and self.all_ok_s is not None:
                 if now - self._began_s - self.all_ok_s >= seconds:
                     return max(child.left_out for child in self.children)
-            elif seconds is not None and late:
-                self._note(f'not all OK within {START_S:.0f} s: {self._not_ok()}')
+            elif seconds is not None and (late or faulty_s > FAULT_S + seconds):
+                self._note(f'not all OK within {now - began_s:.0f} s: {self._not_ok()}')
                 return 1
             self._manager.ready()
             if self._manager.there:
@@ -329,7 +332,7 @@ class Supervisor:
         self._remember()
         described = self.describe()
         if (work := described['work']['text']) != self._told_work:
-            self._told_work = work
+            self._told_work, self._work_code = work, described['work']['code']
             self._events.entry(f'{self.scene}: {work}')
         self._notify(now, described)
         status.answer(self._server, described)

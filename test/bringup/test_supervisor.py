@@ -788,15 +788,19 @@ raise RuntimeError("no ice\\nat all\\n\\nhere")
     assert all(line in log for line in ('Traceback (most recent call last)', 'at all', 'here'))
 
 
-def test_a_run_for_a_time_that_never_is_ok_fails(start, monkeypatch):
+@pytest.mark.parametrize(('rate', 'start_s', 'least_s'), [(60, 4.0, 4), (0, 1e6, 5)])
+def test_a_run_for_a_time_that_never_is_ok_fails(start, monkeypatch, rate, start_s, least_s):
+    """After the longest start, or where a fault lasts: here a source without images."""
     from eol_ros.bringup import supervisor as module
 
-    monkeypatch.setattr(module, 'START_S', 4.0)
-    script = BEAT + "\nwhile True:\n    beat('twin', 1); time.sleep(0.1)"
+    monkeypatch.setattr(module, 'START_S', start_s)
+    monkeypatch.setattr(module, 'START_STARVED_S', 1e6)
+    script = BEAT + f"\nwhile True:\n    beat('twin', 1, {rate}); time.sleep(0.1)"
     supervisor, lines = start(process('twin', script), clock=Clock(rate=4.0))
 
     assert supervisor.run(seconds=0.1) == 1
-    assert 'not all OK within 4 s: twin (fine)' in lines
+    [line] = [line for line in lines if line.startswith('not all OK within')]
+    assert line.endswith(' s: twin (fine)') and int(line.split()[4]) >= least_s
 
 
 def test_a_hung_process_says_where(start, monkeypatch, tmp_path):

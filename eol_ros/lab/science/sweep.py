@@ -47,14 +47,14 @@ class _Law:
     bootstrap: int = setting(
         200, 'samples for tau_error and p_value; 0: neither is computed', '', 0, 10_000
     )
-    seed: int = setting(1, 'of the start, of the disorder and of the hands', '', 0, 2**31)
+    seed: int = setting(1, 'random seed of start, disorder and hands', '', 0, 2**31)
 
 
 @dataclass(frozen=True)
 class _Blocks(_Law):
     """What table, plate and train have in common."""
 
-    stiffness: float = setting(40.0, 'of a spring between blocks', 'N/m', 1e-6, 1e12)
+    stiffness: float = setting(40.0, 'stiffness of a spring between blocks', 'N/m', 1e-6, 1e12)
     mu_static: float = setting(builders.MU_STATIC, 'static friction', '', 0.0, 100.0)
     friction_drop: float = setting(
         1 - builders.MU_KINETIC / builders.MU_STATIC,
@@ -64,15 +64,23 @@ class _Blocks(_Law):
         0.0, 'standard deviation of friction from block to block over its mean',
         '', 0.0, MOST_DISORDER,
     )  # fmt: skip
-    offset_m: float = setting(0.001, 'blocks start so far off their places at most', 'm', 0.0, 1.0)
+    offset_m: float = setting(
+        0.001, 'greatest distance of a block from its place at the start', 'm', 0.0, 1.0
+    )
     drive: str = setting(
-        'pull', 'pull: along x; circle: on a circle with rotation; hands: as visitors do',
+        'pull', 'motion of the rim: along x, on a circle with rotation, or by visitors',
         choices=DRIVES,
     )  # fmt: skip
     speed_mps: float = setting(
-        0.001, f'of the drive; hands: mean of a push, {HANDS_MPS:g} is their own', 'm/s', 1e-9, 10.0
+        0.001,
+        f'speed of the drive; with hands the mean of a push (visitors: {HANDS_MPS:g})',
+        'm/s',
+        1e-9,
+        10.0,
     )
-    travel_m: float = setting(8.0, 'simulated are travel_m / speed_mps seconds', 'm', 1e-6, 1e6)
+    travel_m: float = setting(
+        8.0, 'travel of the drive; the duration is travel_m / speed_mps', 'm', 1e-6, 1e6
+    )
     geometric: bool = setting(False, 'springs turn with their blocks instead of being linear')
     skip: float = setting(0.5, 'share of the cascades, the first ones, left out', '', 0.0, 0.99)
 
@@ -105,7 +113,7 @@ class Plate(_Rows):
 class Train(_Blocks):
     """The train of Burridge and Knopoff: a row along x under the plate."""
 
-    blocks: int = setting(5, 'in the row', '', 1, 100_000)
+    blocks: int = setting(5, 'number of blocks in the row', '', 1, 100_000)
     stiffness_ratio: float = setting(
         2.0, 'stiffness over that of the springs to the plate', '', 1e-9, 1e9
     )
@@ -116,8 +124,10 @@ class AnyScene(_Law):
     """A scene of `eol simulate`, by name or from a JSON file, and what is changed in it."""
 
     scene: str = setting('S3L', 'a name (S1 ... S6b) or a JSON file beside the sweep')
-    scene_digest: str = setting('', 'of what the scene contains; filled in')
-    stiffness_factor: float = setting(1.0, 'springs between blocks, times this', '', 1e-9, 1e9)
+    scene_digest: str = setting('', 'digest of the scene; filled in')
+    stiffness_factor: float = setting(
+        1.0, 'factor of the stiffness of springs between blocks', '', 1e-9, 1e9
+    )
     friction_drop: float | None = setting(
         None, 'share of static friction that a sliding block lacks; none: as in the scene',
         '', 0.0, 1.0,
@@ -126,9 +136,11 @@ class AnyScene(_Law):
         0.0, 'standard deviation of friction from block to block over its mean',
         '', 0.0, MOST_DISORDER,
     )  # fmt: skip
-    offset_m: float = setting(0.0, 'blocks start so much further off at most', 'm', 0.0, 1.0)
-    speed_factor: float = setting(1.0, 'the drive runs so many times as fast', '', 1e-9, 1e9)
-    duration_s: float = setting(0.0, 'to simulate; 0: as the scene says', 's', 0.0, 1e9)
+    offset_m: float = setting(
+        0.0, 'greatest further distance of a block from its place at the start', 'm', 0.0, 1.0
+    )
+    speed_factor: float = setting(1.0, 'factor of the speed of the drive', '', 1e-9, 1e9)
+    duration_s: float = setting(0.0, 'time to simulate; 0: that of the scene', 's', 0.0, 1e9)
     skip: float = setting(0.0, 'share of the cascades, the first ones, left out', '', 0.0, 0.99)
 
 
@@ -138,8 +150,10 @@ class Ofc(_Law):
 
     size: int = setting(32, 'sites along a side', '', 1, 4096)
     alpha: float = setting(0.2, 'share that each neighbour gets', '', 0.0, 0.25)
-    events: int = setting(10_000, 'recorded', '', 1, 1_000_000_000)
-    warmup: int = setting(10_000, 'events before that', '', 0, 10_000_000_000)
+    events: int = setting(10_000, 'number of events recorded', '', 1, 1_000_000_000)
+    warmup: int = setting(
+        10_000, 'number of events before the recorded ones', '', 0, 10_000_000_000
+    )
 
 
 MODELS: dict[str, type[_Law]] = {
@@ -152,20 +166,24 @@ class Result:
     """What comes of a task. None: not known, or no such thing in this model."""
 
     status: str = dataclasses.field(metadata={'doc': 'ok, or why there are no figures'})
-    cascades: int | None = setting(None, 'that are counted here')
-    slips: int | None = setting(None, 'of blocks in them, or topplings of sites')
-    mean_area: float | None = setting(None, 'distinct blocks of a cascade', 'blocks')
-    greatest_area: int | None = setting(None, 'of all cascades', 'blocks')
+    cascades: int | None = setting(None, 'number of cascades that count')
+    slips: int | None = setting(None, 'number of slips in them, or of topplings')
+    mean_area: float | None = setting(None, 'mean area of a cascade', 'blocks')
+    greatest_area: int | None = setting(None, 'greatest area of a cascade', 'blocks')
     system_wide: float | None = setting(None, 'share of cascades of at least half of all blocks')
     rate_hz: float | None = setting(None, 'cascades in a simulated second', 'Hz')
     sliding: float | None = setting(None, 'share of time in which any block slides')
-    nearest_tau: float | None = setting(None, 'of the nearest power law of areas, rejected or not')
-    tau: float | None = setting(None, 'of the density of areas; none where the law is rejected')
-    b_value: float | None = setting(None, 'of N(>= area), tau - 1')
-    tau_error: float | None = setting(None, 'standard error of tau that heeds dependent cascades')
-    ks: float | None = setting(None, 'distance of the cumulative law')
-    p_value: float | None = setting(None, 'of a power law: below 0.05 it is none')
-    areas: str | None = setting(None, 'how many cascades of each area, as area:count')
+    nearest_tau: float | None = setting(
+        None, 'tau of the nearest power law of areas, rejected or not'
+    )
+    tau: float | None = setting(
+        None, 'exponent of the density of areas; none where the law is rejected'
+    )
+    b_value: float | None = setting(None, 'exponent of N(>= area), tau - 1')
+    tau_error: float | None = setting(None, 'standard error of tau, dependent cascades included')
+    ks: float | None = setting(None, 'Kolmogorov-Smirnov distance of the law')
+    p_value: float | None = setting(None, 'p-value of the power law; below 0.05 it is rejected')
+    areas: str | None = setting(None, 'number of cascades of each area, as area:count')
 
 
 RESULTS = tuple(field.name for field in dataclasses.fields(Result))
