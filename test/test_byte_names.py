@@ -57,12 +57,9 @@ def folder(tmp_path):
     ('words', 'code'),
     [
         (('track', f'{ODD}.avi'), 0),
-        (('track', ODD, '--output', f'{ODD}.npz'), 0),
         (('calibrate', 'blocks', f'{ODD}/1.png'), 78),
         (('corpus', f'{ODD}.wav'), 78),
-        (('bag', 'info', f'{ODD}-bag'), 0),
         (('bag', 'cut', f'{ODD}-bag', '--end', '2', '--output', f'{ODD}.mcap'), 0),
-        (('report', f'{ODD}-bag', '--csv', 'slips', '--output', f'{ODD}-csv'), 0),
         (('report', f'{ODD}-bag', '--output', f'{ODD}-report'), 0),
         (('bundle', f'{ODD}.yaml', '--output', f'{ODD}.zip'), 0),
         (('render', f'{ODD}-bag', '--seconds', '1', '--output', f'{ODD}.flac'), 0),

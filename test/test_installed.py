@@ -10,8 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from eol_ros import cli
-from eol_ros.errors import DeviceMissing
 from eol_ros.ros import installed
 
 ROOT = Path(__file__).parents[1]
@@ -37,11 +35,8 @@ def without(tmp_path):
 
 
 NEEDS_ROS = [
-    ('eol_msgs', '-m eol_ros.bringup rehearsal'),
     ('eol_msgs', '-m eol_ros run'),
-    ('eol_msgs', '-m eol_ros echo slips'),
     ('rclpy', '-m eol_ros topics'),
-    ('eol_msgs', '-m eol_ros.nodes tracker'),
     ('eol_msgs', '-m eol_ros.nodes.tracker'),
 ]
 
@@ -97,21 +92,3 @@ def test_a_package_that_is_there_but_broken_keeps_its_traceback():
 
     assert installed.explained(there) is None
     assert installed.explained(other) is None
-
-
-def test_a_verb_that_misses_the_messages_is_explained(monkeypatch, capsys):
-    monkeypatch.setattr(installed, 'missing', lambda: ['eol_msgs'])
-
-    class Verb:
-        HELP, EXAMPLES = 'x', ()
-
-        @staticmethod
-        def add_arguments(parser):
-            pass
-
-        @staticmethod
-        def run(args):
-            raise ModuleNotFoundError("No module named 'eol_msgs'", name='eol_msgs')
-
-    assert cli.run_verb(Verb, 'eol x', []) == DeviceMissing.exit_code
-    assert 'eol x: eol_msgs not installed' in capsys.readouterr().err

@@ -197,14 +197,14 @@ OTHERS = {  # codes of files that are good enough: bags and sounds are read as f
     (place, kind): codes
     for place, kinds, codes in (
         ('bag info', CUT, (0,)),
-        ('bag index', CUT, (0,)),
-        ('bag verify', CUT, (1,)),
+        ('bag index', ('half',), (0,)),
+        ('bag verify', ('half',), (1,)),
         ('bag recover', CUT, (0,)),
-        ('bag repair', CUT, (0, 1)),
-        ('bag cut', CUT, (0,)),
-        ('bag merge', CUT, (0,)),
-        ('bag keep', CUT, (2,)),
-        ('report', CUT, (0,)),
+        ('bag repair', ('half',), (0, 1)),
+        ('bag cut', ('half',), (0,)),
+        ('bag merge', ('half',), (0,)),
+        ('bag keep', ('half',), (2,)),
+        ('report', ('half',), (0,)),
         ('corpus', (*CUT, 'sound'), (0,)),
         ('labels', ('half',), (0,)),
         ('track', ('half zeros', 'huge'), (0,)),
@@ -269,6 +269,11 @@ def said(error):
     return [s for s in error.splitlines() if not re.search(PROGRESS, s)]
 
 
+# All commands read scenes by one function, and bags by another: these meet what is left out of FEW.
+READERS = {'scene.yaml': ('check',), 'bag.mcap': ('bag info', 'bag recover')}
+FEW = 'empty', 'half', 'gone', 'folder'
+
+
 @pytest.mark.parametrize(
     ('place', 'kind'),
     [
@@ -276,8 +281,8 @@ def said(error):
         for p, (name, _) in PLACES.items()
         for k in CONTENTS
         if (p, k) != ('blocks', 'image')  # that is no harm
-        and (p == 'check' or name != 'scene.yaml' or k in ('empty', 'half', 'gone', 'folder'))
-    ],  # all commands read scenes by one function, of which `check` meets the rest
+        and (p in READERS.get(name, PLACES) or k in FEW)
+    ],
 )
 def test_a_hostile_file_ends_in_one_line(good, bounded, tmp_path, monkeypatch, capfd, place, kind):
     name, line = PLACES[place]

@@ -44,7 +44,7 @@ def film(seconds, fps=60.0, hole=()):
 
 
 def test_the_tracker_compiles_nothing_live():
-    images = list(film(8.0, hole=range(200, 230)))
+    images = list(film(4.5, hole=range(200, 230)))
     tracker = Tracker(TrackerSettings(), Calibration.ideal())
     tracker.warm_up()
     compiled = Compiled()

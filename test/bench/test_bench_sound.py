@@ -11,7 +11,6 @@ from benchmarks.sound_engine import FS, make_score, ours, source, speed, truth
 from eol_ros.core.physics.twin.play import Play
 from eol_ros.errors import EolError
 from eol_ros.settings import GrainsSettings, SoundSettings, TwinSettings
-from eol_ros.streams.felt import CONFIRMED, PROVISIONAL
 
 NS = 10**9
 
@@ -63,39 +62,6 @@ def test_a_slip_is_followed_to_its_first_sample():
     assert latency == pytest.approx([in_time, too_late], abs=0.01)
     assert figures['late_at_most'] == 1 and figures['seen_alone'] == 0
     assert 'felt_ms' not in figures
-
-    # The first of them is felt, and its knock sounds it before its image asks for the same grain.
-    knock = first + 100_000
-    at = SimpleNamespace(stamp=SimpleNamespace(sec=knock // NS, nanosec=knock % NS))
-    messages, seen = watch.messages, watch.seen
-    seen['felt_triggers'] = [(knock, knock + 4_000_000)]
-    seen['felt_slips'] = [(knock, knock + 3_000_000), (knock, knock + 90_000_000)]
-    felt = {
-        'block_taps': [SimpleNamespace(block=a, header=at)],
-        'felt_triggers': [SimpleNamespace(block=a, grain=a)],
-        'felt_slips': [SimpleNamespace(kind=PROVISIONAL), SimpleNamespace(kind=CONFIRMED)],
-    }
-    watch = SimpleNamespace(seen=seen, messages=lambda topic: felt.get(topic) or messages(topic))
-    figures = sound_rehearsal.figures(watch, 0, scene)
-    (by_knock,), (by_image,) = figures['ms']['felt'], figures['ms']['seen']
-    assert by_knock == pytest.approx(0.1 + 1e3 * sound.tap_latency_s + 1e3 / FS, abs=0.01)
-    assert by_image == pytest.approx(too_late, abs=0.01)
-    assert (figures['late_at_most'], figures['felt_ms']['count']) == (1, 1)
-    assert figures['felt_not_barred_ms']['count'] == 1
-    hops = {topic: (one['count'], one['most']) for topic, one in figures['knock_to_ms'].items()}
-    assert hops == {'felt_slips': (1, 3.0), 'felt_triggers': (1, 4.0)}
-
-    # The second was felt too, soon after a knock whose grains may not sound again yet.
-    before, knock = second - 100_000_000, second + 100_000
-    at = SimpleNamespace(stamp=SimpleNamespace(sec=knock // NS, nanosec=knock % NS))
-    seen['felt_triggers'].insert(0, (before, before + 4_000_000))
-    felt['felt_triggers'].insert(0, SimpleNamespace(block=b, grain=999))
-    felt['block_taps'].append(SimpleNamespace(block=b, header=at))
-    figures = sound_rehearsal.figures(watch, 0, scene)
-    assert figures['felt_ms']['count'] == 2 and 'seen_ms' not in figures
-    assert figures['felt_ms']['most'] == pytest.approx(too_late, abs=0.01)
-    rested = figures['felt_not_barred_ms']
-    assert (rested['count'], rested['most']) == (1, pytest.approx(by_knock, abs=0.01))
 
 
 def truth_of(settings, seconds):

@@ -42,8 +42,9 @@ def test_a_block_that_slides_is_seen_to_slide_as_far(surface, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('surface', ['flat', 'relief'])
-@pytest.mark.parametrize(('arms', 'seed'), [('rough', 43), ('dark', 1)])
+@pytest.mark.parametrize(
+    ('surface', 'arms', 'seed'), [('flat', 'rough', 43), ('relief', 'dark', 1)]
+)
 def test_arms_over_resting_blocks_hardly_make_them_slip(surface, arms, seed, capsys):
     line = f'bench vision --arms {arms} --surfaces {surface} --seconds 4 --seeds 1'
     assert cli.main([*line.split(), '--first-seed', str(seed), '--json']) == 0

@@ -470,14 +470,14 @@ def of_largest(bridge):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('decay_ms', [20, 100, 350])
-def test_no_field_of_view_of_225_blocks_flashes_four_times(of_largest, decay_ms):
+def test_no_field_of_view_of_225_blocks_flashes_four_times(of_largest):
     """Words of nine groups take turns, and many are lost."""
     areas_sr = areas_of(LARGEST)
     at = np.round(np.arange(MS * RATE_HZ / 1000 - 1) * 1000 / RATE_HZ).astype(int)
-    for seed, (hz, lost) in enumerate([(60, 0), (600, 0), (600, 300), (1500, 300), (600, 600)]):
+    cases = [(20, 600, 300), (100, 60, 0), (100, 1500, 300), (350, 600, 600)]
+    for seed, (decay_ms, hz, lost) in enumerate(cases):
         levels = shown(of_largest, of_all_kinds(seed, hz, LARGEST.cells), decay_ms, lost)
-        assert most_in_a_second(levels[at], areas_sr) <= 3, (hz, lost)
+        assert most_in_a_second(levels[at], areas_sr) <= 3, (decay_ms, hz, lost)
 
 
 @pytest.mark.parametrize('lost', [0, 300])

@@ -110,7 +110,7 @@ def play(stage, images, state=1):
         ticks = stage.node.health.ticks
         stage.probe.blocks.publish(codec.pack(stamp_ns, state, False, k, blocks))
         stage.until(lambda ticks=ticks: stage.node.health.ticks > ticks)
-        stage.until(lambda: len(stage.probe.triggers) == stage.node.sequence)
+        Nodes.until(stage, lambda: len(stage.probe.triggers) == stage.node.sequence)
 
 
 def test_the_corpus_is_told_whole(stage, sounds):

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
-IMAGES = 150
+IMAGES = 80
 
 
 def digest(*arrays) -> str:

@@ -58,14 +58,14 @@ def adversary(period_s, offset, shape=(0, 1, 5, 6)):
     return [(float(t), offset + b) for t, blocks in zip(times, turns, strict=False) for b in blocks]
 
 
-@pytest.mark.parametrize('nearer', [0.0, sight.NEARER])
 @pytest.mark.parametrize(
-    'table',
+    ('table', 'nearer'),
     [
-        Table(),
-        Table(block_side_m=0.07, gap_m=0.075, gap_y_m=0.2),
-        Table(block_side_m=0.12, gap_m=0.156, platform_m=(3, 3)),
-        Table(block_side_m=0.3, gap_m=0.39, gap_y_m=0.8, platform_m=(9, 9)),
+        (Table(), 0.0),
+        (Table(), sight.NEARER),
+        (Table(block_side_m=0.07, gap_m=0.075, gap_y_m=0.2), sight.NEARER),
+        (Table(block_side_m=0.12, gap_m=0.156, platform_m=(3, 3)), sight.NEARER),
+        (Table(block_side_m=0.3, gap_m=0.39, gap_y_m=0.8, platform_m=(9, 9)), sight.NEARER),
     ],
 )
 def test_geometry_bounds_each_field_by_three_flashes(table, nearer):

@@ -16,9 +16,9 @@ def test_same_arguments_same_sound():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('seed', 'grain_s'), [(1, 0.25), (1, 0.1), (2, 0.25)])
+@pytest.mark.parametrize(('seed', 'grain_s'), [(1, 0.25), (2, 0.1)])
 def test_grains_spread_over_the_space(seed, grain_s):
-    sound = ice(120.0, 48000, seed)
+    sound = ice(60.0, 48000, seed)
     cuts = segments.chop(len(sound), 48000, grain_s)
     grains, silent = analyse(sound, 48000, cuts)
     assert not silent.any()
@@ -54,4 +54,4 @@ def test_no_comb_of_harmonics_stands_in_its_spectrum():
     harmonics = 0.1 * noise
     harmonics[::400] += 10.0  # of 120 Hz
     assert combs(harmonics) == 1
-    assert combs(ice(120.0)) < 0.03
+    assert combs(ice(60.0)) < 0.03

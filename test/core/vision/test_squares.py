@@ -81,9 +81,10 @@ def test_blocks_of_any_size_are_found(side_px, size):
     assert px < 0.1 and turn < 0.02 and side < 0.03
 
 
-@pytest.mark.parametrize('mirror', [False, True])
-@pytest.mark.parametrize('rim', [0.0, 0.35, -0.7])
-@pytest.mark.parametrize(('tilt_deg', 'heading_deg'), [(10, 0), (25, 90), (40, 200), (40, 300)])
+@pytest.mark.parametrize(
+    ('tilt_deg', 'heading_deg', 'rim', 'mirror'),
+    [(10, 0, -0.7, True), (25, 90, 0.0, False), (40, 200, 0.35, True), (40, 300, -0.7, False)],
+)
 def test_a_camera_may_lean_and_look_into_a_mirror(tilt_deg, heading_deg, rim, mirror):
     camera = leaning(tilt_deg, heading_deg, 430.0)
     camera = camera.in_mirror() if mirror else camera

@@ -376,8 +376,8 @@ def test_names_stay_where_two_covers_are_exchanged():
     exchanged = np.arange(25)
     exchanged[[3, 8]] = 8, 3
     before, after = images_of(np.arange(25), 4), images_of(exchanged, 4)
-    for k in range(400):
-        found = tracker.update(k / 40, before[k % 4] if k < 200 else after[k % 4])
+    for k in range(160):
+        found = tracker.update(k / 40, before[k % 4] if k < 80 else after[k % 4])
         assert found.seen.all() and not found.symmetry_ambiguous and found.changed == ()
         assert np.abs(found.world - rest_lattice()).max() < 1e-3
 
