@@ -7,7 +7,7 @@ import pytest
 from scipy.special import erf
 
 from eol_ros.core.vision import lens
-from eol_ros.core.vision.lens import Light, edge_blur, exposure_verdict, focus_verdict, light
+from eol_ros.core.vision.lens import Light, edge_blur, exposure_verdict, focus_verdict
 
 W, H = 288, 288
 
@@ -68,14 +68,6 @@ def test_what_moves_between_the_images_gives_no_number():
     found = edge_blur(noisy(squares(1.0), 1), noisy(squares(1.0, shift=4.0), 2))
 
     assert math.isnan(found.px)
-
-
-def test_light_is_told_of_blocks_and_ground():
-    image = np.full((H, W), 14, np.uint8)
-    image[100:140, 100:184] = 170  # 4 % of the image
-    assert light(image) == Light(170, 14, 0)
-    image[100:140, 100:121] = 255
-    assert light(image).saturated == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize(

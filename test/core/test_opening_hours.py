@@ -257,14 +257,6 @@ def test_a_clock_that_is_corrected_at_ten_opens_once():
     assert clock.at('2026-11-26 23:00') == 'asleep until Fri 10:00'  # a real step back
 
 
-def test_what_lies_far_ahead_has_its_date():
-    clock = Clock(Door(OpeningHours(['2027-03-02 10:00-18:00'], VIENNA)))
-    assert clock.at('2026-11-27 18:00') == 'asleep until Tue 2027-03-02 10:00'
-    assert clock.at('2027-03-03 18:00') == 'asleep, and no opening ahead'
-    always = Clock(Door(OpeningHours(['Mon-Sun 0:00-24:00'], VIENNA)))
-    assert always.at('2026-11-27 18:00') == 'open, and no closing ahead'
-
-
 @pytest.mark.parametrize(
     'days', ['9999-12-31', '0001-01-01', '2026-01-01-9999-12-31', '1999-12-31']
 )

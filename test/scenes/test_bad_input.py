@@ -8,6 +8,8 @@ import sys
 import pytest
 from support.domains import next_domain
 
+from eol_ros import cli
+
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
 
 
@@ -40,29 +42,29 @@ def scene(folder, nodes):
         (['--fro', '3'], 2, 'no such option. Did you mean --for?'),
     ],
 )
-def test_command_line(words, code, hint):
-    result = bringup(*words)
-
-    assert result.returncode == code, result.stderr
-    assert hint in result.stderr
-    assert 'Traceback' not in result.stderr
+def test_command_line(words, code, hint, capsys):
+    assert cli.main(['run', *words]) == code
+    assert hint in capsys.readouterr().err
 
 
-def test_a_setting_of_another_node_is_told_whose_it_is(tmp_path):
-    result = bringup(scene(tmp_path, '  twin: {}\n  tracker: {tuio: ["a:1"], pairs: x}\n'))
-
-    assert result.returncode == 78
-    assert 'tracker.tuio: no such key; nodes.osc has it' in result.stderr
-    assert 'tracker.pairs: no such key; nodes.montage has it' in result.stderr
-
-
-def test_osc_has_moved_from_sound_to_a_node_of_its_own(tmp_path):
-    result = bringup(scene(tmp_path, '  twin: {}\n  sound: {osc_out: "a:1", osc_in: 9000}\n'))
-
-    assert result.returncode == 78
-    for what in ('osc_out: a node has this now: write osc: {send_to: [HOST:PORT]}',
-                 'osc_in: a node has this now: write osc: {port: PORT}'):  # fmt: skip
-        assert f'error sound.{what}' in result.stderr
+@pytest.mark.parametrize(
+    ('nodes', 'told'),
+    [
+        ('tracker: {tuio: ["a:1"]}', 'tracker.tuio: no such key; nodes.osc has it'),
+        ('tracker: {pairs: x}', 'tracker.pairs: no such key; nodes.montage has it'),
+        (
+            'sound: {osc_out: "a:1"}',
+            'error sound.osc_out: a node has this now: write osc: {send_to: [HOST:PORT]}',
+        ),
+        (
+            'sound: {osc_in: 9000}',
+            'error sound.osc_in: a node has this now: write osc: {port: PORT}',
+        ),
+    ],
+)
+def test_a_setting_of_another_node_is_told_whose_it_is(nodes, told, tmp_path, capsys):
+    assert cli.main(['run', scene(tmp_path, f'  twin: {{}}\n  {nodes}\n')]) == 78
+    assert told in capsys.readouterr().err
 
 
 def stopped_by(folder, nodes, *words):

@@ -134,12 +134,10 @@ def package(tmp_path):
     return tmp_path
 
 
-@pytest.mark.parametrize(
-    'words', [['eol_ros.nodes', 'twin'], ['eol_ros', 'track', 'nothing.avi']], ids=['node', 'verb']
-)
-def test_no_folder_for_compiled_loops(package, words):
+def test_no_folder_for_compiled_loops(package):
     done = subprocess.run(
-        [sys.executable, '-m', *words], cwd=package, capture_output=True, text=True,
+        [sys.executable, '-m', 'eol_ros.nodes', 'twin'],
+        cwd=package, capture_output=True, text=True,
         env=environment(package, PYTHONPATH=str(package), HOME=NOWHERE, XDG_CACHE_HOME=None,
                         NUMBA_CACHE_DIR=None, EOL_CACHE=str(package / 'cache')),
     )  # fmt: skip

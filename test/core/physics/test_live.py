@@ -15,10 +15,8 @@ from support.paper import (
 
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.drive import Drive
-from eol_ros.core.physics.event import kernel as event
-from eol_ros.core.physics.rotation import kernel as rotation
 from eol_ros.core.physics.scene import from_mapping
-from eol_ros.core.physics.twin import hands, live, rim_springs
+from eol_ros.core.physics.twin import live
 from eol_ros.core.physics.twin.hands import (
     HAND_N,
     VISITORS_YAW_RAD,
@@ -282,24 +280,3 @@ def test_the_rim_feels_the_springs_of_any_table(table):
     arm = ends[:, 1] - pose[:2]
     torque = (arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]).sum()
     assert live.pull(pose) == pytest.approx([*force.sum(axis=0), torque], abs=1e-9)
-
-
-@pytest.mark.slow
-def test_another_table_compiles_nothing_anew():
-    """Sizes are arguments: a first start of another table is as quick as that of the paper's."""
-    kernels = [
-        rim_springs.pull,
-        rim_springs.gaps,
-        hands.drag,
-        hands.follow,
-        rotation.run,
-        event.run,
-    ]
-    counts = []
-    for table in (Table(), *TABLES.values(), Table(platform_m=(2, 2))):
-        for rotate in (True, False):
-            play = Play(1, 4, Coupling(rotate=rotate), table)
-            for _ in range(30):
-                play.advance(IMAGE_S)
-        counts.append([len(kernel.signatures) for kernel in kernels])
-    assert min(counts[0]) > 0 and counts == counts[:1] * len(counts)

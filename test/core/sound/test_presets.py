@@ -6,7 +6,7 @@ from support.quiet_settings import GRAINS
 
 from eol_ros.core.sound.presets import Glide, between
 from eol_ros.scene import check_value
-from eol_ros.settings import GrainsSettings, SoundSettings, live_fields
+from eol_ros.settings import GrainsSettings, live_fields
 
 START = GRAINS
 END = GrainsSettings(
@@ -43,11 +43,6 @@ def test_on_the_way_everything_is_a_setting_and_lies_between(share):
     assert found['radius'] == pytest.approx(0.07 + 0.13 * share)
     assert found['ambience_rate'] == pytest.approx(4 * share)  # from 0: no logarithm
     assert found['k'] == round(3 + 6 * share)
-
-
-def test_levels_glide_in_decibels():
-    found = between(SoundSettings, {'gain_db': -40.0}, {'gain_db': 0.0}, 0.25)
-    assert found == {'gain_db': -30.0}
 
 
 @pytest.mark.parametrize('over_s', [0.0, 2.0])

@@ -20,13 +20,6 @@ def tilted(angle):
     return replace(LENS, homography=LENS.camera_matrix @ columns)
 
 
-def test_the_ideal_camera_is_545_px_a_metre():
-    assert np.allclose(
-        IDEAL.to_pixels([[0, 0], [1, 0], [0, 1]]) - [639.5, 399.5], [[0, 0], [545, 0], [0, -545]]
-    )
-    assert IDEAL.px_per_m() == pytest.approx(545)
-
-
 def pose_of(camera, mirror):
     """Return rotation and shift of the table before the lens, from the homography (Zhang 2000)."""
     columns = np.linalg.inv(camera.camera_matrix) @ camera.homography
@@ -57,12 +50,6 @@ def test_opencv_sees_the_same_table(angle, mirror):
     met[:, 0] *= -1 if mirror else 1
     assert np.abs(met[:, :2] - table).max() < 1e-9
     assert np.abs(camera.to_table(seen) - met[:, :2]).max() < 1e-9
-
-
-def test_nan_stays_nan():
-    table = LENS.to_table([[100.0, 100.0], [np.nan, np.nan]])
-    assert np.isfinite(table[0]).all()
-    assert np.isnan(table[1]).all()
 
 
 @pytest.mark.parametrize(
