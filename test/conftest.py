@@ -62,29 +62,13 @@ def any_stamp(monkeypatch):
 
 
 _HERE = Path(__file__).parent
-# What keeps real time over many processes: `make test` runs these alone, after the others.
-LIVE = {
-    'bench/test_bench_sound.py',
-    'devices/test_soundcard.py',
-    'nodes/test_camera_node.py',
-    'scenes/test_playback.py',
-    'scenes/test_rehearsal.py',
-    'scenes/test_starved.py',
-    'web/test_browser.py',
-}
-
-
 # Files of one long test: of two processes, the one that came to them last would run on alone.
 LONGEST = ('scenes/test_cold.py', 'test_packaging.py')
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    names = {item: item.path.relative_to(_HERE).as_posix() for item in items}
-    for item, name in names.items():
-        if name in LIVE:
-            item.add_marker('live')
-    items.sort(key=lambda item: names[item] not in LONGEST)
+    items.sort(key=lambda item: item.path.relative_to(_HERE).as_posix() not in LONGEST)
 
 
 def pytest_collection_finish():

@@ -51,7 +51,7 @@ def seen(lights, block, stamp_ns):
     lights.slip(block, stamp_ns, stamp_ns - 15_000_000)
 
 
-def storm(lights, fake, seconds=1.3):
+def storm(lights, fake, seconds=2.0):
     """A slip of one block every 90 ms; the levels that the board shows, and when."""
     times, shown, at = [], [], 0.0
     began = time.monotonic()
@@ -67,7 +67,7 @@ def storm(lights, fake, seconds=1.3):
     return np.array(times), np.array(shown)
 
 
-def replayed_storm(lights, fake, rate, seconds=1.3):
+def replayed_storm(lights, fake, rate, seconds=2.0):
     """A slip of one block every 400 recorded ms, played at `rate`; as `storm`, or as it is told."""
     times, shown, at, told, began = [], [], 0.0, 0.0, time.monotonic()
     while (now := time.monotonic() - began) < seconds:

@@ -25,6 +25,7 @@ from eol_ros.devices.audio.soundcard import Card, Player
 from eol_ros.devices.audio.wav_sink import WavSink
 from eol_ros.errors import DeviceMissing
 
+pytestmark = pytest.mark.live
 HERE = Path(__file__).parent
 
 

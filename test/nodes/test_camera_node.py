@@ -17,6 +17,7 @@ from eol_ros.ros.stamps import to_msg
 from eol_ros.settings import CameraSettings, TrackerSettings
 from eol_ros.streams.images import TYPE, Codec
 
+pytestmark = pytest.mark.live
 CODEC = Codec(definition(TYPE))
 
 

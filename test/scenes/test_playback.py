@@ -11,7 +11,7 @@ from support.waiting import wait_until
 
 from eol_ros.analysis import open_bag
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(300)]
 CHAIN = {
     'motion': {}, 'leds': {'port': 'twin'}, 'grains': {},
     'sound': {'device': 'wav', 'sub_db': -90.0},  # pulses of the sub voice count as triggers

@@ -21,7 +21,7 @@ from eol_ros.analysis import open_bag
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.streams.cdr import stamp_ns
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(420)]
+pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(420)]
 EVERY = ('truth', 'blocks', 'slips', 'led_commands', 'grain_triggers', 'wall', 'cascades')
 
 

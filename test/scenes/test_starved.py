@@ -13,7 +13,7 @@ from support.running import Graph, busy, stand_in
 
 from eol_ros.analysis import open_bag
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(600)]
 
 
 def settled(graph):
@@ -73,13 +73,11 @@ def check(status, bags):
 
 
 @pytest.mark.soak
-@pytest.mark.live
 def test_twenty_seconds_beside_eight_busy_processes(tmp_path):
     check(*loaded(tmp_path, 8, 20))
 
 
 @pytest.mark.soak
-@pytest.mark.live
 @pytest.mark.parametrize('count', [8, 20])
 def test_two_minutes_beside_busy_processes(tmp_path, count):
     check(*loaded(tmp_path, count, 120))

@@ -45,6 +45,7 @@ from eol_ros.streams.graph import NODES
 from eol_ros.web import notices
 
 pytestmark = [
+    pytest.mark.live,
     pytest.mark.slow,
     pytest.mark.timeout(300),  # a browser beside the whole work, on two slow processors
     needs.marker('chromium', 'chromium-driver'),
