@@ -20,10 +20,10 @@ EXAMPLES = [
     'eol bench spectra --seeds 200 --series "sum of three relaxations" --json',
 ]
 LENGTHS_S = (160, 600, 3600, 14400)
-LONGEST_S = {  # of series that take minutes for each seed
+LONGEST_S = {  # of series whose next length takes half a minute for each seed, or more
     'events of 1/f rate': 160,
-    'triggers of the twin': 3600,
-    'sound of the twin': 3600,
+    'triggers of the twin': 600,
+    'sound of the twin': 600,
 }
 
 

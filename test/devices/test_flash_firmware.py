@@ -18,6 +18,7 @@ from support.paper import N_BLOCKS
 from eol_ros.core.light.bridge import Bridge
 from eol_ros.core.light.flash import FLASHES_PER_S, HOLD_RATE, MIN_PERIOD_S, FlashField
 from eol_ros.core.light.local import LocalField, block_falls
+from eol_ros.core.light.looks import IDLE_SHARE, stressed
 from eol_ros.core.serial_protocol import GROUP
 from eol_ros.core.table import Table
 
@@ -116,10 +117,10 @@ static void say_lighting(eol_bridge *bridge, int t, uint8_t *lighting)
 }
 
 /* `ms` milliseconds of the whole firmware of all blocks and their bridge. felt[t * B + b]: block b
- * feels a knock (1) or a weak one (2), or the host lights it (3), or to half of the peak (4).
- * `flags` are those of Lighting. Of 1000 frames `lost` are lost either way, and so many answers.
- * The bridge is started again at `gone_ms`, after 0.1 s, and block 12 at `reset_ms`.
- * shown[t * B + b]: the light of a block. */
+ * feels a knock (1) or a weak one (2), or the host lights it (3), or to half of the peak (4),
+ * or to n / 128 (128 + n). `flags` are those of Lighting. Of 1000 frames `lost` are lost
+ * either way, and so many answers. The bridge is started again at `gone_ms`, after 0.1 s,
+ * and block 12 at `reset_ms`. shown[t * B + b]: the light of a block. */
 void table(int ms, const uint8_t *felt, int flags, int decay_ms, int lost, int gone_ms,
            int reset_ms, uint8_t *shown)
 {
@@ -143,6 +144,11 @@ void table(int ms, const uint8_t *felt, int flags, int decay_ms, int lost, int g
             uint8_t kind = felt[t * B + b];
             int busy = measured[b] >= 0;
             if (word[0] && rand() % 1000 >= lost) eol_block_heard(&block[b], word);
+            if (kind > 128) {
+                uint8_t one[34] = {(uint8_t)(kind - 128)};
+                one[5 + b / 8] = (uint8_t)(1 << b % 8);
+                host(&bridge, t, EOL_DIM_LIGHT, one, B > 32 ? sizeof one : 9);
+            }
             if (kind == 4) dim[5 + b / 8] |= (uint8_t)(1 << b % 8), dims = 1;
             if (kind == 3) light[4 + b / 8] |= (uint8_t)(1 << b % 8), lights = 1;
             if ((kind == 1 || kind == 2) && !busy && t > reset_ms + (b == 12 ? 380 : 0)) {
@@ -491,18 +497,29 @@ def test_orders_that_are_told_again_make_no_fall_that_is_not_counted(of_largest,
             assert max(falls, default=0) <= block_falls(LARGEST), seed
 
 
-def test_an_order_of_225_blocks_is_obeyed_within_the_time_of_30_a_second(of_largest):
-    """All are ordered at once; then groups by themselves, 30 orders a second."""
+@pytest.mark.parametrize(('kind', 'peak'), [(3, 1.0), (4, 0.5)])
+def test_an_order_of_225_blocks_is_obeyed_within_the_time_of_30_a_second(of_largest, kind, peak):
+    """All are ordered at once; then groups by themselves, 30 orders a second. In full, and dim."""
     felt = np.zeros((MS, LARGEST.cells), np.uint8)
-    felt[1500] = 3
+    felt[1500] = kind
     light = shown(of_largest, felt)
-    assert (light[1499] < 0.05).all() and (light[1500 + 33] > 0.4).all()
+    assert (light[1499] < 0.05).all() and (light[1500 + 33] > 0.4 * peak).all()
     felt[:] = 0
     ordered = [(1500 + round(k * 1000 / 30), 7 * k % LARGEST.cells) for k in range(60)]
     for at_ms, block in ordered:
-        felt[at_ms, block] = 3
+        felt[at_ms, block] = kind
     light = shown(of_largest, felt)
-    assert all(light[at_ms + 5, block] > 0.5 for at_ms, block in ordered)
+    assert all(light[at_ms + 5, block] > 0.5 * peak for at_ms, block in ordered)
+
+
+def test_a_map_of_stress_keeps_its_levels_in_the_words_of_225_blocks(of_largest):
+    stress = np.arange(LARGEST.cells) % 9 / 8
+    felt = np.zeros((MS, LARGEST.cells), np.uint8)
+    for late_s, block, share in stressed(stress):
+        felt[2500 + round(1000 * late_s), block] = 128 + round(128 * share)
+    light = shown(of_largest, felt)
+
+    assert light.max(axis=0) == pytest.approx(0.75 * IDLE_SHARE * stress, abs=0.01)
 
 
 def test_an_order_of_half_of_the_peak_gives_half_of_the_light(bridge):

@@ -151,7 +151,7 @@ def _visitors(name: str) -> Callable:
     return make
 
 
-@functools.lru_cache(64)  # both series of a seed, of three lengths
+@functools.lru_cache(4)  # both series of a seed, of each length
 def _played(T: float, seed: int) -> tuple[np.ndarray, Uncoupled]:
     """Return when slips sound under the twin's visitors, (n,) s, and the same without coupling."""
     play, rim = Play(seed), [(0.0, 0.0, 0.0, 0.0)]

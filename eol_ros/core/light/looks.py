@@ -15,9 +15,13 @@ slip.
 
 from typing import NamedTuple
 
+import numpy as np
+
 from eol_ros.core.serial_protocol import SHARES
 from eol_ros.core.table import Table
 
+APART_S = 0.08  # orders of one word have one level; a word is told again for at most 0.075 s
+STEPS = 8  # of stress
 REST_S = 1.0
 IDLE_SHARE = 0.25  # of the peak
 
@@ -78,3 +82,22 @@ def idle(look: Look, table: Table = Table()) -> list[tuple[float, int, float]]:
     middle = int(table.ids[table.count // 2])
     over_all = spread(middle, Look(look.decay_s, table.cells, look.delay_s), table)
     return [(0.0, middle, IDLE_SHARE), *((late_s, one, IDLE_SHARE) for late_s, one, _ in over_all)]
+
+
+def stressed(stress: np.ndarray) -> list[tuple[float, int, float]]:
+    """Return the blocks that shine while all is still, each by its stress, (cells,), as `spread`
+    does.
+
+    From the most stressed on, one level of STEPS after the other. NaN is no stress.
+
+    Examples
+    --------
+    >>> stressed(np.array([0.5, 0.0, 1.2, np.nan]))
+    [(0.32, 0, 0.125), (0.0, 2, 0.25)]
+    """
+    levels = np.rint(STEPS * np.nan_to_num(stress).clip(0.0, 1.0)).astype(int).tolist()
+    return [
+        ((STEPS - level) * APART_S, one, IDLE_SHARE * level / STEPS)
+        for one, level in enumerate(levels)
+        if level
+    ]

@@ -29,7 +29,7 @@ from eol_ros.core.light.local import (
     block_falls,
     new_field,
 )
-from eol_ros.core.light.looks import LOOKS, REST_S, Look, idle, spread
+from eol_ros.core.light.looks import LOOKS, REST_S, Look, idle, spread, stressed
 from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.core.table import Table
 from eol_ros.devices.board.board import Board, State, TapReport
@@ -372,7 +372,9 @@ class Lights:
         due_ns = self._idle_due_ns(now_ns)
         if due_ns is not None and due_ns <= now_ns:
             self._still_ns = due_ns if now_ns - due_ns <= self._lag_ns else now_ns
-            for after_s, one, dim in self._idle():
+            stress = self._stress() if self._settings.idle_by_stress and self._stress else None
+            lit = idle(self._look, self.table) if stress is None else stressed(stress)
+            for after_s, one, dim in lit:
                 heapq.heappush(self._running, (self._still_ns + round(after_s * 1e9), one, dim))
         while self._running and self._running[0][0] <= now_ns:
             at_ns, block, share = heapq.heappop(self._running)
@@ -380,15 +382,6 @@ class Lights:
             if dimmer and at_ns - self._lit_ns[block] >= REST_S * 1e9:
                 self._lit_ns[block] = at_ns
                 self._light(0, block, at_ns=at_ns, spread=share)
-
-    def _idle(self) -> list[tuple[float, int, float]]:
-        """Return idle light as `looks.idle` does; `idle_by_stress`: dimmer by each stress."""
-        found = idle(self._look, self.table)
-        if not (self._settings.idle_by_stress and self._stress):
-            return found
-        share = np.nan_to_num(self._stress()).clip(0.0, 1.0) * protocol.SHARES
-        dimmed = [(t, one, round(dim * share[one]) / protocol.SHARES) for t, one, dim in found]
-        return [one for one in dimmed if one[2] > 0]
 
     def test(self, stamp_ns: int) -> None:
         """Light all blocks once, for the people who set up and asked for it at `stamp_ns`.
