@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names of files are bytes: those of a Windows archive, of Macs, and with blanks."""
 
+import io
 import os
 import shutil
-import subprocess
 import sys
 import unicodedata
 
@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from eol_ros import cli
 from eol_ros import scene as scenes
 from eol_ros.devices.audio import audio_file
 from eol_ros.devices.camera.image_sequence import open_source
@@ -22,15 +23,6 @@ from eol_ros.errors import EolError
 from eol_ros.verbs import service
 
 ODD = os.fsdecode(b'eis\x84')  # `eisä` in code page 437
-
-
-def eol(folder, *words):
-    """Run a verb in a process whose stdout takes UTF-8 alone; return its code and stderr."""
-    environment = {**os.environ, 'PYTHONIOENCODING': 'utf-8:strict', 'PYTHONPATH': os.getcwd()}
-    done = subprocess.run(
-        [sys.executable, '-m', 'eol_ros', *words], cwd=folder, env=environment, capture_output=True
-    )
-    return done.returncode, done.stderr.decode()
 
 
 @pytest.fixture
@@ -65,10 +57,18 @@ def folder(tmp_path):
         (('render', f'{ODD}-bag', '--seconds', '1', '--output', f'{ODD}.flac'), 0),
     ],
 )
-def test_a_name_that_is_no_text_ends_no_verb(folder, words, code):
-    found, error = eol(folder, *words)
-    assert found == code, error
-    assert 'Traceback' not in error
+def test_a_name_that_is_no_text_ends_no_verb(folder, words, code, monkeypatch):
+    """Where stdout takes UTF-8 alone, as that of a process does."""
+    out = io.TextIOWrapper(io.BytesIO(), 'utf-8', 'strict')
+    error = io.TextIOWrapper(io.BytesIO(), 'utf-8', 'backslashreplace')
+    monkeypatch.setattr(sys, 'stdout', out)
+    monkeypatch.setattr(sys, 'stderr', error)
+    monkeypatch.chdir(folder)
+    found = cli.main(list(words))
+    error.flush()
+    said = error.buffer.getvalue().decode()
+    assert found == code, said
+    assert 'Traceback' not in said
 
 
 def test_a_sound_without_a_name_in_text_is_left_out(folder):
