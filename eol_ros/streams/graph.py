@@ -204,7 +204,7 @@ _TOPICS = (
     TopicSpec('block_poses', 'geometry_msgs/msg/PoseArray', 'stream',
               'poses of the blocks by id, NaN where unknown; only while subscribed'),
     TopicSpec('/tf_static', 'tf2_msgs/msg/TFMessage', 'latched',
-              'world -> table -> camera_optical, by the calibration'),
+              'frames of tf: world -> table -> camera_optical, by the calibration'),
     TopicSpec('requests', 'eol_msgs/msg/Request', 'stream',
               'requests to nodes, from the panel, the command line or other nodes'),
     TopicSpec('request_results', 'eol_msgs/msg/RequestResult', 'stream',
