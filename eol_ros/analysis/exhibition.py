@@ -11,7 +11,7 @@ import json
 import math
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,8 +29,6 @@ from eol_ros.devices.bag.writer import REPLAY_OF, SAMPLE
 from eol_ros.devices.files.names import shown
 from eol_ros.disk import DAMAGED
 from eol_ros.errors import ConfigError, EolError, writing
-from eol_ros.lab.sweeps import work
-from eol_ros.lab.sweeps.crews import Crew, work_through
 from eol_ros.streams.slips import START
 
 TOPICS = ('slips', 'cascades', 'block_taps')
@@ -45,8 +43,7 @@ WAYS = {  # in which a block can be silent, in words
     'taps': ('knocks', 'told of a knock', 'tell of knocks no longer'),
 }
 NOT_TOLD = (
-    'not told of many bags: waiting times, energies, 1/f and patterns of light; `eol report BAG` '
-    'has them of each'
+    'not told of many bags: waiting times, energies, 1/f and patterns of light; `eol report BAG` has them of each'
 )
 ALL_S = 1.0  # a bag shorter than that is none of an exhibition
 
@@ -102,30 +99,6 @@ def digest(path: str | Path, zone: datetime.tzinfo | None = None) -> Digest | st
         return f'{path}: left out: {error}'
     except (*DAMAGED, ArithmeticError, struct.error) as error:  # of another program
         return f'{path}: left out: cannot be read as a bag of eol_ros ({error!r})'
-
-
-@dataclass
-class Reading:
-    """A bag to be read by a worker (`sweeps.crews`), by a path that it finds there too."""
-
-    path: str
-    made_by: dict[str, str]
-
-    @property
-    def title(self) -> str:
-        """Tell people which it is."""
-        return self.path
-
-    def rows(self) -> list[Any]:
-        """Return its digest, or why it is left out."""
-        return [digest(self.path)]
-
-
-def read(paths: Iterable[Path], crew: Crew) -> Iterator[Digest | str]:
-    """Let a crew read the bags; yield what is kept of each, in the order in which they are done."""
-    readings = [Reading(str(path.resolve()), work.version()) for path in paths]
-    for rows, _ in work_through(crew, readings, ahead=2):
-        yield from rows
 
 
 def _digest(bag: Bag, zone: datetime.tzinfo | None) -> Digest:

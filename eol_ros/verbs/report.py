@@ -26,13 +26,15 @@ def add_arguments(parser):
         'bag', nargs='+', help='bag folder, .mcap file, or a folder of bags: its newest run; '
         'several make one report, in which a folder stands for all its bags'
     )  # fmt: skip
-    parser.add_argument(
+    crew = parser.add_mutually_exclusive_group()
+    crew.add_argument(
         '--workers',
         type=within(1, 1000, int),
+        default=1,
         metavar='N',
         help='read many bags with N processes (1)',
     )
-    parser.add_argument(
+    crew.add_argument(
         '--scheduler', metavar='tcp://HOST:8786',
         help='read many bags on a Dask cluster, whose workers find them at the same paths',
     )  # fmt: skip
@@ -129,8 +131,6 @@ def _exhibition(args):
     from eol_ros.analysis import exhibition
     from eol_ros.verbs.progress import track
 
-    if args.workers is not None and args.scheduler:
-        raise UsageError('--workers counts processes of this machine: leave out --scheduler')
     for option in ('csv', 'retrack', 'measured'):
         if getattr(args, option):
             raise UsageError(f'--{option} is for one bag: name one, without --all')
@@ -154,16 +154,14 @@ def _read(args, paths):
     from eol_ros.analysis import exhibition
     from eol_ros.lab.sweeps import crews
 
-    if not args.scheduler and args.workers in (None, 1):
+    if not args.scheduler and args.workers == 1:
         yield from map(exhibition.digest, paths)
         return
-    crew: crews.Crew = (
-        crews.Cluster(args.scheduler) if args.scheduler else crews.Local(args.workers)
-    )
-    try:
-        yield from exhibition.read(paths, crew)
-    finally:
-        crew.close()
+    opened = crews.cluster(args.scheduler) if args.scheduler else crews.local(args.workers)
+    with opened as crew:
+        there = [path.resolve() for path in paths]  # workers find them by these
+        for one, _ in crew.work_through(exhibition.digest, there, ahead=2):
+            yield one
 
 
 def _want_matplotlib():

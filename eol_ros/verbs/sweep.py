@@ -32,13 +32,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='FILE',
         help='the table, .csv (default: named as the sweep file, here)',
     )
-    parser.add_argument(
+    crew = parser.add_mutually_exclusive_group()
+    crew.add_argument(
         '--workers',
         type=within(1, 1000, int),
         metavar='N',
         help='number of processes on this machine (default: its cores)',
     )
-    parser.add_argument(
+    crew.add_argument(
         '--scheduler',
         metavar='tcp://HOST:8786',
         help='address of a Dask cluster to use instead',
@@ -61,8 +62,6 @@ def run(args: argparse.Namespace) -> int:
         return _parameters(args.parameters)
     if not args.spec:
         raise UsageError('name a sweep file; --parameters MODEL lists what can stand in it')
-    if args.workers is not None and args.scheduler:
-        raise UsageError('--workers counts processes of this machine: leave out --scheduler')
     spec = specs.load(args.spec)
     if args.count:
         print(json.dumps({'tasks': len(spec)}) if args.json else f'{len(spec)} tasks')
@@ -103,27 +102,21 @@ def _compute(args, spec, table, counts, lacks: int) -> None:
 
     if not lacks:
         return
-    if args.scheduler:
-        cluster = crews.Cluster(args.scheduler)
-        crew: crews.Crew = cluster
+    if spec.model != 'ofc' and not args.scheduler:
+        compile.ensure(['simulate'])
+    workers = args.workers or min(len(os.sched_getaffinity(0)), lacks)
+    opened = crews.cluster(args.scheduler) if args.scheduler else crews.local(workers)
+    with opened as crew:
         if not crew.size():
             print(f'no worker at {args.scheduler} yet: waiting for one', file=sys.stderr)
-        for other in cluster.others:
+        for other in crew.others:
             print(
                 f'worker {other} has another processor than this machine: chaotic models will '
                 'agree in their laws only, not to the bit',
                 file=sys.stderr,
             )
-    else:
-        if spec.model != 'ofc':
-            compile.ensure(['simulate'])
-        cores = len(os.sched_getaffinity(0))
-        crew = crews.Local(args.workers if args.workers is not None else min(cores, lacks))
-    try:
         for _ in track(run_sweep(spec, table, crew, counts), 'sweep', total=lacks):
             pass
-    finally:
-        crew.close()
 
 
 def _parameters(model: str) -> int:

@@ -283,11 +283,9 @@ def test_panel_report_and_exhibition_give_one_answer(tmp_path):
 @pytest.mark.slow
 def test_two_processes_read_the_same_as_one(week, digests, monkeypatch):
     monkeypatch.setenv(work.THREADS, '1')
-    crew = crews.Local(2)
-    try:
-        read = list(exhibition.read([*exhibition.bags_in([week])[0], week / 'none'], crew))
-    finally:
-        crew.close()
+    with crews.local(2) as crew:
+        paths = [*exhibition.bags_in([week])[0], week / 'none']
+        read = [one for one, _ in crew.work_through(exhibition.digest, paths, 2)]
     left_out = [one for one in read if isinstance(one, str)]
     there = exhibition.numbers([one for one in read if not isinstance(one, str)], left_out)
     here = exhibition.numbers(

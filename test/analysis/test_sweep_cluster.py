@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sweep on a real Dask scheduler and its workers, started as docs/guides/sweep.md says."""
 
+import contextlib
 import json
 import os
 import shutil
@@ -86,19 +87,19 @@ def given(tmp_path, monkeypatch):
 
 
 def test_a_worker_of_a_cluster_killed_in_mid_task_loses_nothing(cluster, given, tmp_path):
-    crew = crews.Cluster(cluster.address)
-    end_s = time.monotonic() + 60
-    while crew.size() < 2 and time.monotonic() < end_s:
-        time.sleep(0.05)
-    sizes = []
+    with crews.cluster(cluster.address) as crew:
+        end_s = time.monotonic() + 60
+        while crew.size() < 2 and time.monotonic() < end_s:
+            time.sleep(0.05)
+        sizes = []
 
-    def kill(count):
-        sizes.append(crew.size())
-        if count == 3:
-            cluster.processes['one'].send_signal(signal.SIGKILL)
+        def kill(count):
+            sizes.append(crew.size())
+            if count == 3:
+                cluster.processes['one'].send_signal(signal.SIGKILL)
 
-    there = computed(tmp_path / 'cluster.csv', given, crew, kill)
-    here = computed(tmp_path / 'here.csv', given, crews.Local(1))
+        there = computed(tmp_path / 'cluster.csv', given, contextlib.nullcontext(crew), kill)
+    here = computed(tmp_path / 'here.csv', given, crews.local(1))
 
     assert there == here
     assert sizes[0] == 2 and sizes[-1] == 1
@@ -136,14 +137,16 @@ def test_a_cluster_of_another_version_is_refused_with_both(cluster, given, tmp_p
     shutil.copytree(Path(eol_ros.__file__).parent, other / 'eol_ros', ignore=ignored)
     changed = other / 'eol_ros' / 'lab' / 'science' / 'sweep.py'
     changed.write_text(changed.read_text() + '\n_RUN |= {}  # another version\n')
-    crew = crews.Cluster(cluster.address)
-    cluster.worker('stranger', path=other)
-    cluster.processes['two'].kill()
     pattern = r'has eol_ros .*\(sources (\w+)\), here is eol_ros .*\(sources (?!\1)\w+\)'
-    with pytest.raises(ConfigError, match=pattern):
-        computed(tmp_path / 'late.csv', given, crew)
-    with pytest.raises(ConfigError, match=f'worker tcp.* {pattern}'):
-        crews.Cluster(cluster.address)
+    with crews.cluster(cluster.address) as crew, pytest.raises(ConfigError, match=pattern):
+        cluster.worker('stranger', path=other)
+        cluster.processes['two'].kill()
+        computed(tmp_path / 'late.csv', given, contextlib.nullcontext(crew))
+    with (
+        pytest.raises(ConfigError, match=f'worker tcp.* {pattern}'),
+        crews.cluster(cluster.address),
+    ):
+        pass
 
 
 def test_nobody_at_the_address_is_said(tmp_path, capsys, monkeypatch):

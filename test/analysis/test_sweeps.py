@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sweep files, tables that are resumed, and workers that are killed."""
 
+import contextlib
 import csv
 import hashlib
 import json
@@ -8,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import pytest
@@ -74,7 +76,6 @@ def test_yaml_takes_some_numbers_for_text_and_the_sweep_does_not(write):
         ('model: ofc\nvary: {alpha: 0.2}', '2:15 error vary.alpha: a list, or {from: A, to: B}'),
         ('model: table\nfixed: {drive: shove}', "2:16 error fixed.drive: 'shove' is not one of"),
         ('model: table\nfixed: {rows: 2.5}', '2:15 error fixed.rows: 2.5 is not a whole number'),
-        ('model: scene\nfixed: {scene: no.json}', '2:16 error scene: '),
         ('model: ofc\nfixed: {seed: 1}\nvary: {seed: [2]}', '3:8 error vary.seed: stands under'),
         ('model: ofc\nfixed: [', 'error not YAML'),
         ('- 1', '1:1 error a sweep is a mapping with the keys model, fixed, vary'),
@@ -96,40 +97,17 @@ def test_all_mistakes_are_said_at_once(write):
     assert str(error.value).splitlines()[-1] == '4 errors. Nothing was computed.'
 
 
-def test_a_scene_in_a_file_is_known_by_what_it_contains(write):
-    from eol_ros.lab import presets
+class Here(Executor):
+    """Computes in this process, at once; what is done is taken in any order."""
 
-    write(json.dumps(presets.scene('S1')), 'one.json')
-    given = 'model: scene\nvary: {scene: [S1, one.json]}'
-    first = spec.load(write(given))
-    write(json.dumps(presets.scene('S1') | {'T': 30.0}), 'one.json')
-    second = spec.load(write(given))
-    keys = [[sweep.key('scene', task) for task in s.tasks()] for s in (first, second)]
-
-    assert keys[0][0] == keys[1][0] and keys[0][1] != keys[1][1]
-    assert next(iter(second.scenes.values()))['T'] == 30.0
+    def submit(self, compute, *given):
+        future = Future()
+        future.set_result(compute(*given))
+        return future
 
 
-class Here:
-    """A crew of this process: computes when it is asked what is done."""
-
-    def __init__(self):
-        self.given = []
-
-    def size(self):
-        return 2
-
-    def give(self, batch):
-        self.given.append(batch)
-
-    def waiting(self):
-        return len(self.given)
-
-    def done(self):
-        yield work.compute(self.given.pop())  # the last first: order must not matter
-
-    def close(self):
-        self.given = []
+def here(executor=Here):
+    return contextlib.nullcontext(crews.Crew(executor(), lambda: 2))
 
 
 @pytest.fixture(autouse=True)
@@ -140,7 +118,7 @@ def one_thread(monkeypatch):
 @pytest.mark.parametrize('suffix', ['.csv', '\udcff.csv'])
 def test_a_table_is_resumed_and_added_to_and_the_same_to_the_bit(write, tmp_path, suffix):
     given = spec.load(write(AUTOMATA))
-    whole = computed(tmp_path / f'whole{suffix}', given, Here())
+    whole = computed(tmp_path / f'whole{suffix}', given, here())
 
     path = tmp_path / f'parts{suffix}'
 
@@ -149,16 +127,16 @@ def test_a_table_is_resumed_and_added_to_and_the_same_to_the_bit(write, tmp_path
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        computed(path, given, Here(), stop)
+        computed(path, given, here(), stop)
     fewer = spec.load(write(AUTOMATA.replace('to: 4', 'to: 2')))
-    computed(path, fewer, Here())
+    computed(path, fewer, here())
     rows = table.Table(path, 'ofc', work.version())
     there = len(rows)
     rows.close()
     again = Counts()
     rows = table.Table(path, 'ofc', work.version())
-    for _ in run(given, rows, Here(), again):
-        pass
+    with here() as crew:
+        assert sum(1 for _ in run(given, rows, crew, again)) == again.done
     rows.close()
 
     assert 12 <= there < 24 and again.done == 24 - there
@@ -167,13 +145,15 @@ def test_a_table_is_resumed_and_added_to_and_the_same_to_the_bit(write, tmp_path
 
 def test_a_killed_sweep_loses_what_was_not_written_yet_and_no_more(write, tmp_path, monkeypatch):
     given = spec.load(write(AUTOMATA))
-    whole = computed(tmp_path / 'whole.csv', given, Here())
+    whole = computed(tmp_path / 'whole.csv', given, here())
     path = tmp_path / 'killed.csv'
     monkeypatch.setattr(table, 'FLUSH_S', 0.0)
+    monkeypatch.setattr('eol_ros.lab.sweeps.run.MOST_IN_BATCH', 4)  # it stops amid the table
     rows = table.Table(path, 'ofc', work.version())
-    for count in run(given, rows, Here(), Counts()):
-        if count == 15:
-            break
+    with here() as crew:
+        for count in run(given, rows, crew, Counts()):
+            if count == 15:
+                break
     rows._file.close()  # as the kernel does for a process that is killed
     with path.open('ab') as file:
         file.write(b'8,0.15,ha')
@@ -183,7 +163,7 @@ def test_a_killed_sweep_loses_what_was_not_written_yet_and_no_more(write, tmp_pa
     later.close()
 
     assert 15 <= kept < 24
-    assert computed(path, given, Here()) == whole
+    assert computed(path, given, here()) == whole
 
 
 @pytest.mark.parametrize('areas', [1, 40_000])
@@ -219,7 +199,7 @@ def test_two_sweeps_do_not_write_to_one_table(tmp_path):
 def test_rows_of_another_version_or_model_are_refused_with_both(write, tmp_path):
     path = tmp_path / 'a.csv'
     few = AUTOMATA.replace('[8, 12]', '[8]').replace('to: 4', 'to: 2')
-    computed(path, spec.load(write(few)), Here())
+    computed(path, spec.load(write(few)), here())
     other = work.version() | {'numpy': '1.0.0'}
 
     with pytest.raises(ConfigError, match=f'numpy {work.version()["numpy"]}, here is numpy 1.0.0'):
@@ -236,7 +216,7 @@ def test_rows_of_another_version_or_model_are_refused_with_both(write, tmp_path)
 def test_the_file_says_its_units_and_where_it_is_from(write, tmp_path):
     path = tmp_path / 'a.csv'
     given = 'model: train\nfixed: {travel_m: 0.1, blocks: 2}'
-    computed(path, spec.load(write(given)), Here())
+    computed(path, spec.load(write(given)), here())
     about = json.loads((tmp_path / 'a.csv.json').read_text())
     with path.open(newline='') as file:
         (row,) = csv.DictReader(file)
@@ -249,58 +229,46 @@ def test_the_file_says_its_units_and_where_it_is_from(write, tmp_path):
 def test_memory_holds_a_few_batches_whatever_there_is_to_do(write):
     text = 'model: ofc\nfixed: {size: 1, events: 1, warmup: 0}\nvary: {seed: {from: 1, to: 90000}}'
     given = spec.load(write(text))
-    most = [0]
+    in_hand, most = [0], []
 
     class Counting(Here):
-        def done(self):
-            most[0] = max(most[0], sum(len(b.tasks) for b in self.given))
-            batch = self.given.pop()
+        def submit(self, compute, do, batch, made_by):
+            in_hand[0] += len(batch.tasks)
+            most.append(in_hand[0])
             row = sweep.Result('ok')
-            yield [table.row_of(k, p, row) for k, p in batch.tasks], 1e-3 * len(batch.tasks)
+            rows = [table.row_of(k, p, row) for k, p in batch.tasks]
+            return super().submit(lambda: (rows, 1e-3 * len(rows)))
 
     class Sink:
-        has, add, length = (lambda *_: False), (lambda *_: None), 0
+        has = lambda *_: False  # noqa: E731
         __len__ = lambda self: 0  # noqa: E731
 
-    done = sum(1 for _ in run(given, Sink(), Counting(), Counts()))
+        def add(self, rows):
+            in_hand[0] -= len(rows)
+
+    with here(Counting) as crew:
+        done = sum(1 for _ in run(given, Sink(), crew, Counts()))
 
     assert done == 90_000
-    assert most[0] <= 6 * 1000
+    assert max(most) <= 6 * 1000
 
 
 @pytest.mark.slow
-def test_a_worker_killed_in_mid_task_loses_nothing(write, tmp_path):
-    text = AUTOMATA.replace('20000', '100000')
-    given = spec.load(write(text))
-    whole = computed(tmp_path / 'whole.csv', given, crews.Local(1))
-    killed = []
+def test_the_death_of_a_worker_names_a_task_and_the_sweep_can_be_resumed(write, tmp_path):
+    given = spec.load(write(AUTOMATA))
+    whole = computed(tmp_path / 'whole.csv', given, crews.local(1))
+    path = tmp_path / 'killed.csv'
+    with crews.local(1) as crew:
 
-    def kill(count):
-        if count in (2, 12):
-            killed.append(next(iter(crew._pool._processes)))
-            os.kill(killed[-1], signal.SIGKILL)
+        def kill(count):
+            if count == 2:
+                os.kill(next(iter(crew.executor._processes)), signal.SIGKILL)
 
-    crew = crews.Local(2)
+        with pytest.raises(EolError, match="a worker died .*'size': "):
+            computed(path, given, contextlib.nullcontext(crew), kill)
 
-    assert computed(tmp_path / 'killed.csv', given, crew, kill) == whole
-    assert len(set(killed)) == 2
-
-
-@pytest.mark.slow
-def test_a_task_that_kills_each_worker_is_named(write, monkeypatch):
-    monkeypatch.setattr(crews, 'MOST_DEATHS', 1)
-    crew = crews.Local(1)
-    batch = work.Batch('ofc', [('00', {'seed': 5})], {}, work.version())
-    monkeypatch.setattr(work, 'compute', _die)
-    crew.give(batch)
-    with pytest.raises(EolError, match=r"workers died 2 times .*'seed': 5"):
-        while crew.waiting():
-            list(crew.done())
-    crew.close()
-
-
-def _die(_batch):
-    os.kill(os.getpid(), signal.SIGKILL)
+    assert len(path.read_text().splitlines()) < 25
+    assert computed(path, given, crews.local(2)) == whole
 
 
 def test_the_command_computes_counts_and_goes_on(write, tmp_path, capsys, monkeypatch):

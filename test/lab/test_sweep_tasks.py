@@ -10,7 +10,7 @@ from eol_ros.core.physics import builders
 from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.science import powerlaw
-from eol_ros.lab import choose, presets
+from eol_ros.lab import choose
 from eol_ros.lab.automaton.ofc import Automaton
 from eol_ros.lab.science import sweep
 from eol_ros.lab.science.quiescent import cascades
@@ -18,9 +18,9 @@ from eol_ros.lab.science.quiescent import cascades
 pytestmark = pytest.mark.slow  # numba
 
 
-def compute(model, scenes=None, **parameters):
+def compute(model, **parameters):
     defaults = {f.name: f.default for f in dataclasses.fields(sweep.MODELS[model])}
-    return sweep.compute(model, defaults | parameters, scenes or {})
+    return sweep.compute(model, defaults | parameters)
 
 
 def by_hand(scene, skip):
@@ -64,18 +64,6 @@ def test_springs_friction_and_size_are_those_that_are_asked_for():
     )  # fmt: skip
 
     np.testing.assert_array_equal(counted(found), np.sort(by_hand(scene, 0.0)[1]))
-
-
-def test_a_scene_is_changed_as_it_is_said():
-    base = presets.scene('S2')
-    same = compute('scene', scene='S2')
-    digest = {'abc': base | {'T': 10.0}}
-    faster = compute('scene', digest, scene='x.json', scene_digest='abc', speed_factor=2.0)
-    drive = {'kind': 'constant_velocity', 'par': [0.04, 0.0]}
-
-    np.testing.assert_array_equal(counted(same), np.sort(by_hand(base, 0.0)[1]))
-    expected = by_hand(base | {'T': 10.0, 'drive': drive}, 0.0)[1]
-    np.testing.assert_array_equal(counted(faster), np.sort(expected))
 
 
 def test_the_automaton_is_the_same_however_it_is_cut(monkeypatch):

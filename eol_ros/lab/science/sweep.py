@@ -9,7 +9,7 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +22,7 @@ from eol_ros.core.physics.twin.hands import PUSH_MPS, Rim, Visitors
 from eol_ros.core.science import powerlaw
 from eol_ros.core.table import Table as Shape
 from eol_ros.errors import EolError
-from eol_ros.lab import choose, presets
+from eol_ros.lab import choose
 from eol_ros.lab.automaton.ofc import Automaton
 from eol_ros.lab.science.quiescent import cascades
 from eol_ros.settings import setting
@@ -120,31 +120,6 @@ class Train(_Blocks):
 
 
 @dataclass(frozen=True)
-class AnyScene(_Law):
-    """A scene of `eol simulate`, by name or from a JSON file, and what is changed in it."""
-
-    scene: str = setting('S3L', 'a name (S1 ... S6b) or a JSON file beside the sweep')
-    scene_digest: str = setting('', 'digest of the scene; filled in')
-    stiffness_factor: float = setting(
-        1.0, 'factor of the stiffness of springs between blocks', '', 1e-9, 1e9
-    )
-    friction_drop: float | None = setting(
-        None, 'share of static friction that a sliding block lacks; none: as in the scene',
-        '', 0.0, 1.0,
-    )  # fmt: skip
-    disorder: float = setting(
-        0.0, 'standard deviation of friction from block to block over its mean',
-        '', 0.0, MOST_DISORDER,
-    )  # fmt: skip
-    offset_m: float = setting(
-        0.0, 'greatest further distance of a block from its place at the start', 'm', 0.0, 1.0
-    )
-    speed_factor: float = setting(1.0, 'factor of the speed of the drive', '', 1e-9, 1e9)
-    duration_s: float = setting(0.0, 'time to simulate; 0: that of the scene', 's', 0.0, 1e9)
-    skip: float = setting(0.0, 'share of the cascades, the first ones, left out', '', 0.0, 0.99)
-
-
-@dataclass(frozen=True)
 class Ofc(_Law):
     """The earthquake automaton of Olami, Feder and Christensen."""
 
@@ -156,8 +131,8 @@ class Ofc(_Law):
     )
 
 
-MODELS: dict[str, type[_Law]] = {
-    'table': Table, 'plate': Plate, 'train': Train, 'scene': AnyScene, 'ofc': Ofc,
+MODELS: dict[str, type[Table | Plate | Train | Ofc]] = {
+    'table': Table, 'plate': Plate, 'train': Train, 'ofc': Ofc,
 }  # fmt: skip
 
 
@@ -195,15 +170,15 @@ def key(model: str, parameters: Mapping[str, Any]) -> str:
     return hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
 
 
-def compute(model: str, parameters: Mapping[str, Any], scenes: Mapping[str, Plain]) -> Result:
+def compute(model: str, parameters: Mapping[str, Any]) -> Result:
     """Run a model and return the law of its cascades.
 
-    `parameters` has a value for each field of `MODELS[model]`; `scenes` holds scenes from files by
-    their digest. What cannot be simulated says so in `status`.
+    `parameters` has a value for each field of `MODELS[model]`. What cannot be simulated says so in
+    `status`.
     """
     task = MODELS[model](**parameters)
     try:
-        return _RUN[model](task, scenes)
+        return _ofc(task) if isinstance(task, Ofc) else _simulated(task, _built(task))
     except EolError as error:
         return Result(str(error))
 
@@ -239,38 +214,13 @@ def _set(task: _Blocks, scene: Plain) -> Plain:
     return scene
 
 
-def _blocks(task: Table | Plate | Train, scenes: Mapping[str, Plain]) -> Result:
-    return _simulated(task, _built(task), task.skip)
-
-
-def _any_scene(task: AnyScene, scenes: Mapping[str, Plain]) -> Result:
-    given = scenes[task.scene_digest] if task.scene_digest else presets.scene(task.scene)
-    scene = json.loads(json.dumps(given))  # a copy
-    for spring in scene['springs_between_blocks']:
-        spring['k'] *= task.stiffness_factor
-    n = scene['n']
-    factors = _disorder(n, task.disorder, task.seed)
-    static = np.broadcast_to(np.asarray(scene['mu_s'], float), n) * factors
-    kinetic = np.broadcast_to(np.asarray(scene['mu_k'], float), n) * factors
-    if task.friction_drop is not None:
-        kinetic = static * (1 - task.friction_drop)
-    moved = np.array(builders.offsets(n, task.offset_m, task.seed, scene['dim1']))
-    scene |= {
-        'mu_s': static.tolist(), 'mu_k': kinetic.tolist(),
-        'u0': (np.asarray(scene['u0'], float) + moved).tolist(),
-        'drive': _faster(scene['drive'], task.speed_factor),
-        'T': task.duration_s or scene['T'],
-    }  # fmt: skip
-    return _simulated(task, scene, task.skip)
-
-
-def _simulated(task: _Law, scene: Plain, skip: float) -> Result:
+def _simulated(task: _Blocks, scene: Plain) -> Result:
     sample_s = max(scene['T'], 1e-9)
     run = choose.simulate(from_mapping(scene), sample_s, ledger=False, limits=Limits())
     if run.status != 'ok':
         return Result(f'stopped at {run.t_reached:g} s: {run.status}')
     sizes, areas = cascades(run.event_block, run.event_start)
-    first = int(skip * len(areas))
+    first = int(task.skip * len(areas))
     found = _law(task, areas[first:], int(sizes[first:].sum()), scene['n'])
     rate_hz = len(areas) / run.t_reached if run.t_reached else None
     return dataclasses.replace(found, rate_hz=rate_hz, sliding=_sliding(run))
@@ -282,7 +232,7 @@ def _sliding(run: Run) -> float:
     return float(spans[moving > 0].sum() / run.t_reached) if run.t_reached else 0.0
 
 
-def _ofc(task: Ofc, scenes: Mapping[str, Plain]) -> Result:
+def _ofc(task: Ofc) -> Result:
     model = Automaton.random(task.size, task.alpha, task.seed)
     for begun in range(0, task.warmup, EVENTS_AT_ONCE):
         model.run(min(EVENTS_AT_ONCE, task.warmup - begun))
@@ -351,23 +301,3 @@ def _hands(seed: int, seconds: float, pace: float) -> list[list[float]]:
         rim.advance(HANDS_STEP_S, visitors.hands(step * HANDS_STEP_S, rim.pose))
         rows.append([step * HANDS_STEP_S / pace, *rim.pose.tolist()])
     return rows
-
-
-def _faster(drive: Plain, factor: float) -> Plain:
-    if factor == 1.0 or drive['kind'] == 'none':
-        return drive
-    par = drive['par']
-    if drive['kind'] == 'poses':
-        return drive | {'par': [[row[0] / factor, *row[1:]] for row in par]}
-    if isinstance(par, Mapping):
-        par = {name: v if name in ('R', 'phi0') else v * factor for name, v in par.items()}
-    elif drive['kind'] == 'circle_and_rotation':
-        par = [par[0], par[1] * factor, par[2], par[3] * factor]
-    else:
-        par = [v * factor for v in par]
-    return drive | {'par': par}
-
-
-_RUN: dict[str, Callable[[Any, Mapping[str, Plain]], Result]] = {
-    'table': _blocks, 'plate': _blocks, 'train': _blocks, 'scene': _any_scene, 'ofc': _ofc,
-}  # fmt: skip

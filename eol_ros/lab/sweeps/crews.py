@@ -1,47 +1,98 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who computes: processes of this machine, or the workers of a Dask cluster.
 
-Both take batches and give back what came of them, in the order in which they are done. What a dead
-worker had in hand is computed again by another.
+Both are executors of `concurrent.futures`. The scheduler of a cluster gives what a dead worker had
+in hand to another one; a dead process of this machine ends the work, which can be resumed.
 """
 
+import contextlib
 import multiprocessing
 import os
 import signal
-from collections.abc import Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from dataclasses import dataclass, field
 from importlib import metadata
-from typing import Any
+from typing import Any, TypeVar
 
 from eol_ros import parent_death
 from eol_ros.errors import DeviceMissing, EolError, UsageError, pip_install
 from eol_ros.lab.sweeps import work
 
-MOST_DEATHS = 3  # of workers over one batch: then it is the batch
 REACH_S = 10.0
 POLL_S = 0.5
-Done = tuple[list[Any], float]
+T = TypeVar('T')
+R = TypeVar('R')
 
 
-def work_through(crew: 'Crew', batches: Iterable[work.Work], ahead: int) -> Iterator[Done]:
-    """Let a crew compute batches; yield what came of them, in the order in which they are done.
+@dataclass
+class Crew:
+    """An executor with the number of its workers now; and whether these can be reached."""
 
-    A batch is taken only when some worker is about to need it: each has `ahead` to come.
-    """
-    for batch in batches:
-        crew.give(batch)
-        while crew.waiting() >= ahead * max(crew.size(), 1):
-            yield from crew.done()
-    while crew.waiting():
-        yield from crew.done()
+    executor: Executor
+    size: Callable[[], int]
+    reached: Callable[[], bool] = lambda: True
+    others: list[str] = field(default_factory=list)  # workers with another processor than this
+
+    def work_through(
+        self, do: Callable[[T], R], items: Iterable[T], ahead: int
+    ) -> Iterator[tuple[R, float]]:
+        """Yield what `do` makes of each item and its seconds, in the order in which they are done.
+
+        An item is taken only when some worker is about to need it: each has `ahead` to come.
+        """
+        given: dict[Future[tuple[R, float]], T] = {}
+        for item in items:
+            given[self.executor.submit(work.compute, do, item, work.version())] = item
+            while len(given) >= ahead * max(self.size(), 1):
+                yield from self._done(given)
+        while given:
+            yield from self._done(given)
+
+    def _done(self, given: dict[Future[tuple[R, float]], T]) -> Iterator[tuple[R, float]]:
+        """Wait, and yield what is done: nothing after POLL_S."""
+        ready, _ = wait(given, POLL_S, FIRST_COMPLETED)
+        if not ready and not self.reached():
+            raise DeviceMissing('--scheduler: it has gone')
+        for future in ready:
+            item = given.pop(future)
+            try:
+                found = future.result()
+            except EolError:
+                raise
+            except CancelledError:
+                raise DeviceMissing('--scheduler: it has gone') from None
+            except Exception as error:  # of the executor
+                raise EolError(
+                    f'a worker died (out of memory?) with this in hand or in its queue: '
+                    f'{item} ({error})'
+                ) from None
+            yield found
 
 
-def new_pool(workers: int) -> ProcessPoolExecutor:
-    """Return processes that leave it to this one what Ctrl-C means; to be ended by `end_pool`."""
+@contextlib.contextmanager
+def local(workers: int) -> Iterator[Crew]:
+    """Yield processes of this machine, which leave it to this one what Ctrl-C means."""
+    os.environ.setdefault(work.THREADS, '1')  # the workers inherit it
     # not forked: this process may have threads, and numba's caches are quick to load
     context = multiprocessing.get_context('spawn')
-    return ProcessPoolExecutor(workers, context, _begin, (os.getpid(),))
+    pool = ProcessPoolExecutor(workers, context, _begin, (os.getpid(),))
+    try:
+        yield Crew(pool, lambda: workers)
+    finally:  # what they have in hand may take minutes, and is lost
+        processes = list((pool._processes or {}).values())
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.join()
 
 
 def _begin(parent: int) -> None:
@@ -49,171 +100,52 @@ def _begin(parent: int) -> None:
     parent_death.follow(parent)
 
 
-def end_pool(pool: ProcessPoolExecutor) -> None:
-    """End the processes of a pool now: what they have in hand may take minutes, and is lost."""
-    processes = list((pool._processes or {}).values())
-    pool.shutdown(wait=False, cancel_futures=True)
-    for process in processes:
-        process.terminate()
-    for process in processes:
-        process.join()
-
-
-class Local:
-    """Processes of this machine. One that is killed is replaced."""
-
-    def __init__(self, workers: int) -> None:
-        if workers < 1:
-            raise UsageError(f'--workers {workers}: 1 or more')
-        os.environ.setdefault(work.THREADS, '1')  # the workers inherit it
-        self._workers = workers
-        self._given: dict[Future, work.Work] = {}
-        self._deaths: dict[str, int] = {}
-        self._pool = new_pool(workers)
-
-    def size(self) -> int:
-        """How many workers there are."""
-        return self._workers
-
-    def give(self, batch: work.Work) -> None:
-        """Let some process compute a batch."""
-        try:
-            self._given[self._pool.submit(work.compute, batch)] = batch
-        except BrokenProcessPool:  # told by the next `done`, with what was given before
-            broken: Future = Future()
-            broken.set_exception(BrokenProcessPool())
-            self._given[broken] = batch
-
-    def waiting(self) -> int:
-        """How many batches are given and not done."""
-        return len(self._given)
-
-    def done(self) -> Iterator[Done]:
-        """Wait, and yield what is done: nothing after POLL_S."""
-        ready, _ = wait(self._given, POLL_S, FIRST_COMPLETED)
-        died = False
-        for future in ready:
-            if isinstance(future.exception(), BrokenProcessPool):
-                died = True
-                continue
-            del self._given[future]
-            found: Done = future.result()
-            yield found
-        if died:
-            self._replace()
-
-    def _replace(self) -> None:
-        """Begin again after the death of a worker: what it and the others had in hand is lost."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
-        lost = {
-            future: batch
-            for future, batch in self._given.items()
-            if future.cancelled() or isinstance(future.exception(), BrokenProcessPool)
-        }
-        self._pool = new_pool(self._workers)
-        for place, (future, batch) in enumerate(lost.items()):
-            del self._given[future]
-            name = batch.title
-            in_hand = place < self._workers  # the others stood in the queue
-            self._deaths[name] = self._deaths.get(name, 0) + in_hand
-            if self._deaths[name] > MOST_DEATHS:
-                raise EolError(
-                    f'workers died {self._deaths[name]} times while they had this in hand (out of '
-                    f'memory?): {batch.title}'
-                )
-            self.give(batch)
-
-    def close(self) -> None:
-        """End the processes."""
-        end_pool(self._pool)
-
-
-class Cluster:
-    """The workers of a Dask cluster: as many as there are, also those that come later."""
-
-    def __init__(self, address: str) -> None:
-        try:
-            import distributed
-        except ModuleNotFoundError:
-            raise UsageError(
-                f'--scheduler needs Dask: {pip_install("dask", "distributed")}'
-            ) from None
-        self._address = address
-        try:
-            self._client = distributed.Client(address, timeout=REACH_S, name='eol sweep')
-        except (OSError, ValueError) as error:
-            raise DeviceMissing(
-                f'--scheduler {address}: no Dask scheduler answers there ({error}); '
-                'start one with: dask scheduler'
-            ) from None
-        self.others: list[str] = []  # processors of workers that are not as here
-        self._given: dict[Any, work.Work] = {}
-        try:
-            self._check()
-        except BaseException:
-            self._client.close()
-            raise
-
-    def _check(self) -> None:
-        own = metadata.version('distributed')
-        versions: Any = self._client.get_versions()
-        found = versions['scheduler']['packages']['distributed']
-        work.check({'distributed': own}, {'distributed': found}, f'scheduler {self._address}')
-        try:
-            there = self._client.run(_identity)
-        except ModuleNotFoundError as error:
-            raise work.OtherVersion(
-                f'a worker of {self._address} has no {error.name}, here is eol_ros '
-                f'{work.version()["eol_ros"]}: install the same on both'
-            ) from None
-        own_where = work.where()
-        for address, (version, where) in there.items():
-            work.check(work.version(), version, f'worker {address}')
-            work.check_threads(where['threads'], f'worker {address}')
-            if where['processor'] != own_where['processor']:
-                self.others.append(f'{address} ({where["processor"]})')
-
-    def size(self) -> int:
-        """How many workers there are now."""
-        return len(self._client.nthreads())
-
-    def give(self, batch: work.Work) -> None:
-        """Let some worker compute a batch; the scheduler gives it to another if that one dies."""
-        self._given[self._client.submit(work.compute, batch, pure=False)] = batch
-
-    def waiting(self) -> int:
-        """How many batches are given and not done."""
-        return len(self._given)
-
-    def done(self) -> Iterator[Done]:
-        """Wait, and yield what is done: nothing after POLL_S."""
+@contextlib.contextmanager
+def cluster(address: str) -> Iterator[Crew]:
+    """Yield the workers of a Dask cluster: as many as there are, also those that come later."""
+    try:
         import distributed
-
-        try:
-            ready = distributed.wait(list(self._given), POLL_S, 'FIRST_COMPLETED').done
-        except (TimeoutError, distributed.TimeoutError):
-            if self._client.status not in ('running', 'connecting'):
-                raise DeviceMissing(f'--scheduler {self._address}: it has gone') from None
-            return
-        for future in ready:
-            batch = self._given.pop(future)
-            if future.status == 'cancelled':
-                raise DeviceMissing(f'--scheduler {self._address}: it has gone')
-            try:
-                found: Done = future.result()
-            except distributed.KilledWorker as error:
-                raise EolError(f'{error}: {batch.title}') from None
-            yield found
-
-    def close(self) -> None:
-        """Take back what is not computed, and leave the cluster."""
-        if self._client.status == 'running':
-            self._client.cancel(list(self._given))
-        self._given.clear()
-        self._client.close()
+    except ModuleNotFoundError:
+        raise UsageError(f'--scheduler needs Dask: {pip_install("dask", "distributed")}') from None
+    try:
+        client = distributed.Client(address, timeout=REACH_S, name='eol sweep')
+    except (OSError, ValueError) as error:
+        raise DeviceMissing(
+            f'--scheduler {address}: no Dask scheduler answers there ({error}); '
+            'start one with: dask scheduler'
+        ) from None
+    executor = client.get_executor(pure=False)
+    try:
+        others = _checked(client, address)
+        yield Crew(
+            executor, lambda: len(client.nthreads()),
+            lambda: client.status in ('running', 'connecting'), others,
+        )  # fmt: skip
+    finally:
+        if client.status == 'running':
+            executor.shutdown(wait=False)  # takes back what is not computed
+        client.close()
 
 
-Crew = Local | Cluster  # runs batches; returns rows and seconds of finished ones
+def _checked(client: Any, address: str) -> list[str]:
+    """Return workers with another processor; raise OtherVersion where one has another version."""
+    own = metadata.version('distributed')
+    found = client.get_versions()['scheduler']['packages']['distributed']
+    work.check({'distributed': own}, {'distributed': found}, f'scheduler {address}')
+    try:
+        there = client.run(_identity)
+    except ModuleNotFoundError as error:
+        raise work.OtherVersion(
+            f'a worker of {address} has no {error.name}, here is eol_ros '
+            f'{work.version()["eol_ros"]}: install the same on both'
+        ) from None
+    others, processor = [], work.where()['processor']
+    for name, (version, where) in there.items():
+        work.check(work.version(), version, f'worker {name}')
+        work.check_threads(where['threads'], f'worker {name}')
+        if where['processor'] != processor:
+            others.append(f'{name} ({where["processor"]})')
+    return others
 
 
 def _identity() -> tuple[dict[str, str], dict[str, str]]:

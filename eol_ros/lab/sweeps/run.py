@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from eol_ros.lab.science import sweep
 from eol_ros.lab.sweeps import work
-from eol_ros.lab.sweeps.crews import Crew, work_through
+from eol_ros.lab.sweeps.crews import Crew
 from eol_ros.lab.sweeps.spec import Spec
 from eol_ros.lab.sweeps.table import Table
 
@@ -39,7 +39,7 @@ def run(spec: Spec, table: Table, crew: Crew, counts: Counts) -> Iterator[int]:
 
     Only what the workers are about to need is in memory. The table is left open.
     """
-    for rows, seconds in work_through(crew, _batches(spec, table, counts), AHEAD):
+    for rows, seconds in crew.work_through(work.Batch.rows, _batches(spec, table, counts), AHEAD):
         table.add(rows)
         counts.seconds += seconds
         for _ in rows:
@@ -50,7 +50,7 @@ def run(spec: Spec, table: Table, crew: Crew, counts: Counts) -> Iterator[int]:
 def _batches(spec: Spec, table: Table, counts: Counts) -> Iterator[work.Batch]:
     tasks = _missing(spec, table)
     while some := list(itertools.islice(tasks, _batch_size(counts))):
-        yield work.Batch(spec.model, some, spec.scenes, work.version())
+        yield work.Batch(spec.model, some)
 
 
 def _batch_size(counts: Counts) -> int:

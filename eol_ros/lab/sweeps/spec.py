@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sweep file to tasks: every mistake at once, with file, line and column.
 
-    model: plate                # table, plate, train, scene or ofc
+    model: plate                # table, plate, train or ofc
     fixed:                      # parameters that are the same in all tasks
       speed_mps: 5.0e-4
     vary:                       # every combination of these is one task
@@ -13,24 +13,18 @@ What is named in neither has its default.
 """
 
 import dataclasses
-import hashlib
 import itertools
-import json
 import math
-import types
-import typing
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from eol_ros import yaml_text
-from eol_ros.devices.files.physics_file import load_scene
 from eol_ros.disk import content
-from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest
-from eol_ros.lab.presets import NAMED
+from eol_ros.errors import ConfigError, DeviceMissing, nearest
 from eol_ros.lab.science.sweep import MODELS, Plain
 from eol_ros.scene import check_value
 from eol_ros.yaml_text import Place
@@ -40,7 +34,6 @@ RANGE = ('from', 'to', 'steps', 'spacing')
 SPACINGS = ('linear', 'log')
 MOST_TASKS = 100_000_000
 MOST_VALUES = 1_000_000  # of one parameter (chosen): they are held in memory
-FILLED_IN = ('scene_digest',)
 
 
 class SpecError(yaml_text.Mistakes):
@@ -54,8 +47,6 @@ class Spec:
     model: str
     fixed: Plain
     varied: dict[str, list[Any]]
-    scenes: dict[str, Plain] = field(default_factory=dict)  # from files, by digest
-    digests: dict[str, str] = field(default_factory=dict)  # by the name in the sweep file
 
     def __len__(self) -> int:
         return math.prod(len(values) for values in self.varied.values())
@@ -64,10 +55,7 @@ class Spec:
         """Yield the parameters of each task; the last key of `vary` changes first."""
         names = list(self.varied)
         for values in itertools.product(*self.varied.values()):
-            task = {**self.fixed, **dict(zip(names, values, strict=True))}
-            if 'scene' in task:
-                task['scene_digest'] = self.digests.get(task['scene'], '')
-            yield task
+            yield {**self.fixed, **dict(zip(names, values, strict=True))}
 
 
 def load(path: str | Path) -> Spec:
@@ -100,26 +88,21 @@ class _Reader(yaml_text.Reader):
         model = self._model(top['model'])
         fields = {f.name: f for f in dataclasses.fields(MODELS[model])}
         fixed = {f.name: f.default for f in fields.values()}
-        places: dict[str, Place] = {}
-        for name, place in self._mapping(top, 'fixed'):
+        given = self._mapping(top, 'fixed')
+        for name, place in given.items():
             if self._known(name, top['fixed'].keys[name], model, fields, 'fixed'):
                 fixed[name] = self._value(place, f'fixed.{name}', fields[name])
-                places[name] = place
         varied: dict[str, list[Any]] = {}
-        for name, place in self._mapping(top, 'vary'):
+        for name, place in self._mapping(top, 'vary').items():
             key = top['vary'].keys[name]
-            if name in places:
+            if name in given:
                 self.wrong(key, f'vary.{name}', 'stands under fixed, too')
             elif self._known(name, key, model, fields, 'vary'):
                 varied[name] = self._values(place, f'vary.{name}', fields[name])
-                places[name] = place
         self.fail()
         found = Spec(model, fixed, varied)
         if len(found) > MOST_TASKS:
             self.wrong(top['vary'], 'vary', f'{len(found)} tasks; {MOST_TASKS} are the most')
-        if model == 'scene':
-            names = varied.get('scene', [fixed['scene']])
-            self._scenes(names, places.get('scene', top['model']), found)
         self.fail()
         return found
 
@@ -138,25 +121,24 @@ class _Reader(yaml_text.Reader):
     def _model(self, place: Place) -> str:
         if place.text not in MODELS:
             shown = repr(place.text) if place.text else 'this'
-            self.wrong(place, 'model', f'{shown} is none{_hint(place.text, tuple(MODELS))}')
+            self.wrong(place, 'model', f'{shown} is none{_hint(place.text, MODELS)}')
         self.fail()
         return place.text
 
-    def _mapping(self, top: dict[str, Place], name: str) -> list[tuple[str, Place]]:
+    def _mapping(self, top: dict[str, Place], name: str) -> dict[str, Place]:
         """Return what stands below `name`."""
         place = top.get(name)
         if place is None or place.value is None:  # the key with nothing behind it
-            return []
+            return {}
         if not isinstance(place.value, dict):
             self.wrong(place, name, 'a mapping is wanted, name: value')
-            return []
-        return list(place.value.items())
+            return {}
+        return place.value
 
     def _known(self, name: str, key: Place, model: str, fields: dict[str, Any], where: str) -> bool:
-        there = tuple(n for n in fields if n not in FILLED_IN)
-        if name in there:
+        if name in fields:
             return True
-        self.wrong(key, f'{where}.{name}', f'{model} has no such parameter{_hint(name, there)}')
+        self.wrong(key, f'{where}.{name}', f'{model} has no such parameter{_hint(name, fields)}')
         return False
 
     def _values(self, place: Place, where: str, wanted: Any) -> list[Any]:
@@ -179,7 +161,7 @@ class _Reader(yaml_text.Reader):
             if name not in RANGE:
                 self.wrong(key, f'{where}.{name}', f'no such key{_hint(name, RANGE)}')
         missing = [name for name in RANGE[:2] if name not in given]
-        kind = _kind(wanted)
+        kind = wanted.type
         if missing or kind not in (int, float):
             what = f'lacks {missing[0]}' if missing else 'is no number: a list is wanted'
             self.wrong(place, where, what)
@@ -219,7 +201,7 @@ class _Reader(yaml_text.Reader):
         if isinstance(place.value, (dict, list)):
             self.wrong(place, where, 'one value is wanted here')
             return None
-        kind, value = _kind(wanted), place.value
+        kind, value = wanted.type, place.value
         if kind is str:
             value = place.text
         elif kind is float and isinstance(value, str):  # YAML 1.1 takes 5e-4 for text
@@ -233,27 +215,6 @@ class _Reader(yaml_text.Reader):
             self.wrong(place, where, str(error))
             return None
 
-    def _scenes(self, names: list[str], place: Place, found: Spec) -> None:
-        items = place.value if isinstance(place.value, list) else [place] * len(names)
-        for name, item in zip(names, items, strict=True):
-            if name in NAMED:
-                continue
-            try:
-                source = load_scene(self.path.parent / name).source
-            except EolError as error:
-                self.wrong(item, 'scene', f'{error} (names are {", ".join(NAMED)})')
-                continue
-            assert source is not None
-            text = json.dumps(source, sort_keys=True).encode()
-            digest = hashlib.blake2b(text, digest_size=8).hexdigest()
-            found.scenes[digest], found.digests[name] = dict(source), digest
-
-
-def _kind(wanted: Any) -> Any:
-    if isinstance(wanted.type, types.UnionType):
-        return next(t for t in typing.get_args(wanted.type) if t is not type(None))
-    return wanted.type
-
 
 def _number(text: str) -> float | str:
     try:
@@ -262,5 +223,5 @@ def _number(text: str) -> float | str:
         return text
 
 
-def _hint(name: str, there: tuple[str, ...]) -> str:
+def _hint(name: str, there: Iterable[str]) -> str:
     return f'. {nearest(name, there)}'

@@ -9,12 +9,13 @@ Floats are written so that they come back to the bit.
 import csv
 import dataclasses
 import fcntl
+import io
 import json
 import os
 import sys
 import time
 import typing
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,39 +36,29 @@ class Table:
         if self.path.suffix != '.csv':
             raise UsageError(f'--output {path}: a name that ends in .csv is wanted')
         self._columns = columns(model)
-        self._about: Row = {
-            'model': model, 'columns': list(self._columns), 'made_by': made_by,
-            'units': {name: c.unit for name, c in self._columns.items()},
-            'descriptions': {name: c.text for name, c in self._columns.items()},
-        }  # fmt: skip
-        self._keys: set[str] = set()
-        self._unsorted, self._flushed_s = False, time.monotonic()
+        self._rows: dict[str, list[str]] = {}  # by task, in the order of the file
+        self._flushed_s = time.monotonic()
         with writing(self.path, '--output'):
             self._file = self.path.open('a+', newline='', encoding='utf-8')  # locked until `close`
         try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self._file.close()
-            raise ConfigError(f'--output {self.path}: another sweep writes to it') from None
-        try:
-            self._still_there()
-            self._begin()
+            self._lock()
+            self._begin(model, made_by)
         except BaseException:
             self._file.close()
             raise
 
     def has(self, key: str) -> bool:
         """Whether this task is in the table."""
-        return key in self._keys
+        return key in self._rows
 
     def __len__(self) -> int:
-        return len(self._keys)
+        return len(self._rows)
 
     def add(self, rows: Sequence[Row]) -> None:
         """Take rows in, and force them to the disk where it was long ago."""
-        self._write([[_text(row[name]) for name in self._columns] for row in rows])
-        self._keys.update(row[KEY] for row in rows)
-        self._unsorted = True
+        new = {row[KEY]: [_text(row[name]) for name in self._columns] for row in rows}
+        self._write(new.values())
+        self._rows |= new
         if time.monotonic() >= self._flushed_s + FLUSH_S:
             self._flush()
 
@@ -75,8 +66,8 @@ class Table:
         """Sort the rows, and let go of the file."""
         try:
             self._flush()
-            if self._unsorted:
-                rows = sorted(self._rows(), key=self._order)
+            rows = sorted(self._rows.values(), key=self._order)
+            if rows != [*self._rows.values()]:  # by several workers, or in several runs
                 with (
                     writing(self.path, '--output'), DISK.replacing(self.path) as part,
                     open(part, 'w', newline='', encoding='utf-8') as file,
@@ -85,66 +76,72 @@ class Table:
         finally:
             self._file.close()
 
-    def _still_there(self) -> None:
-        """Refuse a file that another sweep replaced between our opening and locking it."""
-        if not self.path.exists() or not os.path.samestat(
-            os.fstat(self._file.fileno()), self.path.stat()
-        ):
+    def _lock(self) -> None:
+        """Refuse a file that another sweep writes, or replaced between our opening and locking."""
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            ours = os.path.samestat(os.fstat(self._file.fileno()), self.path.stat())
+        except OSError:
+            ours = False
+        if not ours:
             raise ConfigError(f'--output {self.path}: another sweep writes to it')
 
-    def _begin(self) -> None:
-        """Read what is there; refuse rows of another model, or of another version."""
+    def _begin(self, model: str, made_by: dict[str, str]) -> None:
+        """Read what is there without a last row that is not whole: the sweep before was killed."""
+        there = self.path.read_bytes()
         beside = self.path.with_name(self.path.name + '.json')
-        if not os.fstat(self._file.fileno()).st_size:
+        if there:
+            self._check(beside, model, made_by)
+        else:
+            about = {
+                'model': model, 'columns': list(self._columns), 'made_by': made_by,
+                'units': {name: c.unit for name, c in self._columns.items()},
+                'descriptions': {name: c.text for name, c in self._columns.items()},
+            }  # fmt: skip
             with writing(beside, '--output'):
-                DISK.write(beside, json.dumps(self._about, indent=2) + '\n')
+                DISK.write(beside, json.dumps(about, indent=2) + '\n')
+        whole = there[: there.rfind(b'\n') + 1]
+        self._file.truncate(len(whole))
+        if whole:
+            self._rows = self._parsed(whole)
+        else:
             self._write([[*self._columns]])
             self._flush()
-            return
+
+    def _check(self, beside: Path, model: str, made_by: dict[str, str]) -> None:
+        """Refuse rows of another model, or of another version."""
         try:
             about = json.loads(beside.read_text(encoding='utf-8'))
-            found, made_by = about['model'], about['made_by']
+            found, there = about['model'], about['made_by']
         except (OSError, ValueError, KeyError, TypeError):
             raise ConfigError(
                 f'--output {self.path}: not the table of a sweep: {beside.name}, which says what it'
                 ' is, cannot be read; give another file'
             ) from None
-        if (found, about['columns']) != (self._about['model'], self._about['columns']):
-            other = ' with other columns' if found == self._about['model'] else ''
+        if (found, about['columns']) != (model, list(self._columns)):
+            other = ' with other columns' if found == model else ''
             raise ConfigError(
                 f'--output {self.path}: the table of a sweep over {found}{other}; give another file'
             )
-        for name, value in self._about['made_by'].items():
-            if made_by.get(name) != value:
+        for name, value in made_by.items():
+            if there.get(name) != value:
                 raise ConfigError(
-                    f'--output {self.path}: computed with {name} {made_by.get(name)}, here is '
+                    f'--output {self.path}: computed with {name} {there.get(name)}, here is '
                     f'{name} {value}: their rows do not belong together; give another file'
                 )
-        self._cut()
-        if not os.fstat(self._file.fileno()).st_size:
-            self._write([[*self._columns]])
-        at = list(self._columns).index(KEY)
-        rows = self._rows()
-        self._unsorted = rows != sorted(rows, key=self._order)  # a sweep before was killed
-        self._keys.update(row[at] for row in rows)
 
-    def _cut(self) -> None:
-        """Leave out a last row that is not whole: the sweep before was killed."""
-        there = self.path.read_bytes()
-        self._file.truncate(there.rfind(b'\n') + 1)
-
-    def _rows(self) -> list[list[str]]:
-        self._file.seek(0)
+    def _parsed(self, whole: bytes) -> dict[str, list[str]]:
         csv.field_size_limit(sys.maxsize)  # a list of many areas is one field
         try:
-            rows = list(csv.reader(self._file, strict=True))[1:]
+            rows = list(csv.reader(io.StringIO(whole.decode(), newline=''), strict=True))[1:]
             if any(len(row) != len(self._columns) for row in rows):
                 raise ValueError('a row has another number of columns')
         except (ValueError, csv.Error) as error:
             raise ConfigError(
                 f'--output {self.path}: damaged ({error}); give another file'
             ) from None
-        return rows
+        at = list(self._columns).index(KEY)
+        return {row[at]: row for row in rows}
 
     def _order(self, row: list[str]) -> tuple:
         """Return what a row is sorted by: its parameters, those without a value first."""
@@ -154,7 +151,7 @@ class Table:
             if name not in sweep.RESULTS
         )
 
-    def _write(self, rows: list[list[str]]) -> None:
+    def _write(self, rows: Iterable[list[str]]) -> None:
         with writing(self.path, '--output'):
             csv.writer(self._file, lineterminator='\n').writerows(rows)
 

@@ -7,13 +7,16 @@ import os
 import platform
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, TypeVar
 
 from eol_ros.errors import ConfigError, EolError
 
+T = TypeVar('T')
+R = TypeVar('R')
 PACKAGE = Path(__file__).parents[2]
 THREADS = 'OPENBLAS_NUM_THREADS'
 _ONE_AT_A_TIME = threading.Lock()  # the solvers are no more than one thread's
@@ -25,16 +28,12 @@ class OtherVersion(ConfigError):
 
 @dataclass
 class Batch:
-    """Tasks for one worker: their keys and parameters, and the scenes that they name."""
+    """Tasks for one worker: their keys and parameters."""
 
     model: str
     tasks: list[tuple[str, dict[str, Any]]]
-    scenes: dict[str, Any]
-    made_by: dict[str, str]
 
-    @property
-    def title(self) -> str:
-        """Tell people which it is."""
+    def __str__(self) -> str:
         more = f' (the first of {len(self.tasks)})' if len(self.tasks) > 1 else ''
         return f'task {self.tasks[0][1]}{more}'
 
@@ -46,25 +45,12 @@ class Batch:
         rows = []
         for key, parameters in self.tasks:
             try:
-                result = sweep.compute(self.model, parameters, self.scenes)
+                result = sweep.compute(self.model, parameters)
             except Exception as fault:
                 # not `from fault`: it may not survive the way to the other process
                 raise EolError(f'task {parameters}: {type(fault).__name__}: {fault}') from None
             rows.append(row_of(key, parameters, result))
         return rows
-
-
-class Work(Protocol):
-    """What a crew computes: a batch of a sweep, or another that knows how."""
-
-    made_by: dict[str, str]
-
-    @property
-    def title(self) -> str:
-        """Tell people which it is."""
-
-    def rows(self) -> list[Any]:
-        """Compute."""
 
 
 @functools.cache
@@ -111,11 +97,11 @@ def check_threads(threads: str, who: str) -> None:
         )
 
 
-def compute(batch: Work) -> tuple[list[Any], float]:
-    """Return the rows of a batch, and the seconds that they took."""
+def compute(do: Callable[[T], R], item: T, made_by: dict[str, str]) -> tuple[R, float]:
+    """Return what `do` makes of an item, and the seconds that it took."""
     who = f'worker {os.getpid()} on {platform.node()}'
-    check(batch.made_by, version(), who)
+    check(made_by, version(), who)
     check_threads(where()['threads'], who)
     with _ONE_AT_A_TIME:
         begin_s = time.perf_counter()
-        return batch.rows(), time.perf_counter() - begin_s
+        return do(item), time.perf_counter() - begin_s
