@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from support import physics_rotating, random_scenes, scipy_solver
+from support import physics_rotating, random_scenes, scipy_solver, stepping
 from support.physics_oracles import ORACLES
 from support.scipy_solver import scipy_events, scipy_smooth
 
@@ -27,7 +27,6 @@ from eol_ros.core.physics.twin.play import Play
 from eol_ros.core.table import Table
 from eol_ros.lab import choose, presets
 from eol_ros.lab.exact import solver as exact
-from eol_ros.lab.stepping import solver as stepping
 from eol_ros.verbs.progress import track
 
 HELP = 'error against run time of the spring-block solvers and their peers'
@@ -124,7 +123,7 @@ def own_rows(name: str, quick: bool) -> list[dict]:
         if np.sqrt(8 * scene.lattice.k.max() / scene.mass.min()) * step_s < 1.8:
             add(
                 f'stepping {step_s:g}',
-                lambda h=step_s: stepping.solve(scene, times, LIMITS, h),
+                lambda h=step_s: stepping.solve(scene, times, h),
                 1,
             )
     return rows
@@ -241,7 +240,7 @@ def convergence_rows() -> list[dict]:
                 truth_rotating, tolerances,
             ),
             'stepping': (
-                lambda h, s=scene, t=times: stepping.solve(s, t, LIMITS, h),
+                lambda h, s=scene, t=times: stepping.solve(s, t, h),
                 truth, [shortest / 2**k for k in range(8)],
             ),
         }  # fmt: skip

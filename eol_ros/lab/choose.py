@@ -8,8 +8,6 @@ from eol_ros.core.physics.result import Limits, Run, cut_short, sample_times
 from eol_ros.core.physics.scene import Scene
 from eol_ros.errors import UsageError
 
-DEFAULT_STEP_S = 1e-4
-
 
 def choose_path(scene: Scene) -> str:
     """Return the path for a scene: exact where `along_x`, else event."""
@@ -29,7 +27,6 @@ def simulate(
     sample_s: float = 0.1,
     path: str = 'auto',
     tolerance: float | None = None,
-    step_s: float = DEFAULT_STEP_S,
     limits: Limits | None = None,
     ledger: bool = True,
 ) -> Run:
@@ -42,11 +39,9 @@ def simulate(
     sample_s : float
         Distance of the samples in the result.
     path : str
-        The solver: auto, exact, event or stepping.
+        The solver: auto, exact or event.
     tolerance : float, optional
         Relative tolerance of the event path.
-    step_s : float
-        Time step of the path stepping, s.
     limits : Limits, optional
         Most events and steps.
     ledger : bool
@@ -61,7 +56,7 @@ def simulate(
     Raises
     ------
     UsageError
-        No such path, or one that cannot solve this scene.
+        The path exact cannot solve this scene, or the tolerance is none of the path event.
 
     References
     ----------
@@ -81,23 +76,8 @@ def simulate(
     True
     """
     limits = limits or Limits()
-    times = sample_times(scene.duration_s, sample_s)
-    given = scene, times, limits
-    chosen = choose_path(scene) if path == 'auto' else path
-    run = _solved(chosen, given, ledger, tolerance, step_s)
-    return cut_short(run, scene.duration_s, limits)
-
-
-def _solved(
-    path: str,
-    given: tuple[Scene, np.ndarray, Limits],
-    ledger: bool,
-    tolerance: float | None,
-    step_s: float,
-) -> Run:
-    """Return what the solver of `path` finds; raise UsageError where it cannot solve the scene."""
-    scene = given[0]
-    if path == 'exact':
+    given = scene, sample_times(scene.duration_s, sample_s), limits, ledger
+    if (choose_path(scene) if path == 'auto' else path) == 'exact':
         if not along_x(scene):
             raise UsageError(
                 'path exact: for linear springs that a rim at constant speed pulls along x; '
@@ -105,23 +85,16 @@ def _solved(
             )
         from eol_ros.lab.exact.solver import solve as solve_exact
 
-        return solve_exact(*given, ledger)
-    if path == 'event':
-        from eol_ros.core.physics.event import solver as event
+        return cut_short(solve_exact(*given), scene.duration_s, limits)
+    from eol_ros.core.physics.event import solver as event
 
-        tolerance = event.default_tolerance(scene) if tolerance is None else tolerance
-        if not event.TIGHTEST <= tolerance <= event.LOOSEST:
-            raise UsageError(
-                f'tolerance {tolerance:g}: {event.TIGHTEST:g} to {event.LOOSEST:g} is wanted; '
-                'looser, events would be lost'
-            )
-        if scene.rotation is None:
-            return event.solve(*given, ledger, tolerance)
-        from eol_ros.core.physics.rotation.solver import solve as solve_rotation
-
-        return solve_rotation(*given, ledger, tolerance)
+    tolerance = event.default_tolerance(scene) if tolerance is None else tolerance
+    if not event.TIGHTEST <= tolerance <= event.LOOSEST:
+        raise UsageError(
+            f'tolerance {tolerance:g}: {event.TIGHTEST:g} to {event.LOOSEST:g} is wanted; '
+            'looser, events would be lost'
+        )
+    solve = event.solve
     if scene.rotation is not None:
-        raise UsageError('path stepping: blocks cannot rotate; use event')
-    from eol_ros.lab.stepping.solver import solve as solve_in_steps
-
-    return solve_in_steps(*given, step_s)
+        from eol_ros.core.physics.rotation.solver import solve
+    return cut_short(solve(*given, tolerance), scene.duration_s, limits)

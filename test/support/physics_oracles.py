@@ -5,10 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import Scene
-from eol_ros.lab.stepping import solver as stepping
-from support import physics_rotating, scipy_solver
+from support import physics_rotating, scipy_solver, stepping
 
 CAPTURE_MPS, ARM_S = 1e-8, 1e-6  # a hundredth and a tenth of what a peer takes
 
@@ -109,11 +107,11 @@ def rotating_of_scipy(scene: Scene, times: np.ndarray) -> np.ndarray:
 
 
 def steps_of_moreau(scene: Scene, times: np.ndarray) -> np.ndarray:
-    """Return u by the stepping path, which shares nothing with the others but the scene.
+    """Return u in steps, which share nothing with the others but the scene.
 
     Its error is in proportion to the step, so that of two lengths it is told and taken away.
     """
-    whole, half = (stepping.solve(scene, times, Limits(), h).u for h in (4e-6, 2e-6))
+    whole, half = (stepping.solve(scene, times, h).u for h in (4e-6, 2e-6))
     return 2 * half - whole
 
 

@@ -8,7 +8,7 @@ from numba import njit
 
 from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.scene import Scene
-from eol_ros.lab.stepping.moreau_jean import place_anchors, rim_pose, spring_forces
+from support.stepping import place_anchors, rim_pose, spring_forces
 
 CAPTURE_MPS = 1e-6
 STUCK_M = 5e-4  # by which the rim moves in a step, where nothing slides

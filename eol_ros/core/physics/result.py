@@ -125,7 +125,7 @@ def cut_short(run: Run, duration_s: float, limits: Limits) -> Run:
     else:
         advice = (
             'forces or speeds leave the range of double precision there: take lengths, masses and '
-            'stiffness nearer to each other, or --path stepping with a step below 1 / frequency'
+            'stiffness nearer to each other'
         )
     run.notes.append(f'{came}: {advice}')
     return run

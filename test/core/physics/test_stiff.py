@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from support import physics_oracles
+from support import physics_oracles, stepping
 
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.numerics import elastic_energy, length_scale
@@ -31,9 +31,7 @@ def test_equal_friction_in_the_plane(name, events):
     assert tight.steps < 30 * len(tight.event_t)
     assert np.abs(tight.u - fine.u).max() < 1e-10
     assert abs(fine.energy.residual_J) < 1e-9
-    coarse, stepped = (
-        simulate(scene, path='stepping', step_s=h, ledger=False).u for h in (2e-5, 1e-5)
-    )
+    coarse, stepped = (stepping.solve(scene, run.t, h).u for h in (2e-5, 1e-5))
     assert np.abs(stepped - fine.u).max() < 4e-7
     assert np.abs(2 * stepped - coarse - fine.u).max() < 1e-9  # extrapolated to no step
 
