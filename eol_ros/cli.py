@@ -10,12 +10,11 @@ import itertools
 import os
 import re
 import sys
-import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NoReturn, TextIO
+from typing import Any, NoReturn
 
-from eol_ros import folders, interrupts, memory
+from eol_ros import interrupts, memory
 from eol_ros.errors import (
     BagDamaged,
     ConfigError,
@@ -23,11 +22,9 @@ from eol_ros.errors import (
     UsageError,
     nearest,
     printable,
-    warning_line,
 )
 from eol_ros.verbs.progress import Progress
 
-WARNINGS_LOG, WARNINGS_MOST = 'warnings.log', 1_000_000  # bytes: then it begins again
 FULL = errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO  # of a disk, at a write
 GROUPS = {
     'run': {
@@ -232,19 +229,10 @@ def _run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
         return int(ended.code or 0)
     damage: list[str] = []
 
-    def show(
-        message: Warning | str,
-        category: type[Warning],
-        filename: str,
-        lineno: int,
-        file: TextIO | None = None,
-        line: str | None = None,
-    ) -> None:
-        if issubclass(category, BagDamaged):
+    def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+        if issubclass(category, BagDamaged):  # others say nothing to who typed the command
             damage.append(str(message))
             print(f'{prog}: {printable(str(message))}', file=sys.stderr)
-        else:
-            _keep_warning(message, category, filename, lineno)
 
     warnings.showwarning = show
     try:
@@ -319,18 +307,6 @@ def _explained(error: ModuleNotFoundError | OSError, args: argparse.Namespace) -
 
 def _output(args: argparse.Namespace) -> str | None:
     return getattr(args, 'output', None) or getattr(args, 'out', None)
-
-
-def _keep_warning(
-    message: Warning | str, category: type[Warning], filename: str, lineno: int
-) -> None:
-    """Write a warning of Python to the log: it says nothing to the person who typed the command."""
-    when = time.strftime('%Y-%m-%d %H:%M:%S')
-    with contextlib.suppress(OSError, EolError):
-        path = folders.state() / WARNINGS_LOG
-        full = path.exists() and path.stat().st_size > WARNINGS_MOST
-        with path.open('w' if full else 'a', encoding='utf-8') as log:
-            log.write(f'{when} {warning_line(message, category, filename, lineno)}\n')
 
 
 if __name__ == '__main__':

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag as one HTML page with its figures inside, and the figures' data as CSV."""
 
-import dataclasses
 import html
 import json
 from collections.abc import Callable, Iterable, Iterator
@@ -19,7 +18,6 @@ from eol_ros.devices.files.names import shown
 from eol_ros.errors import writing
 from eol_ros.lab.science import alternatives, quiescent
 from eol_ros.lab.science.one_over_f import Answer
-from eol_ros.lab.science.waiting import waiting
 from eol_ros.settings import TwinSettings
 from eol_ros.streams import felt
 from eol_ros.streams.graph import topic_of
@@ -74,10 +72,9 @@ def numbers(
         found['cascades']['median_size'] = _median(cascades['size'])
         if slips is not None:
             found['cascades']['from_rest_to_rest'] = rest_to_rest(stops, table.count)
-        found['catalogue'] = {'waiting': _waiting(cascades)}
         rows = catalogue_file.of(bag, cascades, measured)
         made = measured or recorded_settings(bag, 'twin')
-        found['catalogue']['energy'] = {'sentence': catalogue_file.energy_sentence(rows, made)}
+        found['catalogue'] = {'energy': {'sentence': catalogue_file.energy_sentence(rows, made)}}
     flashing = light.ask(bag)
     if flashing is not None:
         found['light'] = flashing
@@ -114,7 +111,7 @@ def _lacking(bag: Bag) -> list[str]:
     else:
         lines = []
     if not bag.count('cascades'):
-        lines.append('cascades: no law, waiting times and energies, since the bag has no cascades')
+        lines.append('cascades: no law and no energies, since the bag has no cascades')
     if not bag.count('led_commands'):
         lines.append('patterns of light: not measured, since the bag has no led_commands')
     return lines
@@ -205,17 +202,6 @@ def rest_to_rest(stops: Table, blocks: int) -> dict[str, Any]:
     said = found['sentence'] if 'why' in found else f'{len(areas)} cascades: {found["sentence"]}'
     said = f'the same slips from rest to rest of the whole table: {said}'
     return found | {'at_least': at_least, 'sentence': said}
-
-
-def _waiting(cascades: Table) -> dict[str, Any]:
-    """Return the law of the times between cascades, or why there is none."""
-    try:
-        found = waiting(seconds(cascades['onset']), np.random.default_rng(1))
-    except powerlaw.FitError as error:
-        return _why_not(error) | {'sentence': f'waiting: {error}'}
-    values = dataclasses.asdict(found).items()  # JSON has no number that is not finite
-    finite = {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in values}
-    return finite | {'sentence': found.sentence}
 
 
 def write(
@@ -449,19 +435,12 @@ def _said_of_cascades(found: dict[str, Any]) -> list[str]:
         whole = f'{c["why"]}; the largest had {c["largest"]} blocks'
     else:
         whole = f'{c["count"]} cascades, up to {c["largest"]} blocks: {c["sentence"]}'
-    parts = {}
+    said = [whole]
     if (other := c.get('from_rest_to_rest')) is not None:
-        parts[f'cascades from rest to rest of the whole table ({other["count"]})'] = other
-    parts |= {{'waiting': 'waiting times'}.get(n, n): p for n, p in found['catalogue'].items()}
-    few: dict[int, list[str]] = {}
-    for name, part in parts.items():
-        if 'needed' in part:
-            few.setdefault(part['needed'], []).append(name)
-    needs = '; '.join(
-        f'{", ".join(names)} ({needed} needed)' for needed, names in sorted(few.items())[::-1]
-    )
-    lacks = [f'not fitted, as there are too few: {needs}'] if few else []
-    return [whole, *lacks, *(p['sentence'] for p in parts.values() if 'needed' not in p)]
+        few = 'not fitted, as there are too few: cascades from rest to rest of the whole table'
+        few += f' ({other["count"]}) ({other.get("needed")} needed)'
+        said.append(few if 'needed' in other else other['sentence'])
+    return [*said, found['catalogue']['energy']['sentence']]
 
 
 def _control(bag: Bag) -> str:

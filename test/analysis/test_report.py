@@ -70,8 +70,6 @@ def test_numbers(big):
     assert not law['rejected'] and 'a power law is not ruled out' in law['sentence']
     assert law['alternatives']['exponential']['verdict'] == 'worse'
     assert 'excluded: exponential' in law['sentence'] and law['sentence'] in report.summary(found)
-    waiting = found['catalogue']['waiting']  # one every 0.2 s
-    assert waiting['mean_s'] == pytest.approx(0.2) and 'more evenly' in waiting['sentence']
 
 
 @pytest.mark.parametrize(
@@ -91,12 +89,10 @@ def test_too_few_cascades_are_not_fitted(tmp_path):
     assert 'b_value' not in found['cascades']
     words = report.summary(found)
     assert f'{why}; the largest had' in words
-    assert ' too few for ' in found['catalogue']['waiting']['sentence']
     lacks = [line for line in words.splitlines() if line.startswith('not fitted')]
     assert lacks == [
         f'not fitted, as there are too few: cascades from rest to rest of the whole table '
-        f'({found["cascades"]["from_rest_to_rest"]["count"]}) (200 needed); '
-        'waiting times (50 needed)'
+        f'({found["cascades"]["from_rest_to_rest"]["count"]}) (200 needed)'
     ]
     assert words.count('are needed') == 1
 
@@ -118,7 +114,7 @@ def test_an_empty_or_foreign_bag_says_what_it_cannot_say(tmp_path, capsys, topic
 
     assert cli.main(['report', str(tmp_path / 'run'), '--output', str(tmp_path / 'out')]) == 0
     lines = [
-        'cascades: no law, waiting times and energies, since the bag has no cascades',
+        'cascades: no law and no energies, since the bag has no cascades',
         'patterns of light: not measured, since the bag has no led_commands',
     ]
     page = (tmp_path / 'out/report.html').read_text()
