@@ -144,9 +144,9 @@ def from_mapping(given: Mapping[str, Any]) -> Scene:
     between = _springs('springs_between_blocks', given, n, BETWEEN, geometric)
     to_frame = _springs('springs_to_frame', given, n, TO_FRAME, geometric)
     dim1 = _flag('dim1', given['dim1'])
-    u0 = _vectors('u0', given['u0'], n)
+    u0 = _array('u0', given['u0'], (n, 2))
     v0 = given['v0']
-    v0 = np.zeros((n, 2)) if isinstance(v0, str) and v0 == 'zero' else _vectors('v0', v0, n)
+    v0 = np.zeros((n, 2)) if isinstance(v0, str) and v0 == 'zero' else _array('v0', v0, (n, 2))
     if dim1 and np.any(v0[:, 1]):
         raise ConfigError('v0 has speeds along y, and dim1 lets the blocks move along x only')
     return Scene(
@@ -260,12 +260,6 @@ def _per_block(key: str, value: Any, n: int, positive: bool = False) -> np.ndarr
     return array
 
 
-def _vectors(key: str, value: Any, n: int) -> np.ndarray:
-    if isinstance(value, str):
-        raise ConfigError(f"{key} is '{value}': n pairs [x, y] are wanted")
-    return _array(key, value, (n, 2))
-
-
 def _springs(
     key: str, given: Mapping[str, Any], n: int, wanted: Sequence[str], geometric: bool
 ) -> Springs:
@@ -276,7 +270,7 @@ def _springs(
     for s, row in enumerate(rows):
         here = f'{key}[{s}]'
         _keys(here, row, wanted, ARMS if 'j' in wanted else ARMS[:1])
-        i.append(_block(f'{here}.i', row['i'], n))
+        i.append(_whole(f'{here}.i', row['i'], 0, n - 1))
         k.append(_number(f'{here}.k', row['k'], least=0.0))
         natural.append(_number(f'{here}.L0', row['L0'], least=0.0))
         direction = _array(f'{here}.dir', row['dir'], (2,))
@@ -286,7 +280,7 @@ def _springs(
             raise ConfigError(f'{here}.dir has the length {size:g}: a unit vector is wanted')
         rest.append(length * direction)
         if 'j' in wanted:
-            j.append(_block(f'{here}.j', row['j'], n))
+            j.append(_whole(f'{here}.j', row['j'], 0, n - 1))
             if j[-1] == i[-1]:
                 raise ConfigError(f'{here} ties block {i[-1]} to itself')
         else:
@@ -301,11 +295,3 @@ def _springs(
         np.array(rest, float).reshape(-1, 2),
         np.array(anchor, float).reshape(-1, 2),
     )
-
-
-def _block(key: str, value: Any, n: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise ConfigError(f'{key} is {shown(value)}: the number of a block is wanted')
-    if not 0 <= value < n:
-        raise ConfigError(f'{key} is {value}, a block that is not there: 0 to {n - 1} are')
-    return int(value)
