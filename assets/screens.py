@@ -127,7 +127,7 @@ def begin(folder: Path, ending: contextlib.ExitStack, only_panel: bool = False) 
     scene = folder / 'screens.yaml'
     nodes = {'panel': {'port': port}, 'recorder': 'off', 'sound': {'device': 'wav', 'wav': ''}}
     scene.write_text(json.dumps({'scene': 'screens', 'include': 'rehearsal', 'nodes': nodes}))
-    module = ['eol_ros.nodes.panel', '--scene'] if only_panel else ['eol_ros.bringup']
+    module = ['eol_ros.nodes', 'panel', '--scene'] if only_panel else ['eol_ros.bringup']
     work = subprocess.Popen(
         [sys.executable, '-m', *module, str(scene)], cwd=folder,
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,

@@ -37,7 +37,7 @@ def without(tmp_path):
 NEEDS_ROS = [
     ('eol_msgs', '-m eol_ros run'),
     ('rclpy', '-m eol_ros topics'),
-    ('eol_msgs', '-m eol_ros.nodes.tracker'),
+    ('eol_msgs', '-m eol_ros.nodes tracker'),
 ]
 
 

@@ -254,7 +254,7 @@ def test_ros2_run_finds_the_nodes_of_the_environment(installed, outside, tmp_pat
 
     assert os.access(tracker, os.X_OK)
     said = run(tracker, '--help', cwd=tmp_path, environment=environment)
-    assert 'eol_ros.nodes.tracker' in said
+    assert 'eol_ros.nodes tracker' in said
     ours = {name for name in (*NODES, 'bringup') if (installed / 'bin' / name).exists()}
     assert ours == set()
 

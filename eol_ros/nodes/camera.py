@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads a camera or a video file and publishes stamped mono8 images."""
 
-import sys
-
 from eol_ros.devices.camera.camera import Camera, State
 from eol_ros.devices.camera.sources import source_of
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.run import runner
 from eol_ros.said import said
 
 DEVICE_S, DEVICE_HUNG_S = 15.0, 60.0  # time limits to open a camera and to get an image
@@ -61,9 +58,3 @@ class CameraNode(EolNode):
 
     def close(self) -> None:
         self.camera.close()
-
-
-main = runner(CameraNode)
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Publishes the corpus, and a trigger for every grain that a moving block touches."""
 
-import sys
 from pathlib import Path
 
 from eol_msgs.msg import Corpus as CorpusMessage
@@ -16,7 +15,6 @@ from eol_ros.errors import EolError
 from eol_ros.nodes.sound_files import SoundFiles
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
-from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import to_ns
 from eol_ros.said import clauses, said
 from eol_ros.streams import blocks, triggers
@@ -182,9 +180,3 @@ class GrainsNode(EolNode):
 
     def close(self) -> None:
         self.loader.close()
-
-
-main = runner(GrainsNode)
-
-if __name__ == '__main__':
-    sys.exit(main())

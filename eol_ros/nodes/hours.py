@@ -2,7 +2,6 @@
 """Puts the work to sleep when its opening hours end, wakes it when they begin, and gives cues."""
 
 import functools
-import sys
 import time
 from dataclasses import replace
 
@@ -15,7 +14,6 @@ from eol_ros.errors import ConfigError, UsageError, nearest
 from eol_ros.ros.cues import cues_of, mistakes
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER, REQUESTS, Answers, RequestClient, new_id
-from eol_ros.ros.run import runner
 from eol_ros.said import Said, clauses, said
 from eol_ros.streams.requests import CUE, KINDS, Asked
 
@@ -187,9 +185,3 @@ class HoursNode(EolNode):
             self.health.warn(clauses([text, self.refused]))
         else:
             self.health.ok(text)
-
-
-main = runner(HoursNode)
-
-if __name__ == '__main__':
-    sys.exit(main())

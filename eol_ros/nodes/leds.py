@@ -6,8 +6,6 @@ the stamp of its image. What a block lights by itself has the stamp of its knock
 tap; the levels of the decay that follows have none.
 """
 
-import sys
-
 import numpy as np
 from eol_msgs.msg import BlockTap, LedCommand, Slip
 
@@ -19,7 +17,6 @@ from eol_ros.nodes.leds_infrared import Infrared
 from eol_ros.ros.main_clock import MainClock
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
-from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import to_ns
 from eol_ros.said import clauses
 from eol_ros.streams import blocks, leds, slips, taps
@@ -187,8 +184,3 @@ class LedsNode(EolNode):
 
     def close(self) -> None:
         self.lights.close()
-
-
-main = runner(LedsNode)
-if __name__ == '__main__':
-    sys.exit(main())

@@ -2,7 +2,6 @@
 """Compares this machine with the others of the scene: nodes, scene file, version and clock."""
 
 import importlib.metadata
-import sys
 import time
 
 from eol_msgs.msg import NodeState
@@ -10,7 +9,6 @@ from eol_msgs.msg import NodeState
 from eol_ros.core.clock_offset import Offset, OneWay, offset
 from eol_ros.errors import EolError
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.run import runner
 from eol_ros.said import clauses, code_and_args, from_message, said
 from eol_ros.scene import machine_node
 from eol_ros.streams.requests import Asked, values_of
@@ -171,9 +169,3 @@ def _status(state: NodeState, name: str) -> dict:
         'node': name, 'level': state.level, 'text': from_message(state.text, state.code, args),
         'code': state.code, 'args': args, 'rate': state.rate, 'pid': state.pid, 'values': {},
     }  # fmt: skip
-
-
-main = runner(MachineNode)
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays a MIDI instrument by slips and stress (channel 1) and cascades (channel 2); sends clock."""
 
-import sys
 import time
 
 from eol_msgs.msg import Cascade, RequestResult, Slip
@@ -11,7 +10,6 @@ from eol_ros.core.vision.states import TRACKING
 from eol_ros.devices.audio.midi import MidiOut
 from eol_ros.errors import DeviceMissing
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.run import runner
 from eol_ros.said import said
 from eol_ros.streams import slips
 from eol_ros.streams.osc import poses, strains
@@ -114,9 +112,3 @@ class MidiNode(EolNode):
         self.restart()
         if self.out:
             self.out.close()
-
-
-main = runner(MidiNode)
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chooses the pair on the two walls: shuffles while anything moves, freezes when all is still."""
 
-import sys
 import time
 
 import numpy as np
@@ -11,7 +10,6 @@ from eol_ros.core.montage.damage import Damage
 from eol_ros.core.montage.shuffle import Flip, Shuffle
 from eol_ros.devices.files.media_folder import MediaFolder, Pair
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import now_ns, system_ns, to_msg
 from eol_ros.said import said
 from eol_ros.streams.requests import Asked
@@ -151,9 +149,3 @@ class MontageNode(EolNode):
             self.health.ok(said('pairs_asleep', count=count))
         else:
             self.health.ok(said('pairs', count=count))
-
-
-main = runner(MontageNode)
-
-if __name__ == '__main__':
-    sys.exit(main())

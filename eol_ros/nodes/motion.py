@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finds slips and cascades in the motion of the blocks."""
 
-import sys
-
 from eol_msgs.msg import BlockTap, Cascade, FeltSlip, Slip
 
 from eol_ros.core.motion.felt import FeltSlip as Felt
 from eol_ros.core.motion.motion import Motion
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.run import runner
 from eol_ros.said import said
 from eol_ros.streams import blocks, cascades, felt, slips, taps
 
@@ -73,9 +70,3 @@ class MotionNode(EolNode):
         )
         still = said('still')
         self.health.ok(said('moving', moving=moving, all=self.table.count) if moving else still)
-
-
-main = runner(MotionNode)
-
-if __name__ == '__main__':
-    sys.exit(main())

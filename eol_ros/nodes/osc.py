@@ -2,7 +2,6 @@
 """Connects other programs by OSC and TUIO: the graph's events out, requests and settings in."""
 
 import functools
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,7 +18,6 @@ from eol_ros.ros.main_clock import MainClock
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.parameters import checked_live
 from eol_ros.ros.requests import Answers, RequestClient, expected_of
-from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import to_ns
 from eol_ros.said import clauses, code_and_args, said
 from eol_ros.streams import osc, triggers
@@ -344,9 +342,3 @@ class OscNode(EolNode):
         for end in (*self.all, self.input):
             if end:
                 end.close()
-
-
-main = runner(OscNode)
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -2,7 +2,6 @@
 """Shows the graph to browsers and to RViz, and takes requests from browsers."""
 
 import functools
-import sys
 import time
 
 from eol_msgs.msg import NodeState
@@ -20,7 +19,6 @@ from eol_ros.nodes.panel_markers import Markers
 from eol_ros.nodes.panel_streams import Streams
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import parameter_messages
-from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import to_msg
 from eol_ros.said import Said, clauses, code_and_args, said
 from eol_ros.streams import corpus, work_state
@@ -169,9 +167,3 @@ class PanelNode(EolNode):
     def save(self, now_s: float) -> None:
         for file, kept in self.files.items():
             file.save(kept(), now_s)
-
-
-main = runner(PanelNode)
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Switches the projectors by PJLink: on while the work is awake, off when it has fallen asleep."""
 
-import sys
 import time
 
 from eol_ros.devices.projector.pjlink import host_and_port
 from eol_ros.devices.projector.projector import ERROR, NOT_ASKED, WARN, Projector
 from eol_ros.errors import ConfigError
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.run import runner
 from eol_ros.said import clauses, said
 from eol_ros.streams.requests import Asked
 
@@ -73,9 +71,3 @@ class ProjectorsNode(EolNode):
     def close(self) -> None:
         for projector in self.all:
             projector.end()
-
-
-main = runner(ProjectorsNode)
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -2,7 +2,6 @@
 """Records the topics that bags keep, as raw bytes, into an MCAP bag; a thread of its own writes."""
 
 import math
-import sys
 import time
 from collections import deque
 from pathlib import Path
@@ -13,7 +12,6 @@ from eol_ros.devices.bag.selection import LogTimes, Slipping
 from eol_ros.devices.bag.writer import CONTINUES, REPLAY_OF
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.run import runner
 from eol_ros.ros.run_record import about
 from eol_ros.ros.startup_barrier import READY
 from eol_ros.ros.topics import CLOCK
@@ -173,9 +171,3 @@ class RecorderNode(EolNode):
 
     def close(self) -> None:
         self.recording.close()
-
-
-main = runner(RecorderNode)
-
-if __name__ == '__main__':
-    sys.exit(main())

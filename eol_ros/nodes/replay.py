@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays a bag into the graph: the recorded bytes, stamps unchanged, and their time on `/clock`."""
 
-import sys
 import threading
 import time
 from collections import Counter
@@ -25,7 +24,6 @@ from eol_ros.ros.node import EolNode
 from eol_ros.ros.played import BLOCKS, IMAGES, REQUESTS, TAPS, played
 from eol_ros.ros.player_services import serve_player
 from eol_ros.ros.requests import new_id, request_to_msg
-from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.ros.startup_barrier import StartupBarrier
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, UNKNOWN_NODE, message_class, with_depth
@@ -289,9 +287,3 @@ class ReplayNode(EolNode):
         self._stop.set()
         self.player.stop()
         self._thread.join()
-
-
-main = runner(ReplayNode)
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sends the light of the blocks, flash limit included, to theatre lights by sACN (E1.31)."""
 
-import sys
 import time
 import uuid
 
@@ -12,7 +11,6 @@ from eol_ros.devices.files.machine_id import machine_id
 from eol_ros.devices.udp import UdpOut
 from eol_ros.errors import ConfigError
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.run import runner
 from eol_ros.said import clauses, said
 
 LOOK_S = 0.1  # between looks for packets to send again
@@ -86,9 +84,3 @@ class SacnNode(EolNode):
             self.send(packet)
         for out in self.outs:
             out.close()
-
-
-main = runner(SacnNode)
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -2,7 +2,6 @@
 """Plays grain triggers as sound, and publishes a meter that shows it."""
 
 import functools
-import sys
 import time
 from pathlib import Path
 
@@ -24,7 +23,6 @@ from eol_ros.nodes.sound_files import SoundFiles
 from eol_ros.ros.main_clock import MainClock
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
-from eol_ros.ros.run import runner
 from eol_ros.ros.sound import SampleStream, meter_message
 from eol_ros.ros.stamps import NS, now_ns, to_ns
 from eol_ros.said import clauses, said
@@ -317,9 +315,3 @@ class SoundNode(EolNode):
             self.midi.close()
         self.banks.close()
         self.player.close(self.settings.fade_out_s)
-
-
-main = runner(SoundNode)
-
-if __name__ == '__main__':
-    sys.exit(main())

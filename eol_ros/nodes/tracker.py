@@ -5,7 +5,6 @@ What people ask for counts from a stamp that the answer names, so that a bag can
 """
 
 import base64
-import sys
 import time
 
 from eol_msgs.msg import BlockTap
@@ -28,7 +27,6 @@ from eol_ros.ros.definitions import definition
 from eol_ros.ros.intake import ConversionCost
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
-from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import NS, to_msg
 from eol_ros.said import clauses, said
 from eol_ros.streams import blocks, images, tables, taps
@@ -244,8 +242,3 @@ class TrackerNode(EolNode):
     def close(self) -> None:
         if not self.jpeg:
             self.preview.close()
-
-
-main = runner(TrackerNode)
-if __name__ == '__main__':
-    sys.exit(main())

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulates table, visitors and camera, so that the graph runs without hardware."""
 
-import sys
 from array import array
 from collections import deque
 from typing import NamedTuple
@@ -19,7 +18,6 @@ from eol_ros.devices.camera.exposure_clock import VirtualCamera
 from eol_ros.devices.files.twin_camera import twin_camera
 from eol_ros.ros.images import ImagePublisher
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.run import runner
 from eol_ros.ros.stamps import NS, to_msg
 from eol_ros.ros.startup_barrier import StartupBarrier
 from eol_ros.said import said
@@ -170,8 +168,3 @@ class TwinNode(EolNode):
         if self.camera is not None:
             self.camera.close()
         self.radio.close()
-
-
-main = runner(TwinNode)
-if __name__ == '__main__':
-    sys.exit(main())

@@ -13,7 +13,7 @@ import textwrap
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,15 +31,6 @@ if TYPE_CHECKING:
 
 LOOK_S = 0.2  # period of the check for delayed timers
 END_S = 5  # time limit for a process with a failed thread to close its devices
-
-
-def runner(node_class: Any) -> Callable[..., int]:
-    """Return the `main` of a node module."""
-
-    def main(argv: Sequence[str] | None = None) -> int:
-        return run([node_class.NAME], argv)
-
-    return main
 
 
 def node_class(name: str) -> Any:
@@ -66,7 +57,7 @@ def run(names: Sequence[str], argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     split = words.index('--ros-args') if '--ros-args' in words else len(words)
     parser = argparse.ArgumentParser(
-        prog=f'python -m eol_ros.nodes.{names[0]}',
+        prog=f'python -m eol_ros.nodes {" ".join(names)}',
         epilog='\n\n'.join(_describe(n) for n in names),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -121,7 +121,7 @@ def test_the_calibration_goes_out_as_camera_info(graph, tmp_path):
 
 @pytest.mark.slow
 def test_run_alone_it_ends_with_one_line_and_the_right_code(tmp_path):
-    command = [sys.executable, '-m', 'eol_ros.nodes.camera', '--ros-args', '-p']
+    command = [sys.executable, '-m', 'eol_ros.nodes', 'camera', '--ros-args', '-p']
     done = subprocess.run(
         [*command, f'device:={tmp_path}/none.avi'], capture_output=True, text=True, timeout=30
     )

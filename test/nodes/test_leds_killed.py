@@ -20,7 +20,7 @@ from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.settings import MotionSettings
 
-LEDS = [sys.executable, '-m', 'eol_ros.nodes.leds', '--ros-args', '-p', 'decay_s:=0.182', '-p']
+LEDS = [sys.executable, '-m', 'eol_ros.nodes', 'leds', '--ros-args', '-p', 'decay_s:=0.182', '-p']
 EYES = (0.0, 0.0, 0.8), (0.0, -0.9, 0.6), (1.0, -1.0, 0.9)
 SLIP_S = 0.06  # from slip to slip: without the limit more than ten flashes a second
 

@@ -99,17 +99,17 @@ def test_a_scene_without_a_recorder_says_so_once_and_bag_brings_it_back(tmp_path
         (['eol_ros', 'status'], 'abc', "eol status: ROS_DOMAIN_ID is 'abc'"),
         (['eol_ros', 'echo', 'slips'], '300', "eol echo: ROS_DOMAIN_ID is '300'"),
         (['eol_ros.bringup', 'lights'], '300', "eol run: ROS_DOMAIN_ID is '300'"),
-        (['eol_ros.nodes.motion'], '300', "motion: ROS_DOMAIN_ID is '300'"),
+        (['eol_ros.nodes', 'motion'], '300', "motion: ROS_DOMAIN_ID is '300'"),
         (
-            ['eol_ros.nodes.motion', '--ros-args', '--params-file', 'absent.yaml'], '1',
+            ['eol_ros.nodes', 'motion', '--ros-args', '--params-file', 'absent.yaml'], '1',
             "motion: --ros-args: Couldn't parse params file: '--params-file absent.yaml'",
         ),
         (
-            ['eol_ros.nodes.motion', '--ros-args', '-r', '__ns:=/9'], '1',
+            ['eol_ros.nodes', 'motion', '--ros-args', '-r', '__ns:=/9'], '1',
             "motion: --ros-args: Couldn't parse remap rule: '-r __ns:=/9'",
         ),
         (
-            ['eol_ros.nodes.motion', '--ros-args', '--absent'], '1',
+            ['eol_ros.nodes', 'motion', '--ros-args', '--absent'], '1',
             "motion: --ros-args: ROS knows no ['--absent']",
         ),
     ],
