@@ -3,8 +3,9 @@
 
 import functools
 import time
+from collections.abc import Callable
 
-from eol_msgs.msg import NodeState
+from eol_msgs.msg import NodeState, RimCommand
 
 from eol_ros.core import terrain
 from eol_ros.core.vision.calibration.model import Calibration
@@ -12,16 +13,16 @@ from eol_ros.devices.files import calibration_file
 from eol_ros.devices.files.day_file import DayFile
 from eol_ros.devices.files.media_folder import Pictures
 from eol_ros.errors import EolError
-from eol_ros.nodes.panel_bridge import PanelBridge
 from eol_ros.nodes.panel_frames import Frames
-from eol_ros.nodes.panel_health import Health
 from eol_ros.nodes.panel_markers import Markers
 from eol_ros.nodes.panel_streams import Streams
 from eol_ros.ros.node import EolNode
-from eol_ros.ros.requests import parameter_messages
+from eol_ros.ros.requests import Answers, RequestClient, expected_of, parameter_messages
 from eol_ros.ros.stamps import to_msg
 from eol_ros.said import Said, clauses, code_and_args, said
+from eol_ros.scene import machine_node
 from eol_ros.streams import corpus, work_state
+from eol_ros.streams.graph import NODES
 from eol_ros.streams.requests import Asked
 from eol_ros.web import notices, screens, wire
 from eol_ros.web.server import WebServer
@@ -45,9 +46,9 @@ class PanelNode(EolNode):
         super().__init__(settings, **kwargs)
         montage = self.scene.settings('montage')
         say, pictures = self.get_logger().warning, Pictures(montage.pairs)
-        self.server = WebServer(
-            self.settings, PanelBridge(self), say, picture=pictures.file, table=self.table
-        )
+        self.server = WebServer(self.settings, self, say, picture=pictures.file, table=self.table)
+        self.client = RequestClient(self, self.requests.publisher)
+        self.rims = self.publisher('rim_command')
         self.documents = self.server.routes.documents
         name = f'{self.frame_prefix}{self.scene.name}'
         day, known, staff = (DayFile(name, what) for what in ('cascades', 'screens', 'staff'))
@@ -61,7 +62,9 @@ class PanelNode(EolNode):
             known: lambda: routes.screens,
             staff: lambda: routes.pin.known,
         }
-        self.states, self.grains = Health(self), None
+        self.known = {*NODES, *map(machine_node, self.scene.machines)}
+        self.roster = notices.Roster(self.scene.nodes, time.monotonic())
+        self.grains = None
         self.work, self.work_states = said('starting'), self.publisher('work_state')
         self.test_until_s = 0.0
         self.streams, self.markers = Streams(self, self.server.hub), Markers(self)
@@ -72,15 +75,16 @@ class PanelNode(EolNode):
         self.subscribe('corpus', self.on_corpus)
         self.subscribe('cascades', self.on_cascade)
         self.requests.serve(test=self.on_test)
+        self.requests.on_results(self.client.heard)
         self.subscribe(
             'calibration',
             self.on_calibration,
             read=lambda message: calibration_file.loads(message.data, 'calibration'),
         )
-        self.subscribe('node_states', self.states.take, raw=True)
+        self.subscribe('node_states', self.on_state)
         size = self.table.rows, self.table.columns
         self.documents['terrain'] = lambda: landscape(self.settings.terrain_seed, *size)
-        self.documents['status'] = lambda: wire.text(self.states.nodes()).encode()
+        self.documents['status'] = lambda: wire.text(self.roster.states(time.monotonic())).encode()
         self.server.routes.grain = self.grain
         self.server.start()
         self.health.watches('web', self.server.rounds)
@@ -93,6 +97,29 @@ class PanelNode(EolNode):
     def tell(self, name: str, notice: dict) -> None:
         self.health.tick()
         self.server.hub.put('notices', notice, sticky=name)
+
+    def ask(self, asked: Asked, done: Callable[[Answers], None]) -> Answers:
+        """As `web.server.Bridge`, in the server's thread; so `give_up` and `rim`."""
+        expected = expected_of(asked.kind, asked.node, self.runs)
+        return self.client.ask(asked, expected, done)
+
+    def give_up(self, answers: Answers) -> None:
+        self.client.give_up(answers)
+
+    def rim(self, source: str, velocity: tuple[float, float, float], hold_s: float) -> None:
+        vx, vy, yaw_rate = velocity
+        message = RimCommand(source=source, vx=vx, vy=vy, yaw_rate=yaw_rate, hold=hold_s)
+        message.header.stamp = to_msg(self.now_ns())
+        self.rims.publish(message)
+
+    def runs(self, node: str) -> bool:
+        return node == self.NAME or self.roster.runs(node, time.monotonic())
+
+    def on_state(self, state: NodeState) -> None:
+        if state.node in self.known:
+            notice = self.roster.take(state, time.monotonic(), time.time())
+            self.tell(f'health {state.node}', notice)
+            self.tell_work()
 
     def on_corpus(self, message) -> None:
         self.documents['corpus'] = wire.text(corpus.to_json(message)).encode()
@@ -129,7 +156,7 @@ class PanelNode(EolNode):
         self.health.report()
 
     def tell_work(self) -> None:
-        if (state := self.states.work()) != self.work:
+        if (state := self.roster.work(time.monotonic())) != self.work:
             self.publish_work(state)
 
     def publish_work(self, state: Said) -> None:

@@ -3,7 +3,7 @@
 
 import datetime
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -77,36 +77,37 @@ def work(state: Said) -> dict[str, Any]:
 
 
 class Roster:
-    """The nodes that have been heard of, and how they are."""
+    """The nodes that have been heard of, and how they are; may be read from any thread."""
 
-    SILENT_S = States.SILENT_S
-
-    def __init__(self) -> None:
-        self.nodes: dict[str, dict[str, Any]] = {}
-        self._heard_s: dict[str, float] = {}
+    def __init__(self, scene: Iterable[str] = (), began_s: float = 0.0) -> None:
+        self._all = States(scene, began_s)
+        self._told: dict[str, tuple[float, dict[str, Any]]] = {}  # when, and what
 
     def take(self, state: Any, now_s: float, wall_s: float) -> dict[str, Any]:
         """Note a NodeState heard at `now_s` (`wall_s` on the wall clock); return it.
 
         `at` tells a page that is opened later how old it is.
         """
+        self._all.take(state, now_s)
         notice = health(state) | {'at': wall_s}
-        self.nodes[notice['node']] = notice
-        self._heard_s[notice['node']] = now_s
+        self._told[state.node] = now_s, notice
         return notice
 
     def states(self, now_s: float) -> dict[str, dict[str, Any]]:
         """Return the newest state of each node and its age; one of over 5 s is `silent`."""
         found = {}
-        for node, notice in list(self.nodes.items()):
-            age_s = now_s - self._heard_s[node]
-            level = notice['level'] if age_s < self.SILENT_S else 'silent'
-            found[node] = notice | {'age_s': round(age_s, 1), 'level': level}
+        for node, (heard_s, notice) in list(self._told.items()):
+            silent = {} if self.runs(node, now_s) else {'level': 'silent'}
+            found[node] = notice | {'age_s': round(now_s - heard_s, 1)} | silent
         return found
 
     def runs(self, node: str, now_s: float) -> bool:
         """Return whether a node has been heard within 5 s."""
-        return now_s - self._heard_s.get(node, -1e9) < self.SILENT_S
+        return node in self._told and now_s - self._told[node][0] < States.SILENT_S
+
+    def work(self, now_s: float) -> Said:
+        """Return the state of the whole work."""
+        return self._all.work(now_s)
 
 
 class Day:

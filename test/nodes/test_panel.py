@@ -5,6 +5,7 @@ import asyncio
 import json
 import struct
 import threading
+import time
 import urllib.request
 
 import aiohttp
@@ -172,7 +173,7 @@ def test_a_latecomer_is_told_wall_day_and_health(rig):
         assert day['areas'][1] == 2 and day['areas'][3] == 1
         assert status['level'] == 'ok' and rig.url in status['text']
 
-    wait_until(lambda: {'panel', 'grains'} <= set(rig.panel.states.nodes()))
+    wait_until(lambda: {'panel', 'grains'} <= set(rig.panel.roster.states(time.monotonic())))
     live(rig, talk)
     with urllib.request.urlopen(f'{rig.url}/status', timeout=30) as answer:
         assert set(json.load(answer)) >= {'panel', 'grains'}
@@ -223,7 +224,7 @@ def test_what_people_ask_reaches_the_graph(rig):
             status, answer = await post(client, 'play', {'grain': 12})
             assert (status, answer['error']) == (409, 'sound does not run')
             rig.around.states.publish(NodeState(node='sound'))
-            runs = rig.panel.states.runs
+            runs = rig.panel.runs
             await asyncio.to_thread(wait_until, lambda: runs('sound') and runs('grains'))
             assert await post(client, 'sleep', {}) == (200, {'ok': True, 'text': '', 'said': []})
             status, answer = await post(client, 'play', {'grain': 12})
