@@ -7,17 +7,15 @@ import time
 from eol_msgs.msg import NodeState
 
 from eol_ros.core.clock_offset import Offset, OneWay, offset
-from eol_ros.errors import EolError
 from eol_ros.ros.node import EolNode
 from eol_ros.said import clauses, code_and_args, from_message, said
 from eol_ros.scene import machine_node
-from eol_ros.streams.requests import Asked, values_of
+from eol_ros.streams.requests import values_of
 from eol_ros.streams.work_state import ERROR, STARTING
 
 SILENT_S = 3.0  # of nodes that report once a second
 FAR_S = 0.02  # of clocks so far apart sound and light are plainly out of time
 START_S = 15.0  # as long as a source waits for the nodes of its scene
-ORDER_S = 2.0  # from the answer to `restart` or `stop` to its begin: over `within_s` of both
 
 
 class MachineNode(EolNode):
@@ -28,7 +26,6 @@ class MachineNode(EolNode):
     """
 
     NAME = 'machine'
-    HOLDS = False
 
     def __init__(self, settings, clock=time.monotonic, **kwargs):
         super().__init__(settings, **kwargs)
@@ -52,25 +49,6 @@ class MachineNode(EolNode):
         self.states = self.intake('node_states')
         self.subscribe('node_states', self.on_state, raw=True, with_info=True)
         self.create_timer(1.0, self.look)
-        self.requests.serve(restart=self.on_order, stop=self.on_order)
-
-    @property
-    def answers_as(self) -> str:
-        return machine_node(self.me)
-
-    def on_order(self, asked: Asked) -> str:
-        """Let bringup restart or stop the nodes here, whatever the other machines answer."""
-        if self.scene.network != 'secure':  # anybody on the network could ask for it
-            raise EolError(f'{asked.kind} needs `network: secure`')
-        if not self.health.supervised:
-            raise EolError(f'{asked.kind}: no bringup runs this node')
-
-        def begin() -> None:
-            once.cancel()
-            self.health.order(asked.kind)
-
-        once = self.create_timer(ORDER_S, begin)
-        return f'{self.me}: {asked.kind} in {ORDER_S:.0f} s'
 
     def on_state(self, raw: bytes, received_ns: int, sent_ns: int, _sequence: int) -> None:
         if (state := self.states(raw)) is None or state.node not in self.rows:

@@ -14,7 +14,6 @@ from eol_ros.core.vision.states import TRACKING
 from eol_ros.devices.osc import IMMEDIATELY, OscIn, Peer, TimeTag, bundle, encode
 from eol_ros.devices.udp import UdpOut
 from eol_ros.errors import ConfigError, EolError, printable
-from eol_ros.ros.main_clock import MainClock
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.parameters import checked_live
 from eol_ros.ros.requests import Answers, RequestClient, expected_of
@@ -60,7 +59,6 @@ class OscNode(EolNode):
         self.input = OscIn(s.port, s.peers, s.peer_rate_hz) if s.port else None
         if self.input:
             self.set_up_input()
-        self.main_clock: MainClock = MainClock(self)
         self.set_up_output()
         self.create_timer(1.0, self.report)
         self.create_timer(osc.AGAIN_S, self.again)
@@ -327,9 +325,7 @@ class OscNode(EolNode):
             self.health.values['refused'] = self.refused
             told.append(said('osc_port', port=self.input.port))
         trouble = [said('osc_unsent', why=out.trouble) for out in self.all if out.trouble]
-        (self.health.warn if trouble else self.health.ok)(
-            clauses([*trouble, *told, self.main_clock.report()])
-        )
+        (self.health.warn if trouble else self.health.ok)(clauses([*trouble, *told]))
 
     def restart(self) -> None:
         self.tokens.forget()

@@ -32,7 +32,6 @@ from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
 from eol_ros.ros.inherited import KEPT
 from eol_ros.ros.intake import Intake, InTurn
-from eol_ros.ros.main_clock import MainClock
 from eol_ros.ros.parameters import checked, checked_live, no_setting
 from eol_ros.ros.qos import OVERRIDES, NodeQoS
 from eol_ros.ros.requests import REQUESTS, RequestServer, parameters
@@ -94,7 +93,6 @@ class EolNode(Node):
                 f'{SIM_TIME}: {self.NAME} stamps its images itself; set it for the others'
             )
         self.played: PlayedClock | None = None
-        self.main_clock: MainClock | None = None  # of a node that schedules by stamps
         self._round: tuple[int, int] | None = None  # what a replay has played, from when to when
         if self.sim_time:
             self._follow_clock()
@@ -177,12 +175,11 @@ class EolNode(Node):
     def wall_ns(self, stamp_ns: int) -> int:
         """Return the system time of a moment of ROS time, in nanoseconds.
 
-        Behind a replay that is when the moment was played; now, where that cannot be known. On
-        another machine than that of the stamps its offset is in it. Only for nodes that say
-        MAPS_TIME.
+        Behind a replay that is when the moment was played; now, where that cannot be known. Only
+        for nodes that say MAPS_TIME.
         """
         if self.played is None:
-            return stamp_ns + (self.main_clock.ahead_ns if self.main_clock else 0)
+            return stamp_ns
         now_ns, found = time.time_ns(), self.played.wall_ns(stamp_ns)
         return now_ns if found is None or found > now_ns + AHEAD_NS else found
 
@@ -335,11 +332,6 @@ class EolNode(Node):
         if not done.successful:
             raise ConfigError(done.reason)
         return values
-
-    @property
-    def answers_as(self) -> str:
-        """The name of this node in results of requests."""
-        return self.NAME
 
     @property
     def requests(self) -> RequestServer:
