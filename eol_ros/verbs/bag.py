@@ -10,14 +10,13 @@ from pathlib import Path
 from eol_ros.cli import within
 from eol_ros.errors import BagDamaged, UsageError, printable, writing
 
-HELP = 'Inspect, verify, repair, cut and merge bags. Needs no ROS.'
+HELP = 'Inspect, verify, repair and cut bags. Needs no ROS.'
 EXAMPLES = [
     'eol bag info bags                              # the newest run in bags/',
     'eol bag verify bags/rehearsal_2026-11-21_10-00-00',
     'eol bag recover bags/rehearsal_2026-11-21_10-00-00',
     'eol bag recover run_0.mcap --output whole.mcap',
     'eol bag cut bags --start 60 --end 90 --topics blocks,slips --output a-minute.mcap',
-    'eol bag merge monday tuesday --output both',
     'eol bag keep bags/museum_2026-11-21_10-00-00',
 ]
 LONG_BYTES = 1 << 28  # read in a second or two
@@ -70,9 +69,6 @@ def add_arguments(parser):
     cut.add_argument(
         '--topics', metavar='TOPICS', help='topics, separated by commas (default: all)'
     )
-    merge = command('merge', 'Write several bags as one, in order of reception.')
-    merge.add_argument('bags', nargs='+', metavar='BAG', help=source)
-    merge.add_argument('-o', '--output', metavar='OUT', required=True, help=out)
     keep = command('keep', 'Mark a bag: the recorder never removes it (recorder.keep_gb).')
     keep.add_argument('bag', help='bag folder, or a folder of bags: its newest run')
     keep.add_argument('--off', action='store_true', help='remove the mark')
@@ -172,7 +168,7 @@ def _recover(args) -> int:
         about, gaps = {**bag.about, edit.FROM: str(bag.path)}, dict(bag.gaps)
         gaps['recovered'] = f'from {bag.path.name}'
         topics, out = list(bag.topics.values()), Path(args.output)
-        messages = _told(bag.messages(), [bag])
+        messages = _told(bag.messages(), bag)
         count = edit.copy(out, topics, messages, about, gaps, lambda: bag.damage)
         print(f'{args.output}: {count} messages', file=sys.stderr)
         return _tell(bag)
@@ -219,40 +215,19 @@ def _cut(args) -> int:
     start_ns = bag.start_ns + round(args.start * 1e9)
     end_ns = None if args.end is None else bag.start_ns + round(args.end * 1e9)
     about = {**bag.about, edit.FROM: f'{bag.path} from {args.start:g} to {end_s:g} s'}
-    messages = _told(edit.stretch(bag, names, start_ns, end_ns), [bag])
+    messages = _told(edit.stretch(bag, names, start_ns, end_ns), bag)
     count = edit.copy(Path(args.output), topics, messages, about, bag.gaps, lambda: bag.damage)
     print(f'{args.output}: {count} messages', file=sys.stderr)
     return _tell(bag)
 
 
-def _told(messages, bags):
+def _told(messages, bag):
     """Return messages, and show how far they are where there are many."""
     from eol_ros.verbs.progress import track
 
-    size = sum(file.size for bag in bags for file in bag.files)
-    count = sum(sum(bag.counts.values()) for bag in bags)
+    size = sum(file.size for file in bag.files)
+    count = sum(bag.counts.values())
     return track(messages, 'writing', total=count) if size > LONG_BYTES else messages
-
-
-def _merge(args) -> int:
-    from eol_ros.devices.bag import edit
-    from eol_ros.devices.bag.reader import BagReader
-
-    bags = [BagReader(path) for path in args.bags]
-    paths = [bag.path.resolve() for bag in bags]
-    for k, path in enumerate(paths):
-        if path in paths[:k]:
-            raise UsageError(
-                f'{args.bags[k]}: named twice; each of its messages would be there twice'
-            )
-    about = {**bags[0].about, edit.FROM: ', '.join(str(bag.path) for bag in bags)}
-    topics, messages = edit.merged(bags)
-    count = edit.copy(
-        Path(args.output), topics, _told(messages, bags), about, edit.merged_gaps(bags),
-        lambda: [line for bag in bags for line in bag.damage],
-    )  # fmt: skip
-    print(f'{args.output}: {count} messages', file=sys.stderr)
-    return max(_tell(bag) for bag in bags)
 
 
 def _keep(args) -> int:
@@ -276,6 +251,5 @@ def _tell(bag) -> int:
 
 
 COMMANDS = {
-    'info': _info, 'verify': _verify, 'recover': _recover, 'cut': _cut, 'merge': _merge,
-    'keep': _keep,
+    'info': _info, 'verify': _verify, 'recover': _recover, 'cut': _cut, 'keep': _keep,
 }  # fmt: skip

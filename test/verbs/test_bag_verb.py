@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""eol bag: proves, repairs, cuts and merges; whatever it writes is whole."""
+"""eol bag: proves, repairs and cuts; whatever it writes is whole."""
 
 import json
 import random
@@ -209,7 +209,6 @@ def test_every_command_that_meets_damage_says_so(tmp_path):
         (['cut', 'bags/sample', '--start', '300'], '--start 300: the bag has 4'),
         (['cut', 'bags/sample', '--topics', ','], "',': names no topic"),
         (['cut', 'bags/sample', '--topics', ''], "'': names no topic"),
-        (['merge', 'bags/sample', './bags/sample'], './bags/sample: named twice'),
     ],
 )
 def test_what_cannot_be_meant_is_refused(tmp_path, capsys, words, said):
@@ -236,29 +235,6 @@ def test_cut_keeps_a_stretch_and_what_holds_in_it(tmp_path, out):
     assert BagReader(tmp_path / out).about['scene'] == 'x'
     assert cli.main(words) == 78  # it is there already
     assert cli.main([*words[:3], '--start', '200', '-o', str(tmp_path / 'no')]) == 2
-
-
-def test_merge_is_in_order_and_adds_up_losses(tmp_path):
-    for name, shift in (('a', 0), ('b', 5_000_000)):
-        bag = BagWriter(tmp_path / name, [POINT], {'scene': name})
-        for i in range(50):
-            bag.write('/eol/point', point(i), T0 + shift + i * 10**7, T0, i + 1)
-        bag.gaps = {'dropped_in_recorder': '{"/eol/point": 2}'}
-        bag.close()
-    words = ['bag', 'merge', str(tmp_path / 'a'), str(tmp_path / 'b')]
-    assert cli.main([*words, '--output', str(tmp_path / 'both')]) == 0
-    stamps = [log_ns for _, log_ns, _ in rows(tmp_path / 'both')]
-    assert len(stamps) == 100 and stamps == sorted(stamps)
-    assert json.loads(BagReader(tmp_path / 'both').gaps['dropped_in_recorder']) == {'/eol/point': 4}
-
-
-def test_what_cannot_be_one_bag_is_refused(tmp_path, capsys):
-    other = BagTopic('/eol/point', 'std_msgs/msg/String', 'string data\n')
-    BagWriter(tmp_path / 'a', [POINT], {}).close()
-    BagWriter(tmp_path / 'b', [other], {}).close()
-    words = ['bag', 'merge', str(tmp_path / 'a'), str(tmp_path / 'b'), '-o', str(tmp_path / 'c')]
-    assert cli.main(words) == 78
-    assert 'cannot be one bag' in capsys.readouterr().err
 
 
 def test_keep_marks_a_bag_and_takes_the_mark_away(tmp_path):

@@ -1,16 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags out of bags: a stretch of one, several as one, what can be read of a damaged one."""
+"""Bags out of bags: a stretch of one, what can be read of a damaged one."""
 
-import contextlib
-import heapq
 import json
-from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from eol_ros.devices.bag.file import add_topic
 from eol_ros.devices.bag.mcap_file import BagFile, BagTopic
-from eol_ros.devices.bag.reader import BagMessage, BagReader, table_in
+from eol_ros.devices.bag.reader import BagMessage, BagReader
 from eol_ros.devices.bag.writer import GAPS_METADATA, RUN_METADATA, BagWriter
 from eol_ros.errors import ConfigError
 
@@ -87,46 +83,3 @@ def stretch(
     for message in bag.latched(names, start_ns):
         yield message._replace(log_ns=start_ns)
     yield from bag.messages(names, start_ns, end_ns)
-
-
-def merged(bags: Sequence[BagReader]) -> tuple[list[BagTopic], Iterator[BagMessage]]:
-    """Return the topics of all bags, and their messages in order of reception.
-
-    A further definition of a type is a topic of its own, as it is in one bag. Raises ConfigError
-    where bags have other types on one topic, or are of different tables.
-    """
-    from eol_ros.core.table import check_same  # NumPy, which others of this module need not
-
-    tables = [(bag, table) for bag in bags if (table := table_in(bag.about.get('settings', '')))]
-    for bag, table in tables:
-        advice = 'merge the bags of each table apart'
-        check_same(table, tables[0][1], str(bag.path), str(tables[0][0].path), advice)
-    topics: dict[str, BagTopic] = {}
-    keys = []
-    for bag in bags:
-        known: dict[str, set[str]] = {}
-        for topic in topics.values():
-            known.setdefault(topic.name, set()).add(topic.type)
-        for topic in bag.topics.values():
-            if topic.type not in (types := known.get(topic.name, {topic.type})):
-                raise ConfigError(
-                    f'{bag.path}: {topic.name} is {topic.type}, and {", ".join(sorted(types))} in '
-                    'the bags before it: they cannot be one bag'
-                )
-        keys.append({key: add_topic(topics, topic) for key, topic in bag.topics.items()})
-    streams = (map(_renamed(own), bag.messages()) for own, bag in zip(keys, bags, strict=True))
-    return list(topics.values()), heapq.merge(*streams, key=lambda m: m.log_ns)
-
-
-def _renamed(keys: Mapping[str, str]) -> Callable[[BagMessage], BagMessage]:
-    return lambda message: message._replace(topic=keys[message.topic])
-
-
-def merged_gaps(bags: Sequence[BagReader]) -> dict[str, str]:
-    """Return what was lost of all bags together: counts are added up."""
-    total: dict[str, Counter] = {}
-    for name, text in (item for bag in bags for item in bag.gaps.items()):
-        with contextlib.suppress(ValueError):
-            if isinstance(counts := json.loads(text), dict):
-                total.setdefault(name, Counter()).update(counts)
-    return {name: json.dumps(counts, sort_keys=True) for name, counts in total.items()}

@@ -239,21 +239,6 @@ class BagFileReader:
         self.counts = {keys[key]: count for key, count in self.counts.items()}
         self.keys = {channel: keys[key] for channel, key in self.keys.items()}
 
-    def times_of(self, place: Place) -> list[int]:
-        """Return when each message of a place was received; none if it cannot be read."""
-        from eol_ros.devices.bag.batches import heads_in
-
-        with open(self.path, 'rb') as file:
-            found = self.read(file, place, lambda _, data: heads_in(data)[0]['log_ns'].tolist())
-        return found or []
-
-    def within(self, low: int, high: int) -> None:
-        """Let only the messages received from `low` to `high` count."""
-        self.places = [p for p in self.places if p.end_ns >= low and p.start_ns <= high]
-        times = [t for p in self.places for t in (p.start_ns, p.end_ns)]
-        self.start_ns = max(min(times, default=low), low)
-        self.end_ns = min(max(times, default=high), high)
-
     def each(
         self,
         take: Callable[[Chunk, bytes], _T],

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads bags: a rosbag2 folder of MCAP files, or one such file, whole, cut or damaged; no ROS."""
 
-import datetime
 import functools
 import heapq
 import itertools
@@ -30,7 +29,6 @@ from eol_ros.streams.graph import TOPICS, full_name, namespace_of
 if TYPE_CHECKING:
     from eol_ros.devices.bag.batches import Batch
 
-APART_NS = 366 * 86400 * 10**9  # no recording has a hole of more than a year
 MERGED = 4096  # messages of files that overlap in time, in memory at a time
 LOOK_BACK_NS = 60_000_000_000
 
@@ -75,7 +73,6 @@ class BagReader:
         self.files, left_out = open_files(paths)
         self.notes += left_out
         self.files.sort(key=lambda f: (f.start_ns, f.path.name))
-        self._span: tuple[int, int] | None = None  # of the messages that count, None: all
         self.topics: dict[str, BagTopic] = {}  # by key: the name, but for further definitions
         self.counts: dict[str, int] = {}
         for file in self.files:
@@ -85,7 +82,6 @@ class BagReader:
                 self.counts[key] = self.counts.get(key, 0) + count
             if count := file.contents.attachments:
                 self.notes.append(f'{file.path.name}: its attachments ({count}) are left out')
-        self.notes += self._set_main_span()
         self.namespace = namespace_of({t.name: t.type for t in self.topics.values()})
         filled = [f for f in self.files if f.places]
         self.start_ns = min((f.start_ns for f in filled), default=0)
@@ -198,7 +194,6 @@ class BagReader:
         >>> first.topic, len(first.data)
         ('/eol/slips', 100)
         """
-        start_ns, end_ns = self._within(start_ns, end_ns)
         files, apart = self._files(start_ns, end_ns)
         streams = [f.messages(topics, start_ns, end_ns) for f in files]
         if apart:  # one file at a time in memory
@@ -218,7 +213,6 @@ class BagReader:
 
         from eol_ros.devices.bag.batches import MESSAGE_DTYPE, Batch
 
-        start_ns, end_ns = self._within(start_ns, end_ns)
         files, apart = self._files(start_ns, end_ns)
         if apart:
             for f in files:
@@ -233,53 +227,12 @@ class BagReader:
 
     def _files(self, start_ns: int, end_ns: int | None) -> tuple[list[BagFileReader], bool]:
         """Return the files with messages of a span, and whether they follow each other in time."""
-        start_ns, end_ns = self._within(start_ns, end_ns)
         files = [
             f
             for f in self.files
             if f.places and f.end_ns >= start_ns and (end_ns is None or f.start_ns < end_ns)
         ]
         return files, all(a.end_ns <= b.start_ns for a, b in itertools.pairwise(files))
-
-    def _within(self, start_ns: int, end_ns: int | None) -> tuple[int, int | None]:
-        """Return the part of a span in which the messages are that count."""
-        if self._span is None:
-            return start_ns, end_ns
-        low, high = self._span
-        return max(start_ns, low), high + 1 if end_ns is None else min(end_ns, high + 1)
-
-    def _set_main_span(self) -> list[str]:
-        """Leave out messages more than a year from the others; return a note that says so.
-
-        A clock that was not set yet stamps them with 1970, or with the day of the system's build.
-        """
-        filled = [f for f in self.files if f.places]
-        spans = [(p.start_ns, p.end_ns, p.end - p.offset) for f in filled for p in f.places]
-        low, high = min((s for s, *_ in spans), default=0), max((e for _, e, _ in spans), default=0)
-        if high - low <= APART_NS:
-            return []
-        for f in filled:
-            for p in f.places:
-                if p.end_ns - p.start_ns > APART_NS:
-                    spans.remove((p.start_ns, p.end_ns, p.end - p.offset))
-                    spans += [(ns, ns, 1) for ns in f.times_of(p)]
-        groups: list[list[int]] = []  # start, end, bytes
-        for start_ns, end_ns, size in sorted(spans):
-            if not groups or start_ns - groups[-1][1] > APART_NS:
-                groups.append([start_ns, end_ns, 0])
-            groups[-1][1] = max(groups[-1][1], end_ns)
-            groups[-1][2] += size
-        if len(groups) < 2:
-            return []
-        low, high, _ = max(groups, key=lambda group: group[2])
-        self._span = low, high
-        for f in filled:
-            f.within(low, high)
-        times = ', '.join(_date(g[0]) for g in groups if g[0] != low)
-        return [
-            f'messages received in {times} are left out: more than a year from the others '
-            f'({_date(low)}); the clock of the recorder was not set'
-        ]
 
     def latched(self, topics: Collection[str] | None, at_ns: int) -> list[BagMessage]:
         """Return what holds at a time: of each latched topic the last message received before it.
@@ -334,13 +287,6 @@ def bags_in(path: Path) -> list[Path]:
     if not path.is_dir() or (path / 'metadata.yaml').exists():
         return []
     return sorted({p.parent for p in path.glob('*/*') if _is_mcap(p) and p.parent.name[0] != '.'})
-
-
-def _date(ns: int) -> str:
-    try:
-        return f'{datetime.datetime.fromtimestamp(ns // 10**9, datetime.timezone.utc):%Y-%m}'
-    except (ValueError, OverflowError, OSError):
-        return f'{ns} ns'
 
 
 def _is_mcap(path: Path) -> bool:

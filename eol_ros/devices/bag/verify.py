@@ -14,7 +14,6 @@ from mcap.records import Channel, Chunk, MessageIndex, Schema
 from eol_ros.devices.bag import scan
 from eol_ros.devices.bag.batches import heads_in, span_of
 from eol_ros.devices.bag.file import BagFileReader
-from eol_ros.devices.bag.mcap_file import CHUNK_NS
 from eol_ros.devices.bag.reader import BagReader, information, loads
 from eol_ros.devices.bag.recover import metadata_of
 from eol_ros.devices.bag.scan import MAGIC, DamagedRecord
@@ -75,7 +74,7 @@ def _by_name(value: Any) -> Any:
 
 def _faults(file: BagFileReader) -> Iterator[str]:
     """Go through a file, and compare what is written twice: chunks, heads, indexes, definitions."""
-    said, counts, falls = file.contents.counts, Counter[int](), _Falls()
+    said, counts = file.contents.counts, Counter[int]()
     at, expected = len(MAGIC), None
     with open(file.path, 'rb') as stream:
         for place in sorted(file.places, key=lambda p: p.offset):
@@ -86,7 +85,6 @@ def _faults(file: BagFileReader) -> Iterator[str]:
                 continue  # damaged, and told
             chunk, size, heads, begins = found
             counts.update(heads['channel'].tolist())
-            falls.add(heads)
             if place.chunk:
                 where = f'{file.path.name}: byte {place.offset}'
                 times, kind, crc = span_of(heads), chunk.compression, chunk.uncompressed_crc
@@ -98,11 +96,6 @@ def _faults(file: BagFileReader) -> Iterator[str]:
                 expected = _message_indexes(heads, begins), bool(place.channels)
         cut = file.cut_at is not None  # between a chunk and its indexes, maybe
         yield from _between(file, stream, at, file.contents.data_end, None if cut else expected)
-    for k, (count, most_ns) in falls.found.items():
-        yield (
-            f'{file.path.name}: {file.contents.channels[k].topic}: the time of reception falls '
-            f'{count} times, by {most_ns * 1e-9:.3f} s at most: the clock was set back'
-        )
     wrong = [
         f'{channel.topic}: {counts[k]} of {said[k]}'
         for k, channel in file.contents.channels.items()
@@ -110,26 +103,6 @@ def _faults(file: BagFileReader) -> Iterator[str]:
     ]
     if wrong and not file.damage:
         yield f'{file.path.name}: messages that the index counts are not there: {", ".join(wrong)}'
-
-
-class _Falls:
-    """Finds out where the times of a channel fall, by more than the order of chunks explains."""
-
-    def __init__(self) -> None:
-        self.found: dict[int, tuple[int, int]] = {}  # by channel: how often, and by how much
-        self._last: dict[int, int] = {}
-
-    def add(self, heads: np.ndarray) -> None:
-        """Take the heads of the messages of the next chunk in the file."""
-        for channel in np.unique(heads['channel']).tolist():
-            times = heads['log_ns'][heads['channel'] == channel]
-            before = np.append(np.uint64(self._last.get(channel, 0)), times[:-1])
-            self._last[channel] = int(times[-1])
-            fallen = (before - times)[before > times]  # of 64 bits without a sign
-            fallen = fallen[fallen > CHUNK_NS]
-            if len(fallen):
-                count, most = self.found.get(channel, (0, 0))
-                self.found[channel] = count + len(fallen), max(most, int(fallen.max()))
 
 
 def _message_indexes(heads: np.ndarray, begins: np.ndarray) -> list[bytes]:
