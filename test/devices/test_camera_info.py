@@ -71,18 +71,6 @@ def test_the_yaml_of_opencv(tmp_path, d):
     assert (camera.ravel().tolist(), lens.tolist()) == (K, D)
 
 
-def test_a_rational_lens_is_fitted_within_the_image(tmp_path):
-    rational = np.array([0.30, 0.02, 0.0005, -0.0003, 0.001, 0.45, 0.07, 0.004])
-    (tmp_path / 'c.yaml').write_text(camera_info(d=rational.tolist(), model='rational_polynomial'))
-    *_, camera, lens = load_lens(tmp_path / 'c.yaml')
-    x, y = np.meshgrid(np.linspace(-0.6, 0.6, 9), np.linspace(-0.37, 0.37, 7))
-    points = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], 1)
-    seen, ours = (
-        cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera, d)[0] for d in (rational, lens)
-    )
-    assert np.abs(seen - ours).max() < 0.1
-
-
 @pytest.mark.parametrize(
     ('text', 'told'),
     [
@@ -90,7 +78,7 @@ def test_a_rational_lens_is_fitted_within_the_image(tmp_path):
         (camera_info(model='thin_prism', d=D), "distortion_model is 'thin_prism'"),
         (camera_info(d=[*D, *D, 0, 0], model='rational_polynomial'), 'has 12 values'),
         (camera_info(d=D[:3]), 'has 3 values'),
-        (camera_info(d=[0.1, 0, 0, 0, 0, 30.0, 0, 0], model='rational_polynomial'), 'px from any'),
+        (camera_info(d=[0.1, 0, 0, 0, 0, 30.0, 0, 0], model='rational_polynomial'), 'k4 to k6'),
         (camera_info(k=[1e30, *K[1:]]), 'focal lengths of 1e+30'),
         (camera_info(k=[1.0, *K[1:]]), 'focal lengths of 1 '),
         (camera_info(k=[*K[:2], 1e6, *K[3:]]), 'far outside the image'),

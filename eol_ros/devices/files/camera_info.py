@@ -2,11 +2,10 @@
 """The lens in camera_info, in the forms in which programs write it.
 
 The YAML of ROS's camera_calibration, that of OpenCV's FileStorage, and `ros2 topic echo` of a
-sensor_msgs/CameraInfo. Lenses: plumb_bob (k1 k2 p1 p2, and k3) and rational_polynomial (8), which
-is fitted by plumb_bob. https://docs.ros.org/en/jazzy/p/image_pipeline/camera_info.html
+sensor_msgs/CameraInfo. Lenses: plumb_bob (k1 k2 p1 p2, and k3), also as rational_polynomial.
+https://docs.ros.org/en/jazzy/p/image_pipeline/camera_info.html
 """
 
-import math
 import re
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from eol_ros.errors import ConfigError
 LARGEST_PX = 20000
 FOCAL = 0.05, 100.0  # plausible focal lengths, in widths of the image
 MOST_K = 1e4  # plausible size of a coefficient of distortion
-MISFIT_PX = 0.1  # of a rational lens by plumb_bob, anywhere in the image
+SKEW_PX = 0.1  # of a camera matrix, at most
 _NAMES = {  # ours, and those of other programs
     'image_width': ('width', 'imageWidth'),
     'image_height': ('height', 'imageHeight'),
@@ -131,7 +130,7 @@ def lens(
                 f'camera_matrix: its middle ({camera[0, 2]:g}, {camera[1, 2]:g}) lies far outside '
                 'the image'
             )
-        elif np.abs(camera - plain).max() > MISFIT_PX:
+        elif np.abs(camera - plain).max() > SKEW_PX:
             wrong.append('camera_matrix is not fx 0 cx, 0 fy cy, 0 0 1: skew or another scale')
     model = content.get('distortion_model') or ('plumb_bob' if values is None or len(values) < 8
                                                 else 'rational_polynomial')  # fmt: skip
@@ -150,42 +149,10 @@ def lens(
             + f'; {model} has {" or ".join(map(str, counts[-2:]))}, of some units at most'
         )
         return camera, None
-    if len(values) == 8 and camera is not None and not wrong:
-        return camera, _fitted(values, camera, size_px, wrong)
-    return camera, np.concatenate([values, np.zeros(8)])[:5]
-
-
-def _fitted(
-    rational: np.ndarray, camera: np.ndarray, size_px: tuple[int, int], wrong: list[str]
-) -> np.ndarray | None:
-    """Return k1, k2, p1, p2, k3 that distort as k1 k2 p1 p2 k3 k4 k5 k6 do within the image."""
-    if not rational[5:].any():
-        return rational[:5]
-    import cv2
-
-    focal, middle = camera[[0, 1], [0, 1]], camera[:2, 2]
-    share = np.linspace(-0.3, 1.3, 65)
-    px = np.stack(np.meshgrid(share, share), axis=2).reshape(-1, 2) * size_px
-    rays = np.column_stack([(px - middle) / focal, np.ones(len(px))])
-    seen = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera, rational)[0][:, 0]
-    inside = ((seen > -1) & (seen < size_px)).all(axis=1)
-    x, y = rays[inside, :2].T
-    away_x, away_y = ((seen[inside] - middle) / focal).T
-    r2 = x * x + y * y
-    terms = np.concatenate([
-        np.stack([x * r2, x * r2**2, 2 * x * y, r2 + 2 * x * x, x * r2**3], 1),
-        np.stack([y * r2, y * r2**2, r2 + 2 * y * y, 2 * x * y, y * r2**3], 1),
-    ])  # fmt: skip
-    target = np.concatenate([away_x - x, away_y - y])
-    found = np.linalg.lstsq(terms, target, rcond=None)[0]
-    misfit = float(np.abs(terms @ found - target).max(initial=math.inf if not len(x) else 0.0))
-    if not misfit * camera[0, 0] <= MISFIT_PX:
-        wrong.append(
-            f'distortion_coefficients of rational_polynomial differ by {misfit * camera[0, 0]:.2g} '
-            'px from any plumb_bob; calibrate the lens as plumb_bob'
-        )
-        return None
-    return found
+    if values[5:].any():
+        wrong.append('distortion_coefficients: k4 to k6 are not 0; calibrate the lens as plumb_bob')
+        return camera, None
+    return camera, np.concatenate([values, np.zeros(5)])[:5]
 
 
 def _values(content: dict[str, Any], name: str, wrong: list[str], hint: str) -> np.ndarray | None:
