@@ -4,8 +4,6 @@
 docs/reference/web.md says how `openssl` makes one.
 """
 
-import contextlib
-import os
 import ssl
 
 from eol_ros.errors import ConfigError
@@ -14,16 +12,8 @@ from eol_ros.errors import ConfigError
 def context(path: str) -> ssl.SSLContext:
     """Return what a server needs to speak TLS 1.2 or newer; raises ConfigError."""
     tls = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-    load(tls, path)
-    return tls
-
-
-def load(tls: ssl.SSLContext, path: str) -> None:
-    """Let `tls` use the certificate and key in a file; raises ConfigError, then nothing changes."""
-    trial = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     try:
-        for each in (trial, tls):
-            each.load_cert_chain(path, password=_no_password)
+        tls.load_cert_chain(path, password=_no_password)
     except ssl.SSLError as error:
         reason = getattr(error, 'reason', None) or error.strerror or 'unreadable'
         raise ConfigError(
@@ -32,15 +22,9 @@ def load(tls: ssl.SSLContext, path: str) -> None:
         ) from None
     except OSError as error:
         raise ConfigError(f'panel.certificate: {path}: {error.strerror}') from None
+    return tls
 
 
 def _no_password() -> str:
     """Refuse a key with a password, before OpenSSL asks for it at the terminal."""
     raise ssl.SSLError(1, 'the key has a password')
-
-
-def changed_ns(path: str) -> int:
-    """Return when the file was last written; 0: not there."""
-    with contextlib.suppress(OSError):
-        return os.stat(path).st_mtime_ns if path else 0
-    return 0

@@ -10,7 +10,6 @@ import errno
 import logging
 import resource
 import socket
-import ssl
 import threading
 import time
 from collections.abc import Callable
@@ -19,7 +18,7 @@ from typing import Any, Protocol
 from aiohttp import web, web_response
 
 from eol_ros.devices.rounds import Rounds
-from eol_ros.errors import ConfigError, DeviceMissing, EolError
+from eol_ros.errors import DeviceMissing, EolError
 from eol_ros.streams.requests import Asked
 from eol_ros.web import certificate, guard
 from eol_ros.web.connections import Connection, Connections
@@ -28,7 +27,6 @@ from eol_ros.web.routes import Routes
 
 TICK_S = 1.0
 HANDSHAKE_S = 5.0  # of TLS: who takes longer is sent away
-CERTIFICATE_S = 60.0  # between looks at whether it has been renewed
 SPARE_CONNECTIONS = 128  # pages and images beside the viewers' sockets
 BACKLOG = 1024  # connections that the kernel queues until they are accepted
 NO_FILES_S = 0.1  # pause if the system has no descriptors left
@@ -85,7 +83,6 @@ class WebServer:
         self._say = say
         self._said: dict[str, float] = {}
         self._tls = certificate.context(settings.certificate) if settings.certificate else None
-        self._renewed_ns = certificate.changed_ns(settings.certificate)
         self.routes = Routes(settings, self.hub, bridge, self.say, **pages)
         self._socket = _listen(settings.host, settings.port)
         self.port = self._socket.getsockname()[1]
@@ -157,8 +154,6 @@ class WebServer:
             self._loop.create_task(self._tick()),
             self._loop.create_task(self._accept(runner.server, held)),
         ]
-        if self._tls:
-            ticking.append(self._loop.create_task(self._renew(self._tls)))
         self._ready.set()
         stopping = self._loop.create_task(self._stopping.wait())
         await asyncio.wait([stopping, *ticking], return_when=asyncio.FIRST_COMPLETED)
@@ -217,24 +212,6 @@ class WebServer:
             if self.hub.viewers:
                 tick = {'t': 'tick', 'now': time.time(), 'viewers': len(self.hub.viewers)}
                 self.hub.put('notices', tick)
-
-    async def _renew(self, tls: ssl.SSLContext) -> None:
-        """Take up a certificate that has been renewed; those who come from now on get it."""
-        while True:
-            await asyncio.sleep(CERTIFICATE_S)
-            self.renew(tls)
-
-    def renew(self, tls: ssl.SSLContext) -> None:
-        """Load the certificate again where its file has changed; keep the old one if it is bad."""
-        changed_ns = certificate.changed_ns(self.settings.certificate)
-        if changed_ns == self._renewed_ns:
-            return
-        self._renewed_ns = changed_ns
-        try:
-            certificate.load(tls, self.settings.certificate)
-            self.say('certificate: renewed')
-        except ConfigError as error:
-            self.say(f'certificate not renewed, the old one stays in use: {error}')
 
     def _on_loop_error(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         self.say(f'web: {context.get("exception") or context.get("message")}')

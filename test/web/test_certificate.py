@@ -35,15 +35,6 @@ def trusting(pem):
     return ssl.create_default_context(cafile=str(pem))
 
 
-def serial(server, pem):
-    """Return the serial number that a client is shown."""
-    with (
-        socket.create_connection(('127.0.0.1', server.port), 5) as sock,
-        trusting(pem).wrap_socket(sock, server_hostname='localhost') as line,
-    ):
-        return int(line.getpeercert()['serialNumber'], 16)
-
-
 def test_pages_and_live_data_come_over_https(serve, pem):
     server = serve(certificate=str(pem))
     assert server.address == f'https://127.0.0.1:{server.port}'
@@ -82,19 +73,6 @@ def test_plain_http_and_old_tls_get_nothing(serve, pem):
             contextlib.nullcontext() if taken else pytest.raises(ssl.SSLError),
         ):
             client.wrap_socket(sock, server_hostname='localhost').close()
-
-
-def test_a_renewed_certificate_is_taken_up_and_a_bad_one_is_not(serve, pem):
-    server = serve(certificate=str(pem))
-    before = serial(server, pem)
-    pem.write_text('damaged')
-    server.renew(server._tls)
-    assert 'certificate not renewed, the old one stays in use' in server.lines[-1]
-    shutil.copy(RENEWED, pem)
-    server._said.clear()
-    server.renew(server._tls)
-    assert server.lines[-1] == 'certificate: renewed'
-    assert serial(server, pem) != before
 
 
 @pytest.mark.parametrize('wrong', ['missing', 'text', 'no key', 'other key', 'locked key'])
