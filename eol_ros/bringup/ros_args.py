@@ -30,7 +30,7 @@ PARAMETERS = 'ros__parameters'
 class RosArgs:
     """The scene as the arguments make it, and what each node is given besides.
 
-    parameters: by node, those that are no settings of it, as qos_overrides. others: for all nodes.
+    parameters: by node, those that are no settings of it. others: for all nodes.
     """
 
     scene: Scene

@@ -33,7 +33,7 @@ from eol_ros.ros.health import Health
 from eol_ros.ros.inherited import KEPT
 from eol_ros.ros.intake import Intake, InTurn
 from eol_ros.ros.parameters import checked, checked_live, no_setting
-from eol_ros.ros.qos import OVERRIDES, NodeQoS
+from eol_ros.ros.qos import NodeQoS
 from eol_ros.ros.requests import REQUESTS, RequestServer, parameters
 from eol_ros.ros.stamps import NS, to_ns
 from eol_ros.ros.startup_barrier import LOOK_S, READY, PeerDiscovery
@@ -85,7 +85,7 @@ class EolNode(Node):
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.resumed = _kept(self.NAME)  # of the process before, if it was restarted
         overrides = {name: p.value for name, p in self._parameter_overrides.items()}
-        self.qos = NodeQoS(self, overrides)
+        self.qos = NodeQoS(self)
         self.settings = self._declare(settings, overrides)
         self.sim_time = bool(self.get_parameter(SIM_TIME).value)
         if self.sim_time and self.NAME in IMAGE_SOURCES:
@@ -126,8 +126,6 @@ class EolNode(Node):
         if self._discovery.complete():
             self._looks.cancel()
             self.subscribe(READY, lambda message: None)
-            for name in self.qos.unused():
-                self.get_logger().warning(f'parameter {name}: {self.NAME} has no such topic now')
 
     def pull_in_timers(self) -> None:
         """Reset each timer whose next call is more than a period away; `run` calls this regularly.
@@ -372,7 +370,7 @@ class EolNode(Node):
                 overrides[new] = overrides.pop(old)
         known = set(fields) | {SIM_TIME, 'start_type_description_service'}
         for name in overrides:
-            if name not in known and not name.startswith(OVERRIDES):
+            if name not in known:
                 self.get_logger().warning(f'parameter {no_setting(self.NAME, name, fields)}')
         given = by_today(type(settings), {n: v for n, v in overrides.items() if n in fields})
         settings = dataclasses.replace(settings, **checked(type(settings), given))

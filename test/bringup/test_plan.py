@@ -154,7 +154,7 @@ PARAMETERS = """
 /**: {ros__parameters: {radius: 0.07, seed: 5, mine: 1, nested: {deep: [1, 2]}}}
 /north/*: {ros__parameters: {blink_period_s: 3}}
 grains: {ros__parameters: {radius: 0.08}}
-north: {motion: {ros__parameters: {qos_overrides: {/north/slips: {publisher: {depth: 9}}}}}}
+north: {motion: {ros__parameters: {other: {/north/slips: {publisher: {depth: 9}}}}}}
 usb_cam: {ros__parameters: {framerate: 30.0}}
 /eol/sound: {ros__parameters: {gain_db: -9.0}}
 """
@@ -176,7 +176,7 @@ def test_parameters_become_settings_of_the_scene_or_reach_the_nodes(tmp_path):
         assert said[1:5] == ('-r', 'slips:=slip_events', '--log-level', 'debug')
         assert 'use_sim_time:=true' in said and 'mine:=1' in said
         assert 'nested.deep:=[1, 2]' in said
-        depth = 'qos_overrides./north/slips.publisher.depth:=9' in said
+        depth = 'other./north/slips.publisher.depth:=9' in said
         assert depth == ('motion' in process.nodes)
         assert not any('radius' in word or 'framerate' in word for word in said)
 
