@@ -99,7 +99,7 @@ class PanelNode(EolNode):
         self.server.hub.put('notices', notice, sticky=name)
 
     def ask(self, asked: Asked, done: Callable[[Answers], None]) -> Answers:
-        """As `web.server.Bridge`, in the server's thread; so `give_up` and `rim`."""
+        """What the web server wants of the graph, in its thread: so `give_up` and `rim`."""
         expected = expected_of(asked.kind, asked.node, self.runs)
         return self.client.ask(asked, expected, done)
 

@@ -11,7 +11,7 @@ amount of memory and delays no one.
 import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable
-from typing import Any, Protocol
+from typing import Any
 
 from eol_ros.web import wire
 
@@ -25,26 +25,13 @@ RETRY_S = 0.02
 Payload = bytes | str | dict[str, Any]  # a dict goes out as JSON
 
 
-class Wire(Protocol):
-    """What an asyncio transport can do, as far as a viewer needs it."""
-
-    def write(self, data: bytes) -> None:
-        """Send, or keep what cannot be sent yet."""
-
-    def get_write_buffer_size(self) -> int:
-        """Return how many bytes are kept."""
-
-    def is_closing(self) -> bool:
-        """Return whether nothing more can be sent."""
-
-
 class Viewer:
     """One connected browser: what it wants, and what waits to be sent to it.
 
     States wait until `pace_s` after the last ones; an event goes at once and takes them along.
     """
 
-    def __init__(self, number: int, line: Wire, loop: asyncio.AbstractEventLoop):
+    def __init__(self, number: int, line: asyncio.WriteTransport, loop: asyncio.AbstractEventLoop):
         self.number = number
         self.wants: frozenset[str] = frozenset()
         self.pace_s = 0.0
@@ -139,7 +126,9 @@ class Hub:
             if channel in viewer.wants or channel in NOTICES:
                 viewer.offer(channel, frame)
 
-    def join(self, line: Wire, hello: Callable[[Viewer], str] = lambda viewer: '') -> Viewer:
+    def join(
+        self, line: asyncio.WriteTransport, hello: Callable[[Viewer], str] = lambda viewer: ''
+    ) -> Viewer:
         """Add a viewer; it is greeted, and told at once what is known."""
         assert self._loop is not None
         self._count += 1

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The server: one thread with one event loop beside the node's executor.
 
-It knows no ROS. What it wants from the graph goes through a `Bridge`; what the graph has for
-viewers comes through `Hub.put`.
+It knows no ROS. What it wants from the graph goes through its `bridge`, from its own thread: `ask`,
+`give_up` and `rim`, as the panel node has them. What the graph has for viewers comes through
+`Hub.put`.
 """
 
 import asyncio
@@ -13,13 +14,12 @@ import socket
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 from aiohttp import web, web_response
 
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import DeviceMissing, EolError
-from eol_ros.streams.requests import Asked
 from eol_ros.web import certificate, guard
 from eol_ros.web.connections import Connection, Connections
 from eol_ros.web.hub import Hub
@@ -32,19 +32,6 @@ BACKLOG = 1024  # connections that the kernel queues until they are accepted
 NO_FILES_S = 0.1  # pause if the system has no descriptors left
 # Versions are nobody's business; this counts also for what aiohttp refuses by itself.
 web_response.__dict__['SERVER_SOFTWARE'] = 'eol'
-
-
-class Bridge(Protocol):
-    """What the server asks of the graph; every method may be called from the server's thread."""
-
-    def ask(self, asked: Asked, done: Callable[[Any], None]) -> Any:
-        """Ask the graph; `done` is called with the answers. Raises EolError: nobody is there."""
-
-    def give_up(self, answers: Any) -> None:
-        """Wait no longer for answers."""
-
-    def rim(self, source: str, velocity: tuple[float, float, float], hold_s: float) -> None:
-        """Push the rim of the twin."""
 
 
 class _Lines(logging.Handler):
@@ -75,7 +62,7 @@ class WebServer:
     """
 
     def __init__(
-        self, settings: Any, bridge: Bridge, say: Callable[[str], None] = print, **pages: Any
+        self, settings: Any, bridge: Any, say: Callable[[str], None] = print, **pages: Any
     ):
         guard.check_settings(settings.host, settings.pin)
         self.hub = Hub()
