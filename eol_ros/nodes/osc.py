@@ -100,7 +100,7 @@ class OscNode(EolNode):
         if 'state' in here and not self.states:
             self.subscribe('work_state', lambda m: self.on_state((m.code, m.text)))
         if 'health' in here or ('state' in here and self.states):
-            self.on_states(self.on_node)
+            self.subscribe('node_states', self.on_node)
 
     def set_up_input(self) -> None:
         self.client = RequestClient(self, self.publisher('requests'))

@@ -16,7 +16,7 @@ from eol_ros.ros.run_record import about
 from eol_ros.ros.startup_barrier import READY
 from eol_ros.ros.topics import CLOCK
 from eol_ros.said import said
-from eol_ros.streams.graph import TOPICS, counted, node_of
+from eol_ros.streams.graph import TOPICS, counted
 from eol_ros.streams.slips import START
 
 IMAGES, INFO, SAMPLES = 'camera/image_raw', 'camera/camera_info', 'sound_samples'
@@ -41,7 +41,7 @@ class RecorderNode(EolNode):
         self.latched: dict[str, BagMessage] = {}  # persists over the rounds of a replay
         self._times = LogTimes()
         self._early: deque[BagMessage] = deque(maxlen=EARLY)  # before a log time was known
-        self._slips, self._states = self.intake('slips'), self.intake('/diagnostics')
+        self._slips = self.intake('slips')
         for topic, bag_topic in self.described.items():
             callback = self._callback(topic, bag_topic)
             self.subscribe(topic, callback, raw=True, with_info=True)
@@ -96,9 +96,10 @@ class RecorderNode(EolNode):
     def _wanted(self, topic: str) -> bool:
         """What exists only because somebody subscribes is recorded only where asked for.
 
-        Frames follow from `calibration`; on `/tf_static` are those of other graphs, too.
+        Frames follow from `calibration`, and `/diagnostics` from `node_states`; on both topics are
+        those of other graphs, too.
         """
-        if topic in (SAMPLES, MARKERS, POSES, FRAMES, READY, CLOCK):
+        if topic in (SAMPLES, MARKERS, POSES, FRAMES, READY, CLOCK, '/diagnostics'):
             return False
         images = self.settings.images
         if topic in (IMAGES, INFO):
@@ -109,8 +110,6 @@ class RecorderNode(EolNode):
         name, latched, numbers = bag_topic.name, TOPICS[topic].qos == 'latched', counted(topic)
 
         def keep(raw: bytes, received_ns: int, sent_ns: int, sequence: int) -> None:
-            if topic == '/diagnostics' and self._of_another_graph(raw):
-                return
             item = BagMessage(name, raw, 0, 0, sequence if numbers else 0)
             if latched:
                 self.latched[name] = item
@@ -119,12 +118,6 @@ class RecorderNode(EolNode):
                 self.recording.slip(Slipping(slip.slip, slip.kind == START, log_ns))
 
         return keep
-
-    def _of_another_graph(self, raw: bytes) -> bool:
-        """Whether a status is of a node as those of this graph, in another namespace."""
-        message = self._states(raw)
-        named = [node_of(row.name) for row in message.status] if message else []
-        return any(node and namespace != self.namespace for node, namespace in named)
 
     def _keep(self, item: BagMessage, received_ns: int, sent_ns: int) -> int:
         """Hand `item` over; return when it was received. Bags of a replay are in its time.

@@ -106,7 +106,6 @@ class EolNode(Node):
         self._checked: dict[str, Any] | None = None  # settings being changed, already validated
         self._recorded: dict[str, Any] = {}  # what a replay changed, as it was before
         self._turns: list[InTurn] = []
-        self._state_listeners: list[Callable[[Any], None]] = []
         if self.NAME in NODES and REQUESTS in NODES[self.NAME].subscribes:
             self._requests = RequestServer(self, self.HOLDS)
             if live_fields(type(self.settings)):
@@ -279,16 +278,6 @@ class EolNode(Node):
             self._turns.append(turn)
             callback = turn.take
         return self.qos.subscription(topic, informed(callback) if with_info else callback)
-
-    def on_states(self, callback: Callable[[Any], None]) -> None:
-        """Call `callback` for each message of `node_states`; there is one subscription."""
-        if not self._state_listeners:
-            self.subscribe('node_states', self._hear_state)
-        self._state_listeners.append(callback)
-
-    def _hear_state(self, state: Any) -> None:
-        for listener in self._state_listeners:
-            listener(state)
 
     def catch_up(self) -> None:
         """Handle all messages that wait for their turn; see `InTurn`."""

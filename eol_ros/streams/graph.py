@@ -139,8 +139,7 @@ _NODES = (
                          'sound_meter', 'sound_samples', 'wall', 'requests', 'request_results',
                          'node_states')),
     NodeSpec('recorder', settings.RecorderSettings, nice=3,
-             subscribes=('camera/image_raw', 'camera/camera_info', 'camera/image_raw/compressed',
-                         '/diagnostics')),
+             subscribes=('camera/image_raw', 'camera/camera_info', 'camera/image_raw/compressed')),
 )
 
 QOS = {
@@ -287,12 +286,6 @@ def frame_prefix(namespace: str) -> str:
 def status_name(node: str, namespace: str) -> str:
     """Return what a node is called on /diagnostics, which all graphs of a domain share."""
     return f'{namespace}: {node}'
-
-
-def node_of(status: str) -> tuple[str, str]:
-    """Return node and namespace of a name on /diagnostics; the node is '' for one of others."""
-    namespace, _, node = status.rpartition(': ')
-    return (node, namespace) if namespace and node in NODES else ('', '')
 
 
 def namespace_of(types: Mapping[str, str]) -> str:

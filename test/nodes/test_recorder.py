@@ -129,7 +129,7 @@ def test_a_set_clock_ends_the_bag_with_a_mark_and_begins_another(
     assert before.counts['/eol/blocks'] + after.counts['/eol/blocks'] == 11
     assert after.counts['/eol/corpus'] == 1  # what was told once is in both
     for bag in (before, after):
-        logged = [m.log_ns for m in bag.messages(['/eol/blocks', '/diagnostics'])]
+        logged = [m.log_ns for m in bag.messages(['/eol/blocks', '/eol/node_states'])]
         assert logged == sorted(logged) and logged[-1] - logged[0] < 60 * 10**9
 
 

@@ -140,7 +140,6 @@ NAN = math.nan
         ('tracker', 'camera/image_raw', lambda: packed(Image(encoding='rgb8', width=1, height=1))),
         ('tracker', 'camera/image_raw', lambda: packed(Image(encoding='mono8'))),
         ('recorder', 'slips', lambda: b'\0\1\0\0\7'),
-        ('recorder', '/diagnostics', lambda: b'\0\1\0\0' + b'\xff' * 40),
         ('panel', 'calibration', lambda: packed(String(data='}\n- [no YAML: \0'))),
         ('panel', 'calibration', lambda: packed(String(data='image_width: 7'))),
         ('panel', 'node_states', lambda: packed(NodeState(node='motion', level=4))),
@@ -153,8 +152,6 @@ def test_an_absurd_message_is_counted_and_nothing_else(live, name, topic, raw):
     told = []
     node.get_logger().warning = told.append
     give(node, topic, raw())
-    if name == 'panel':
-        node.states.nodes()
     status = node.health.status()
     assert status['values']['rejected'] == 1
     assert [line for line in told if line.startswith(f'1 messages rejected, the last on {topic}: ')]
@@ -195,14 +192,14 @@ def test_bytes_that_are_no_message_come_over_dds_and_cost_nothing(live, capfd):
     probe = nodes.add(Probe(MotionSettings(), scene=Scene('probe', {})))
     heard = []
     listen(probe, '/eol/slips', heard.append)
-    taps, slips, states = (probe.publisher(t) for t in ('block_taps', 'slips', '/diagnostics'))
+    taps, slips = (probe.publisher(t) for t in ('block_taps', 'slips'))
     nodes.meet()
     before = recorder.health.rejected
-    for publisher in (taps, slips, states):
+    for publisher in (taps, slips):
         publisher.publish(b'\0\1\0\0\7')
     slips.publish(packed(Slip(kind=1, block=3)))
     nodes.until(lambda: motion.health.rejected == 1 and heard)
-    nodes.until(lambda: recorder.health.rejected == before + 2)
+    nodes.until(lambda: recorder.health.rejected == before + 1)
     assert [slip.block for slip in heard] == [3]
     assert 'overwritten' not in capfd.readouterr().err  # by rclpy, at each
 
@@ -222,7 +219,7 @@ def test_no_node_subscribes_past_the_checks():
         for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, ast.keyword) and node.arg == 'raw'
     }
-    assert raw == {'recorder.py', 'panel.py', 'machine.py'}  # they read bytes by an intake
+    assert raw == {'recorder.py', 'machine.py'}  # they read bytes by an intake
 
 
 def real():
@@ -390,10 +387,8 @@ def test_nodes_live_on_and_count_true(live, count):
                     before = node.health.rejected
                     with np.errstate(invalid='ignore'):  # signalling NaN
                         give(node, topic, raw)
-                    if node.NAME == 'panel' and topic == 'node_states':
-                        node.states.nodes()
                     dropped = node.health.rejected - before
-                    if node.NAME == 'recorder' and topic not in ('slips', '/diagnostics'):
+                    if node.NAME == 'recorder' and topic != 'slips':
                         assert not dropped
                     elif (node.NAME, topic) in READ:  # what they hold may be bad, too
                         assert wrong <= dropped <= 1

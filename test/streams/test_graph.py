@@ -4,12 +4,10 @@
 import pytest
 
 from eol_ros.streams.graph import (
-    NODES,
     TOPICS,
     frame_prefix,
     full_name,
     namespace_of,
-    node_of,
     relative_name,
     status_name,
     topic_of,
@@ -32,9 +30,7 @@ def test_a_name_goes_to_the_graph_and_back(namespace):
 
 def test_diagnostics_are_those_of_the_whole_domain():
     assert full_name('diagnostics', 'north') == full_name('/diagnostics') == '/diagnostics'
-    for node in NODES:
-        assert node_of(status_name(node, 'museum/north')) == (node, 'museum/north')
-    assert node_of('hardware: ups') == node_of('tracker') == ('', '')
+    assert status_name('tracker', 'museum/north') == 'museum/north: tracker'
 
 
 @pytest.mark.parametrize('namespace', SPACES)
