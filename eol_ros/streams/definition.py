@@ -38,19 +38,10 @@ class Field(NamedTuple):
         return self.type in PRIMITIVES
 
 
-class Constant(NamedTuple):
-    """A constant of a message."""
-
-    type: str
-    value: bool | int | float | str
-    comment: str
-
-
 class Message(NamedTuple):
-    """What one message type consists of, in order of the definition."""
+    """The fields of one message type, in order of the definition; constants are left out."""
 
     fields: list[Field]
-    constants: dict[str, Constant]
 
 
 def short(type_name: str) -> str:
@@ -59,10 +50,7 @@ def short(type_name: str) -> str:
 
 
 def parse(definition: str, type_name: str) -> dict[str, Message]:
-    """Return each type of a definition as `package/Name`, first `type_name` itself.
-
-    Raises ValueError for a constant whose value is not of its type.
-    """
+    """Return each type of a definition as `package/Name`, first `type_name` itself."""
     first, *others = _OTHER.split(definition)
     pairs = [(type_name, first), *zip(others[::2], others[1::2], strict=True)]
     return {short(full): _message(text, full.split('/')[0]) for full, text in pairs}
@@ -75,18 +63,14 @@ def references(message: Message) -> list[str]:
 
 
 def _message(text: str, package: str) -> Message:
-    message = Message([], {})
+    message = Message([])
     for line in _END.split(text):
         code = _CODE.match(line)[0]  # type: ignore[index]  # it matches nothing at least
         found = _LINE.match(code)
-        if found is None:
+        if found is None or found['value'] is not None:
             continue
         comment = line[len(code) :].lstrip('#').strip()
         kind = found['type']
-        if found['value'] is not None:
-            value = _value(kind, found['value'].strip())
-            message.constants[found['name']] = Constant(kind, value, comment)
-            continue
         if kind not in PRIMITIVES and kind not in STRINGS:
             parts = kind.split('/')
             kind = f'{parts[0] if len(parts) > 1 else package}/{parts[-1]}'
@@ -96,11 +80,3 @@ def _message(text: str, package: str) -> Message:
             length = int(inside) if inside.isdigit() else -1
         message.fields.append(Field(found['name'], kind, length, comment))
     return message
-
-
-def _value(kind: str, text: str) -> bool | int | float | str:
-    if kind in STRINGS:
-        return text[1:-1] if text[:1] in ('"', "'") and text[-1:] == text[:1] else text
-    if kind == 'bool':
-        return text.lower() in ('true', '1')
-    return float(text) if kind.startswith('float') else int(text, 0)

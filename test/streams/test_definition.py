@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from eol_ros.streams.definition import PRIMITIVES, Constant, parse, references
+from eol_ros.streams.definition import PRIMITIVES, parse, references
 
 MESSAGES = Path(__file__).parents[2] / 'msg_defs' / 'eol_msgs' / 'msg'
 TEXT = """
@@ -25,7 +25,7 @@ float64[] x
 """
 
 
-def test_fields_constants_and_types_that_fields_refer_to():
+def test_fields_and_types_that_they_refer_to():
     message = parse(TEXT, 'geometry_msgs/msg/Made')['geometry_msgs/Made']
     assert message.fields == [
         ('header', 'std_msgs/Header', None, 'of the message'),
@@ -36,13 +36,6 @@ def test_fields_constants_and_types_that_fields_refer_to():
         ('x', 'float64', -1, ''),
     ]
     assert [f.plain for f in message.fields] == [False, False, False, False, True, True]
-    assert message.constants == {
-        'KIND': Constant('uint8', 1, 'a constant'),
-        'WORD': Constant('string', 'a # b', ''),
-        'ON': Constant('bool', True, ''),
-        'HALF': Constant('float32', 0.5, ''),
-        'BELOW': Constant('int8', -3, ''),
-    }
     assert references(message) == [
         'std_msgs/msg/Header',
         'geometry_msgs/msg/Point',
@@ -56,7 +49,6 @@ def test_a_schema_holds_several_types():
     types = parse(text, 'a_msgs/msg/Whole')
     assert list(types) == ['a_msgs/Whole', 'a_msgs/Part']
     assert types['a_msgs/Part'].fields == [('id', 'uint8', None, '0..24')]
-    assert types['a_msgs/Part'].constants['ONE'].value == 1
 
 
 @pytest.mark.parametrize('path', sorted(MESSAGES.glob('*.msg')), ids=lambda path: path.stem)
@@ -65,8 +57,6 @@ def test_ours_are_read_as_the_generator_of_ros_read_them(path):
     messages = pytest.importorskip('eol_msgs.msg')
     kind = getattr(messages, path.stem)
     message = parse(path.read_text(), f'eol_msgs/msg/{path.stem}')[f'eol_msgs/{path.stem}']
-    for name, constant in message.constants.items():
-        assert getattr(kind, name) == constant.value
     theirs = kind.get_fields_and_field_types()
     names = {'float32': 'float', 'float64': 'double', 'bool': 'boolean'}
     for field, (name, text) in zip(message.fields, theirs.items(), strict=True):

@@ -86,14 +86,11 @@ def test_the_dtype_is_that_of_the_definition(record):
 
 
 def test_constants_are_those_of_the_definition():
-    slip = parse((MESSAGES / 'Slip.msg').read_text(), 'eol_msgs/msg/Slip')['eol_msgs/Slip']
-    assert {n: getattr(slips, n) for n in slip.constants} == {
-        n: constant.value for n, constant in slip.constants.items()
-    }
-    told = parse((MESSAGES / 'FeltSlip.msg').read_text(), 'eol_msgs/msg/FeltSlip')
-    assert {n: c.value for n, c in told['eol_msgs/FeltSlip'].constants.items()} == {
-        n: getattr(felt, n) for n in ('PROVISIONAL', 'CONFIRMED', 'RETRACTED', 'KNOCK', 'IMAGE')
-    }
+    messages = pytest.importorskip('eol_msgs.msg')
+    for name in ('START', 'STOP'):
+        assert getattr(slips, name) == getattr(messages.Slip, name)
+    for name in ('PROVISIONAL', 'CONFIRMED', 'RETRACTED', 'KNOCK', 'IMAGE'):
+        assert getattr(felt, name) == getattr(messages.FeltSlip, name)
     text = (MESSAGES / 'GrainTrigger.msg').read_text()
     assert f'{triggers.NO_BLOCK} for none' in text
 
