@@ -19,7 +19,7 @@ from eol_ros.bringup.shared_memory import Ports
 from eol_ros.bringup.status import starting, state
 from eol_ros.disk import said as said_of
 from eol_ros.errors import printable
-from eol_ros.ros.inherited import AGAIN, HEALTH_FD, KEPT
+from eol_ros.ros.health_pipe import AGAIN, HEALTH_FD, KEPT
 from eol_ros.said import said
 
 _LOG_LINES = ('[INFO]', '[WARN]', '[ERROR]', '[FATAL]', '[DEBUG]')

@@ -192,7 +192,6 @@ class Policy:
     restarts: int = 0
     start_took_s: float | None = None  # the longest that it took to its first heartbeat, so far
     unfed: bool = False  # it was ended because it got nothing: DDS is to blame
-    deaths_s: list[float] = field(default_factory=list)
 
     def start(self, now_s: float) -> None:
         """The process has been started."""
@@ -231,9 +230,4 @@ class Policy:
         self.unfed = False
         self.restarts += 1
         self.beat_s = None
-        self.deaths_s = [t for t in self.deaths_s if now_s - t < 60.0] + [now_s]
         return wait
-
-    def red(self) -> bool:
-        """Tell whether it has died three times within a minute."""
-        return len(self.deaths_s) >= 3

@@ -436,9 +436,8 @@ class Supervisor:
         name_of = signal.Signals(-code).name if code < 0 else ''
         how = said('killed_by', signal=name_of) if name_of else said('exit_code', code=code)
         again = said('again', seconds=f'{wait:.0f}') if wait else said('starting_again')
-        red = ', for the third time within a minute' if child.policy.red() else ''
         if not child.left_out:
-            self._note(f'{name} has died ({how}){red}; {again}')
+            self._note(f'{name} has died ({how}); {again}')
         child.status = {node: child.status[node] for node in child.process.nodes}
         for row in child.status.values():
             row.update(status.state(DOWN, clauses([how, again])), rate=0.0)

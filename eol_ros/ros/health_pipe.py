@@ -1,16 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pipe to bringup: heartbeats of nodes, progress of the compiler. Writing never blocks."""
+"""The pipe to bringup, and the names of the variables with which it starts a process."""
 
 import json
 import os
 from collections.abc import Mapping
 from typing import Any
 
-from eol_ros.ros.inherited import HEALTH_FD
+HEALTH_FD = 'EOL_HEALTH_FD'
+"""The descriptor of the pipe for heartbeats, and for the progress of the compiler."""
+KEPT = 'EOL_KEPT'
+"""JSON by node: what each kept in the process that bringup saw end."""
+AGAIN = 'EOL_AGAIN'
+"""Set where the others run already: they are met soon, or not at all."""
 
 
 class HealthPipe:
-    """The write end, which HEALTH_FD names.
+    """The write end, which HEALTH_FD names; writing never blocks.
 
     A report that does not fit is dropped: the reader stands still, and has older ones to read when
     it goes on. Who reports does so every second, so the newest state comes within a second of that.

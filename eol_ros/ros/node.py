@@ -30,7 +30,7 @@ from eol_ros.core.stamp_watch import StampWatch
 from eol_ros.core.table import Table
 from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
-from eol_ros.ros.inherited import KEPT
+from eol_ros.ros.health_pipe import KEPT
 from eol_ros.ros.intake import Intake, InTurn
 from eol_ros.ros.parameters import checked, checked_live, no_setting
 from eol_ros.ros.qos import NodeQoS

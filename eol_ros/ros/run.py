@@ -22,7 +22,7 @@ from eol_ros import thread_faults
 from eol_ros.errors import EolError, warning_line
 from eol_ros.folders import state_path
 from eol_ros.ros import network
-from eol_ros.ros.inherited import HEALTH_FD
+from eol_ros.ros.health_pipe import HEALTH_FD
 from eol_ros.ros.session import ros
 from eol_ros.streams.graph import IMAGE_SOURCES, NODES
 

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from eol_ros.ros.inherited import AGAIN
+from eol_ros.ros.health_pipe import AGAIN
 from eol_ros.ros.played import played
 from eol_ros.streams.graph import TOPICS
 

@@ -106,18 +106,6 @@ def test_after_a_healthy_minute_it_starts_again_at_once_and_the_back_off_too():
     assert policy.died(101.0) == 1.0
 
 
-def test_three_deaths_in_a_minute_are_red():
-    policy = Policy()
-    for now in (0.0, 50.0, 70.0):
-        policy.died(now)
-
-    assert not policy.red()
-
-    policy.died(90.0)
-
-    assert policy.red()
-
-
 def times(end_s):
     return [0.1 * k for k in range(round(10 * end_s))]
 
