@@ -82,7 +82,7 @@ def test_each_machine_lists_all_of_them_and_names_one_that_is_pulled(machines, t
         assert found['machine']['text'] == '2 other machines heard'
         wait_until(lambda: rows('audio')['sound']['rate'] > 0, 60)  # triggers cross the cable
         values = rows('audio')['machine']['values']
-        assert abs(values['offset_ms']) < 2 + values['offset_error_ms']  # one clock for all here
+        assert 0 <= values['offset_ms'] < 20  # one clock for all here
 
         port = ('-n', machines.names['show'], 'link', 'set', machines.port('audio'))
         pulled_s = time.time()
