@@ -105,7 +105,7 @@ _NODES = (
     NodeSpec('leds', settings.LedsSettings, requires='slips', real_time=SHORT,
              publishes=('led_commands', 'block_taps', 'requests'),
              on_request=('request_results',),
-             subscribes=('slips', 'block_taps', 'requests'), optional=('blocks', 'node_states')),
+             subscribes=('slips', 'block_taps', 'requests'), optional=('blocks',)),
     NodeSpec('grains', settings.GrainsSettings, requires='blocks', real_time=SHORT,
              publishes=('grain_triggers', 'felt_triggers', 'corpus'), on_request=_ANSWERS,
              subscribes=('blocks', 'felt_slips', 'requests')),

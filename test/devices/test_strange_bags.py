@@ -133,6 +133,13 @@ def test_files_of_other_kinds_are_named(tmp_path, capsys, name, head, told):
         assert told.split(', ')[-1].split(' first')[0] in error
 
 
+@pytest.mark.parametrize('odd', [0, 1, 3_000_000_000_000_000_000, LAST_NS])
+def test_messages_of_two_ages_are_no_bag(tmp_path, odd, capsys):
+    path = write(tmp_path / 'odd.mcap', {'/t': TWO['/t']}, [odd, T0, T0 + SECOND])
+    assert cli.main(['bag', 'info', str(path)]) == 78
+    assert 'more than a year apart' in capsys.readouterr().err
+
+
 def test_one_strange_bag_of_many_is_left_out(tmp_path, capsys):
     sample = BagReader('bags/sample')
     about = {k: v for k, v in sample.about.items() if k != 'sample'}

@@ -29,6 +29,7 @@ from eol_ros.streams.graph import TOPICS, full_name, namespace_of
 if TYPE_CHECKING:
     from eol_ros.devices.bag.batches import Batch
 
+LONGEST_NS = 366 * 86400 * 10**9  # of a recording: a year
 MERGED = 4096  # messages of files that overlap in time, in memory at a time
 LOOK_BACK_NS = 60_000_000_000
 
@@ -58,7 +59,7 @@ class BagReader:
     DeviceMissing
         There is no such file.
     ConfigError
-        It is not a bag.
+        It is not a bag, or of more than a year.
 
     Examples
     --------
@@ -86,6 +87,11 @@ class BagReader:
         filled = [f for f in self.files if f.places]
         self.start_ns = min((f.start_ns for f in filled), default=0)
         self.end_ns = max((f.end_ns for f in filled), default=0)
+        if self.end_ns - self.start_ns > LONGEST_NS:
+            raise ConfigError(
+                f'{self.path}: its messages lie more than a year apart, as where the clock of a '
+                'recorder is set: `mcap filter` with --start or --end leaves some out'
+            )
 
     @property
     def duration_s(self) -> float:
