@@ -33,16 +33,18 @@ from rclpy.serialization import deserialize_message
 from benchmarks.web_browser import start as start_browser
 from eol_ros.analysis import sound
 from eol_ros.analysis.bag import Bag, open_bag
+from eol_ros.analysis.recorded_settings import recorded_table
 from eol_ros.core import terrain
 from eol_ros.core.physics.twin.play import Play
 from eol_ros.devices.bag.reader import BagMessage
 from eol_ros.devices.files.media_folder import Pictures
 from eol_ros.errors import EolError
 from eol_ros.nodes.panel_streams import STREAMS
+from eol_ros.ros.definitions import definition
 from eol_ros.ros.topics import topic_class
 from eol_ros.said import LANGUAGES
 from eol_ros.settings import PanelSettings
-from eol_ros.streams import corpus
+from eol_ros.streams import blocks, corpus
 from eol_ros.streams.graph import TOPICS
 from eol_ros.verbs.progress import track
 from eol_ros.web import notices, wire
@@ -86,15 +88,17 @@ class Teller:
     """Makes of the messages of a bag what the panel would tell its pages."""
 
     def __init__(self, bag: Bag):
-        self.bag = bag
+        self.bag, table = bag, recorded_table(bag)
         self.documents: dict[str, bytes] = {
             'terrain': (terrain.landscape(PanelSettings().terrain_seed) * 65535)
             .astype('<u2')
-            .tobytes()
+            .tobytes(),
+            'lattice': wire.text(notices.lattice(table)).encode(),
         }
+        self._blocks = blocks.Codec(definition(blocks.TYPE), cells=table.cells)
         self.pictures = Pictures()
         self._roster, self._day = notices.Roster(), notices.Day()
-        self._streams = {bag.name(topic): name for name, (topic, *_) in STREAMS.items()}
+        self._streams = {bag.name(topic): name for name, (topic, _) in STREAMS.items()}
 
     def told(self) -> Iterator[Told]:
         """Yield everything, in the order of recording."""
@@ -102,8 +106,8 @@ class Teller:
         for m in self.bag.messages():
             if m.topic in self._streams:
                 name = self._streams[m.topic]
-                _, raw, packet = STREAMS[name]
-                payload = packet(m.data if raw else self._read(m))
+                _, packet = STREAMS[name]
+                payload = packet(self._blocks.read(m.data) if name == 'blocks' else self._read(m))
                 state = name not in ('slips', 'triggers', 'sound')
                 yield self._one(m, name if state else '', payload)
             elif m.topic == self.bag.name('wall'):

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The film that the README opens with, as it is shipped."""
 
+import json
+
+from support.bag_samples import bag_of
 from support.checkout import ROOT
 
 FILM, SOUND = ROOT / 'docs/img/film.webp', ROOT / 'docs/img/film.ogg'
@@ -10,3 +13,23 @@ def test_the_readme_opens_with_it_and_names_its_sound():
     first = (ROOT / 'README.md').read_text().split('\n## ')[0]
     assert first.index('](docs/img/film.webp)') < first.index('(docs/img/film.ogg)')
     assert FILM.stat().st_size <= 4e6 and SOUND.stat().st_size <= 2e6
+
+
+def test_pages_are_told_what_a_bag_has_for_them(tmp_path):
+    from eol_msgs.msg import Block, Blocks, LedCommand, Slip, Truth
+
+    from assets.film.__main__ import Teller
+
+    blocks = Blocks(blocks=[Block(id=k) for k in range(25)])
+    blocks.header.frame_id = 'table'
+    truth = Truth(x=[0.0] * 25, y=[0.0] * 25, yaw=[0.0] * 25, moving=[False] * 25)
+    messages = [
+        ('blocks', blocks, 0),
+        ('truth', truth, 0),
+        ('led_commands', LedCommand(white=bytes(25)), 0),
+        ('slips', Slip(), 0),
+    ]
+    teller = Teller(bag_of(tmp_path / 'run', messages))
+
+    assert [one.sticky for one in teller.told()] == ['blocks', 'truth', 'leds', '']
+    assert json.loads(teller.documents['lattice'])['rows'] == 5
