@@ -84,9 +84,9 @@ def spring_forces(ends, force, first, second, k, natural, rest, geometric):
 
 @njit(cache=True)
 def step_many(ends, v, moving, force, t0, steps, h, at, rim, log, logged):
-    """Take `steps` steps of h from t0, in place; return how many events were logged.
+    """Take `steps` steps of h from t0, in place; return how many events there were.
 
-    `ends` (n + a, 2), `v` (n, 2), `moving` (n,) bool.
+    `ends` (n + a, 2), `v` (n, 2), `moving` (n,) bool. What the log has no room for is counted.
     """
     n, anchors, rail = at.n, at.anchors, at.rail
     mass, static = at.mass, at.static
@@ -106,7 +106,8 @@ def step_many(ends, v, moving, force, t0, steps, h, at, rim, log, logged):
                 if fx * fx + fy * fy <= static[i] * static[i]:
                     continue
                 moving[i] = True
-                log.t[logged], log.block[logged], log.start[logged] = t + 0.5 * h, i, 1
+                if logged < len(log.t):
+                    log.t[logged], log.block[logged], log.start[logged] = t + 0.5 * h, i, 1
                 logged += 1
             vx = v[i, 0] + h * fx / mass[i]
             vy = v[i, 1] + h * fy / mass[i]
@@ -123,7 +124,8 @@ def step_many(ends, v, moving, force, t0, steps, h, at, rim, log, logged):
                 v[i, 1] = 0.0
                 if fx * fx + fy * fy <= static[i] * static[i]:
                     moving[i] = False
-                    log.t[logged], log.block[logged], log.start[logged] = t + 0.5 * h, i, 0
+                    if logged < len(log.t):
+                        log.t[logged], log.block[logged], log.start[logged] = t + 0.5 * h, i, 0
                     logged += 1
             ends[i, 0] += 0.5 * h * v[i, 0]
             ends[i, 1] += 0.5 * h * v[i, 1]
@@ -147,4 +149,6 @@ def solve(scene: Scene, times: np.ndarray, step_s: float) -> Run:
         u_out.append(ends[: m.n].copy())
         v_out.append(v.copy())
     samples = times, np.array(u_out), np.array(v_out)
-    return Run('stepping', 'ok', *samples, *in_time(log, logged), steps, float(times[-1]))
+    return Run(
+        'stepping', 'ok', *samples, *in_time(log, min(logged, MOST_EVENTS)), steps, float(times[-1])
+    )
