@@ -15,6 +15,7 @@ from eol_ros.core import elementary
 LEARN_S = 20.0  # memory of the noise, s (chosen)
 PRIOR_SAMPLES = 10.0  # weight of the tracker's first sigma (chosen)
 ROUND_SAMPLES = 300.0  # weight of the assumption that noise is the same both ways (chosen)
+MOST = 3.0  # noise over sigma, in that of the median block (sigma is right to 1.5 times)
 OCCLUDED = 2.0  # inflation of sigma from which an error repeats in the next images (chosen)
 FLOOR_M = 1e-6  # least standard deviation of a position, m: no camera measures better
 
@@ -57,13 +58,17 @@ class NoiseModel:
     def inflation(self, sigma: np.ndarray | None, seen: np.ndarray) -> np.ndarray:
         """Return `sigma` (n,) m over its reference, >= 1: a block half under an arm has more.
 
-        The first sigma initialises the noise: a block that is first seen moving is not noisy.
+        The first sigma initialises the noise: a block that is first seen moving is not noisy. A
+        better one does so again, until images at rest count more.
         """
         if sigma is None:
             return np.ones(len(self.rows))
-        rows, new = self.rows, seen & (self.rows['samples'] == 0)
+        rows, samples = self.rows, self.rows['samples']
+        better = (samples < 2 * PRIOR_SAMPLES) & (sigma < rows['sigma_m'])
+        new = seen & (better | (samples == 0))
         if new.any():
             first = np.maximum(sigma[new], FLOOR_M)
+            rows[new] = np.zeros((), NOISE)
             rows['moments'][new, 0], rows['sigma_m'][new] = first**2, first
             rows['samples'][new] = PRIOR_SAMPLES
         reference = np.where(rows['sigma_m'] > 0, rows['sigma_m'], np.inf)
@@ -90,6 +95,8 @@ class NoiseModel:
 
         moments: (n, 3). variance: (n,) of the offsets, in units of the noise.
         """
+        if not quiet.any():
+            return
         rows, samples = self.rows, self.rows['samples']
         samples[quiet] = np.minimum(samples[quiet] + 1, LEARN_S / max(period_s, 1e-4))
         gain = np.where(quiet, 1.0 / np.maximum(samples, 1.0), 0.0)
@@ -98,3 +105,8 @@ class NoiseModel:
         if sigma is not None:  # a short occlusion does not change the reference
             unoccluded = np.minimum(sigma, OCCLUDED * rows['sigma_m'])
             rows['sigma_m'] += gain * (unoccluded - rows['sigma_m'])
+            # a block that comes into sight on its way must not take that for noise
+            known = samples > 0
+            ratio = rows['moments'][:, 0] / np.where(known, rows['sigma_m'], np.inf) ** 2
+            over = ratio / (MOST**2 * np.median(ratio[known]))
+            rows['moments'] /= np.maximum(over, 1.0)[:, None]
