@@ -58,7 +58,7 @@ def test_without_the_path_tracer_one_line_says_what_to_install(monkeypatch):
 @pytest.mark.soak
 def test_the_path_tracer_draws_what_is_shipped():
     pytest.importorskip('mitsuba')
-    film = next(f for f in films.load() if f.name == 'straight-0mm')
+    film = films.one('straight-0mm')
     light = path_tracer.covers_light(film.shot, 64)
     drawn, (u, v) = path_tracer.render(film.shot, light, 4)
     kept = film.light[v : v + drawn.shape[0], u : u + drawn.shape[1]]

@@ -21,7 +21,7 @@ from eol_ros.settings import MotionSettings, TrackerSettings
 @pytest.mark.slow
 def test_the_figures_are_those_of_a_tracker_that_sees_the_films():
     """By figures that only images and tracker together can give."""
-    film = next(f for f in films.load() if f.name == 'steep')
+    film = films.one('steep')
     flat, known = (vision_relief.rest(film, 6, how) for how in (False, True))
 
     assert known['first_sight'] == 25 and known['coverage'] == 1.0
@@ -53,7 +53,7 @@ def at_rest(film, images):
 
 @pytest.mark.slow
 def test_noise_keeps_to_the_bound_where_covers_are_half_dark_or_flash():
-    film = next(f for f in films.load() if f.name == 'tilted-lit')
+    film = films.one('tilted-lit')
     found = vision_relief.rest(film, 40, True)
 
     assert found['noise_um'] < 2.2 * 19.19  # the Cramer-Rao bound of the outlines, by v0.2.0
@@ -73,7 +73,7 @@ def behind_a_wall(film, block, share):
 
 @pytest.mark.slow
 def test_sigma_is_the_scatter_also_behind_a_wall_but_not_at_once():
-    film = next(f for f in films.load() if f.name == 'straight')
+    film = films.one('straight')
     block = int(np.argmin(film.shot.poses[:, 0]))
     places, sigma, _ = at_rest(behind_a_wall(film, block, 0.2), 300)
     scatter = places.std(axis=0).mean(axis=1)
@@ -111,7 +111,7 @@ def test_all_covers_are_found_in_six_images_however_bright_they_are(grey):
 
 @pytest.mark.slow
 def test_a_turned_table_rests_under_its_own_names():
-    film = next(f for f in films.load(films.TURNED) if f.name == 'tilted-2-0')
+    film = films.one('tilted-2-0', films.TURNED)
     places, _, slips = at_rest(film, 60)
     away = np.hypot(*np.moveaxis(places - np.median(places, axis=0), -1, 0))
 

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope='module')
 def relief():
-    return next(film for film in films.load() if film.name == 'tilted')
+    return films.one('tilted')
 
 
 @pytest.fixture(scope='module')

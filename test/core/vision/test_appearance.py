@@ -52,7 +52,7 @@ def read_only(image):
     ],
 )
 def test_printed_covers_lie_where_they_were_put(name, most_mm, mirror):
-    film = next(f for f in films.load() if f.name == name)
+    film = films.one(name)
     camera = films.calibration(film, True)
     if mirror:  # the same table, left for right in the image
         flip = np.array([[-1.0, 0, camera.image_width - 1], [0, 1, 0], [0, 0, 1]])
@@ -73,22 +73,21 @@ def test_printed_covers_lie_where_they_were_put(name, most_mm, mirror):
     assert np.abs(np.angle(np.exp(4j * yaw)) / 4).max() < math.radians(0.8)
 
 
-def lit(image, camera, at, beside_px, level=160, width_px=16.0):
-    """Return the image with the glow of a lamp `beside_px` from the place at, m."""
-    v, u = np.mgrid[0 : image.shape[0], 0 : image.shape[1]]
-    cu, cv = camera.to_pixels(np.array([at]))[0] + beside_px
-    glow = level * np.exp(-((u - cu) ** 2 + (v - cv) ** 2) / (2 * width_px**2))
-    return np.clip(image + glow, 0, 255).astype(np.uint8)
+def glow_at(place, level=160, width_px=16.0):
+    """Return the light of a lamp at the place (u, v) px over an image of 1280x800."""
+    u, v = np.arange(1280) - place[0], np.arange(800) - place[1]
+    return level * np.exp(-(v[:, None] ** 2 + u**2) / (2 * width_px**2))
 
 
 @pytest.mark.parametrize('beside_px', [(30, 0), (0, -30)])
 def test_a_printed_cover_beside_a_lamp_is_learned_from_the_first_image_on(beside_px):
-    film = next(f for f in films.load() if f.name == 'tilted')
+    film = films.one('tilted')
     camera = films.calibration(film, True)
     truth, follower = film.shot.poses[:, :2], Follower(camera)
+    glow = glow_at(camera.to_pixels(truth[12:13])[0] + beside_px)
     for k in range(90):
-        image = films.sensed(film.light, k)
-        blocks = follower.update(k / 60, read_only(lit(image, camera, truth[12], beside_px)))
+        image = np.clip(films.sensed(film.light, k) + glow, 0, 255).astype(np.uint8)
+        blocks = follower.update(k / 60, read_only(image))
         assert k < 30 or blocks['seen'].all()
     assert blocks['known'].all()
     off = np.hypot(blocks['x'] - truth[:, 0], blocks['y'] - truth[:, 1])
@@ -132,17 +131,21 @@ def test_images_of_poor_cameras_show_all_blocks(spoil, most_px):
 
 def under_an_arm(image, centre, level):
     """Return the image with an arm from below whose hand ends at the place `centre`, px."""
-    v, u = np.mgrid[0 : image.shape[0], 0 : image.shape[1]]
+    left = int(centre[0]) - 110
+    v, u = np.mgrid[0 : image.shape[0], left : left + 220]
     u, v = u - centre[0], v - centre[1]
     lower = 20 - np.abs(u + 0.13 * v)  # the arm leans
     inside = np.where(v > 0, lower, 20 - np.hypot(u, v))
     weight = np.clip(0.5 + inside / 4, 0, 1)
-    return np.clip(image * (1 - weight) + weight * level, 0, 255).astype(np.uint8)
+    image = image.copy()
+    part = image[:, left : left + 220]
+    part[:] = np.clip(part * (1 - weight) + weight * level, 0, 255)
+    return image
 
 
 @pytest.mark.parametrize('level', [90, 150])
 def test_an_arm_that_touches_a_cover_from_the_first_image_on_moves_it_little(level):
-    film = next(f for f in films.load() if f.name == 'tilted')
+    film = films.one('tilted')
     camera = films.calibration(film, True)
     truth = film.shot.poses[:, :2]
     middle, follower = camera.to_pixels(truth[12:13])[0], Follower(camera)
@@ -274,15 +277,14 @@ def test_which_way_round_the_lattice_lies_is_told_by_taps(quarters):
 
 def test_the_glow_of_a_lamp_is_no_block():
     renderer = Renderer(RenderOptions(noise='L2'), None, 2)
-    v, u = np.mgrid[0:800, 0:1280]
-    at = renderer.calibration.to_pixels(REST)
+    cu, cv = renderer.calibration.to_pixels(REST)[12]
+    glow = glow_at((cu, cv), 150, 14.0)
     images = []
     for k in range(40):
         image = renderer.render(*REST.T, np.zeros(25), k).astype(float)
         side = 40
-        cu, cv = at[12]
         image[round(cv) - side : round(cv) + side, round(cu) - side : round(cu) + side] = 14
-        image += 150 * np.exp(-((u - cu) ** 2 + (v - cv) ** 2) / (2 * 14.0**2))
+        image += glow
         images.append(np.clip(image, 0, 255).astype(np.uint8))
     found = followed(images, renderer.calibration)
     assert not found['seen'][:, 12].any()

@@ -108,7 +108,7 @@ def test_what_is_no_calibration_is_refused():
 
 
 def test_a_cover_that_is_refused_at_first_sight_is_looked_for_and_what_is_left_out_is_said():
-    film = next(f for f in films.load(films.TURNED) if f.name == 'tilted-0-1')
+    film = films.one('tilted-0-1', films.TURNED)
     image = films.sensed(film.light, 1)
     camera = films.calibration(film, True)
     start = replace(
@@ -127,7 +127,7 @@ def test_a_cover_that_is_refused_at_first_sight_is_looked_for_and_what_is_left_o
 
 def test_all_covers_are_found_at_first_sight_under_a_camera_that_leans():
     # a camera that hangs straight expects covers up to 7 % larger or smaller than they are here
-    film = next(f for f in films.load(films.STIRRED) if f.name == 'steep-3')
+    film = films.one('steep-3', films.STIRRED)
     camera = films.calibration(film, True)
     start = replace(
         calibrate.nominal(1280, 800), cover_height_m=films.SKIRT_M, covers=camera.covers

@@ -72,6 +72,12 @@ def load(folder: Path = FOLDER) -> list[Film]:
     ]
 
 
+def one(name: str, folder: Path = FOLDER) -> Film:
+    """Return one image of a folder."""
+    listed = json.loads((folder / 'films.json').read_text())
+    return _load(folder, name, listed['films'][name])
+
+
 def _load(folder: Path, name: str, one: dict[str, Any]) -> Film:
     camera = one['camera']
     view = View(
