@@ -14,8 +14,6 @@ stopped (SIGSTOP); between these the system clock is stepped, the disk filled, t
 sound card pulled, the page reloaded, and eight processes that never sleep run beside it. A fault
 is over when every node is OK again, blocks are published, and what was killed is another process.
 A process that reads only the wire and the disk looks for silences that no status reported.
-Its camera is the twin; so afterwards the museum's scene sees a film through a simulated GigE Vision
-camera, which is pulled out (benchmarks/soak_camera.py).
 """
 
 import argparse
@@ -31,7 +29,7 @@ from typing import Any, NamedTuple
 from support.jack import Jack
 from support.running import Graph, stand_in
 
-from benchmarks import soak_camera, soak_faults, soak_total
+from benchmarks import soak_faults, soak_total
 from benchmarks.machine import tell
 from benchmarks.soak_proof import Held, growth, held, prove
 from benchmarks.soak_rate import Rate, Totals
@@ -95,13 +93,11 @@ def run(args: argparse.Namespace) -> int:
                 folder, args.hours, args.rate, args.run_minutes, args.bag
             )
         if 'faults' in parts:
-            found['faults'] = done = soak_faults.measure(folder, args.faults_hours, args.seed)
-            if done['hours'] >= args.faults_hours:  # nobody has ended it
-                found['camera'] = soak_camera.measure(folder, args.faults_hours)
+            found['faults'] = soak_faults.measure(folder, args.faults_hours, args.seed)
     soak_total.append(soak_total.rows(found), args.results)
     found['all_runs'] = soak_total.total(soak_total.load(args.results))
     tell(found, args.json, table)
-    return int(any(found[part]['faults'] for part in (*PARTS, 'camera') if part in found))
+    return int(any(found[part]['faults'] for part in PARTS if part in found))
 
 
 def exhibition(
@@ -240,12 +236,6 @@ def table(found: dict[str, Any]) -> str:
             f'{_well(part)}',
             *(f'not done here: {words}' for words in part['left_out']),
             *_kinds(part), *_growth(part), _bags(part),
-        ]  # fmt: skip
-    if part := found.get('camera'):
-        told = ', '.join('never' if s is None else f'{s:g}' for s in part['said_s'])
-        lines += [
-            f'camera pulled out: {part["count"]} times; {_well(part)}; told after {told} s',
-            *_kinds(part), _bags(part),
         ]  # fmt: skip
     for part in found.values():
         if isinstance(part.get('faults'), list):

@@ -234,8 +234,7 @@ class TwinSettings:
 class CameraSettings:
     device: str = setting(
         'auto',
-        'stable camera name, /dev path, genicam:NAME (or genicam:auto) for an industrial '
-        'camera, or a file that OpenCV opens',
+        'stable camera name, /dev path, or a file that OpenCV opens',
         kind='optional path',
     )
     fps: float = setting(60.0, 'image rate; 0: the rate stated in a video file', 'Hz', 0, 240)
@@ -246,15 +245,6 @@ class CameraSettings:
         -1.0, "sensor gain in the driver's own unit; -1 leaves it unchanged", '', -1, 1000
     )
     format: str = setting('auto', 'pixel format of a live camera', choices=('auto', 'GREY', 'MJPG'))
-    trigger: str = setting(
-        '',
-        'input of a GenICam camera that starts each exposure, such as Line0; empty: free running',
-    )
-    stamped_at: str = setting(
-        'start',
-        'end of the exposure at which a GenICam camera stamps its images',
-        choices=('start', 'end'),
-    )
     loop: bool = setting(True, 'start a video file again at its end')
     calibration: str = setting(
         '', 'calibration file published in camera_info; empty: none', kind='path'

@@ -207,6 +207,7 @@ def test_the_text_of_a_setting_stands_alone(kind):
 
 FOREIGN = {
     'ROS_LOG_DIR',
+    'camera_aravis2',
     'camera_ros',
     'colcon_defaults',
     'dask',
@@ -216,6 +217,7 @@ FOREIGN = {
     'message_lost',
     'output_encoding',
     'pixel_format',
+    'pylon_ros2_camera',
     'robot_description',
     'spinnaker_camera_driver',
     'v4l2_camera',

@@ -8,7 +8,6 @@ from typing import Any
 
 from eol_ros.devices.audio import outputs
 from eol_ros.devices.board.ports import list_ports
-from eol_ros.devices.camera import aravis
 from eol_ros.devices.camera.ports import list_cameras
 from eol_ros.errors import DeviceMissing
 
@@ -28,13 +27,10 @@ class Found:
 
 def find_all() -> tuple[list[Found], list[str]]:
     """Return all devices found, and remarks on what could not be looked at."""
-    remarks, listed = [], list_cameras()
-    try:
-        listed += aravis.list_cameras()
-    except DeviceMissing as error:
-        remarks.append(f'industrial cameras: {error}')
+    remarks = []
     found = [
-        Found('camera', c.name, c.description, _line('camera', 'device', c.name)) for c in listed
+        Found('camera', c.name, c.description, _line('camera', 'device', c.name))
+        for c in list_cameras()
     ]
     found += [
         Found('board', p.name, p.description, _line('leds', 'port', p.name)) for p in list_ports()

@@ -19,14 +19,13 @@ from eol_ros.core.verdict import Verdict, judged, worst
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError
 
 HELP = (
-    'Measure focus, exposure and delay of a camera: V4L2, GenICam (genicam:NAME), the twin (twin), '
-    'or a video. Prints numbers, and shows the picture in a browser with --view. Stop the camera '
-    'node first.'
+    'Measure focus, exposure and delay of a V4L2 camera, the twin (twin), or a video. Prints '
+    'numbers, and shows the picture in a browser with --view. Stop the camera node first.'
 )
 EXAMPLES = [
     'eol camera focus',
     'eol camera focus --scene museum --view 8081',
-    'eol camera expose --device genicam:auto --exposure-us 2000 --gain 6',
+    'eol camera expose --device auto --exposure-us 2000 --gain 6',
     'eol camera latency --device twin --seconds 10 --json',
 ]
 SHOWS = ('focus', 'expose', 'latency')
@@ -52,7 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--fps', type=within(0, 240), help='images a second')
     parser.add_argument('--exposure-us', type=within(50, 16000, int), help='manual exposure')
     parser.add_argument('--gain', type=within(-1000, 1e6), help="gain, in the camera's own unit")
-    parser.add_argument('--trigger', help='trigger input of a GenICam camera')
     parser.add_argument(
         '--seconds', type=within(0.01, 86400), help='stop after SECONDS (latency: 10; else: Ctrl-C)'
     )
@@ -342,7 +340,7 @@ def _source(args: argparse.Namespace) -> Any:
         settings = dataclasses.replace(given, device=args.device)
     changes: dict[str, Any] = {
         name: value
-        for name in ('fps', 'exposure_us', 'gain', 'trigger')
+        for name in ('fps', 'exposure_us', 'gain')
         if (value := getattr(args, name)) is not None
     }
     if args.size:

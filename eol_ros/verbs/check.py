@@ -452,10 +452,11 @@ def _warnings(scene: Scene) -> Iterator[str]:
 def _devices(scene: Scene) -> Iterator[Check]:
     """Yield whether what must be plugged in is there."""
     if camera := scene.nodes.get('camera'):
-        from eol_ros.devices.camera.sources import check_present, is_file
+        from eol_ros.devices.camera.ports import find_camera
+        from eol_ros.devices.camera.sources import is_file
 
         if not is_file(camera.device):
-            yield 'camera.device', lambda: check_present(camera.device)
+            yield 'camera.device', lambda: find_camera(camera.device)
     leds = scene.nodes.get('leds')
     if leds and leds.port != 'twin':
         from eol_ros.devices.board.ports import find_port

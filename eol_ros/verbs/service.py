@@ -214,9 +214,6 @@ def _reaches_out(scene: scenes.Scene) -> bool:
     if scene.programs:  # of which nobody knows what they do
         return True
     panel, osc = scene.nodes.get('panel'), scene.nodes.get('osc')
-    camera = scene.nodes.get('camera')
-    if camera and camera.device.startswith('genicam:'):  # GigE Vision, perhaps
-        return True
     hosts = [panel.host] if panel else []
     if osc:
         hosts += [target(one)[0] for one in (*osc.send_to, *osc.tuio, *osc.tuio2)]

@@ -9,10 +9,9 @@ import os
 import time
 
 import pytest
-from support import needs
 from support.running import Graph, stand_in
 
-from benchmarks import soak, soak_camera, soak_faults
+from benchmarks import soak, soak_faults
 from eol_ros.analysis import open_bag
 
 HOURS = float(os.environ.get('EOL_SOAK_HOURS', '72'))
@@ -41,8 +40,3 @@ def test_days_of_exhibition(tmp_path):
 
 def test_hours_of_faults(tmp_path):
     assert soak_faults.measure(tmp_path, FAULTS_HOURS, 7)['faults'] == []
-
-
-def test_a_camera_that_is_pulled_out(tmp_path):
-    needs.system('libaravis-0.8-0')
-    assert soak_camera.measure(tmp_path, 0)['faults'] == []

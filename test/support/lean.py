@@ -55,7 +55,6 @@ LIBRARIES = {  # part of a mapped file's name: which nodes may have it
     'libllvmlite': ONLY['numba'],
     '/scipy/linalg': set(),
     'board/_block': {'twin'},
-    'libaravis': set(),  # a camera named `genicam:` alone loads it, and no shipped scene has one
 }
 # Besides what no node loads, for processes that are no nodes
 HEAVY = (

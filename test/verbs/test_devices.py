@@ -44,7 +44,6 @@ def plugged(tmp_path, monkeypatch):
     monkeypatch.setattr(inventory, 'DRM', tmp_path)
     monkeypatch.setattr(inventory, 'list_cameras', lambda: [CAMERA])
     monkeypatch.setattr(inventory, 'list_ports', lambda: [BOARD])
-    monkeypatch.setattr(inventory.aravis, 'list_cameras', list)
 
 
 @pytest.fixture

@@ -142,8 +142,6 @@ class Camera:
             if picture is not None:
                 self._offer(picture)
                 continue
-            if self.source.live:  # none yet: it waits for its trigger
-                continue
             if not self._loop:
                 self._at_end = True  # the last images are still on their way
                 return True

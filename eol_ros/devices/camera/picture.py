@@ -5,10 +5,6 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from eol_ros.settings import CameraSettings
-
-CLOCK_TRUST_S = 1.0  # a driver's stamp further from now than this is of another clock
-
 
 class Picture(NamedTuple):
     """One image, (height, width) uint8, and its mid-exposure time.
@@ -25,7 +21,7 @@ class SourceLost(OSError):
 
 
 class Live(Protocol):
-    """What `Camera` asks of a camera: V4L2, GenICam, or a fake."""
+    """What `Camera` asks of a camera: V4L2, the twin, or a fake."""
 
     live: Literal[True]
     name: str
@@ -38,30 +34,6 @@ class Live(Protocol):
 
     def open(self) -> None: ...
 
-    def read(self) -> Picture | None:
-        """Return the next image; None where there is none yet, and none is overdue."""
+    def read(self) -> Picture: ...
 
     def close(self) -> None: ...
-
-
-class Device:
-    """Base of V4L2 and GenICam cameras: the state that /diagnostics reports."""
-
-    live: Literal[True] = True
-
-    def __init__(self, settings: CameraSettings):
-        self.name = settings.device
-        self.fps = settings.fps or 60.0
-        self.notes: list[str] = []
-        self.odd_stamps = self.repeated = 0
-        self.exposure_us = float(settings.exposure_us)
-        self._settings = settings
-
-    @property
-    def values(self) -> dict[str, Any]:
-        """Return the counters by name."""
-        return {
-            'odd_stamps': self.odd_stamps,
-            'repeated': self.repeated,
-            'exposure_us': self.exposure_us,
-        }

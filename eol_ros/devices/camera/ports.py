@@ -10,7 +10,6 @@ from eol_ros.said import said
 
 BY_ID = Path('/dev/v4l/by-id')
 SYSTEM = Path('/sys/class/video4linux')
-GENICAM = 'genicam:'  # begins the name of an industrial camera in a scene
 
 
 def list_cameras() -> list[Port]:

@@ -9,8 +9,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from eol_ros.devices.camera.picture import CLOCK_TRUST_S, Device, Live, Picture, SourceLost
-from eol_ros.devices.camera.ports import GENICAM, find_camera
+from eol_ros.devices.camera.picture import Picture, SourceLost
+from eol_ros.devices.camera.ports import find_camera
 from eol_ros.devices.files.names import is_text
 from eol_ros.disk import check_file, readable
 from eol_ros.errors import ConfigError, DeviceMissing
@@ -21,13 +21,12 @@ COLOUR_LEVELS = 12  # channels further apart are colour; JPEG of a grey image st
 COLOUR_SHARE = 1e-3  # of the pixels
 MANUAL_EXPOSURE = 1  # V4L2_EXPOSURE_MANUAL
 EXPOSURE_UNIT_US = 100  # of V4L2_CID_EXPOSURE_ABSOLUTE
+CLOCK_TRUST_S = 1.0  # a driver's stamp further from now than this is of another clock
 
 
 def is_file(device: str) -> bool:
     """Return whether `device` names a video file or a numbered series of images, not a camera."""
-    return readable(device) or (
-        not device.startswith(('/dev/', GENICAM)) and any(c in device for c in '%/.')
-    )
+    return readable(device) or (not device.startswith('/dev/') and any(c in device for c in '%/.'))
 
 
 def check_image(image: np.ndarray, settings: CameraSettings, name: str) -> None:
@@ -99,8 +98,8 @@ class VideoFile:
         capture = open_video(self.name)
         if not capture.isOpened():
             raise ConfigError(
-                f'camera.device: OpenCV cannot open {self.name} as a video; give a video, '
-                '/dev/videoN or genicam:NAME'
+                f'camera.device: OpenCV cannot open {self.name} as a video; give a video '
+                'or /dev/videoN'
             )
         capture.set(cv2.CAP_PROP_CONVERT_RGB, 0 if grey else 1)
         return capture
@@ -173,20 +172,36 @@ def open_v4l2(path: str) -> Any:
     return cv2.VideoCapture(path, cv2.CAP_V4L2)
 
 
-class LiveCamera(Device):
+class LiveCamera:
     """A V4L2 camera in GREY or MJPG with manual exposure.
 
     `find` returns the path for a name in the scene; `open_capture(path)` returns an object with the
     methods of cv2.VideoCapture.
     """
 
+    live: Literal[True] = True
+
     def __init__(self, settings: CameraSettings):
-        super().__init__(settings)
+        self.name = settings.device
+        self.fps = settings.fps or 60.0
+        self.notes: list[str] = []
+        self.odd_stamps = self.repeated = 0
+        self.exposure_us = float(settings.exposure_us)
+        self._settings = settings
         self.find: Callable[[str], str] = find_camera
         self.open_capture: Callable[[str], Any] = open_v4l2
         self._capture: Any = None
         self._format = ''
         self._last_ns = 0
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Return the counters by name."""
+        return {
+            'odd_stamps': self.odd_stamps,
+            'repeated': self.repeated,
+            'exposure_us': self.exposure_us,
+        }
 
     def open(self) -> None:
         """Open the camera, set format, then exposure, and read back what it took."""
@@ -251,7 +266,7 @@ class LiveCamera(Device):
                 self.notes.append(f'exposure {taken_us:.0f} us, not the {asked_us} asked for')
             self.exposure_us = taken_us
 
-    def read(self) -> Picture | None:
+    def read(self) -> Picture:
         """Wait for the next image and return it; SourceLost when the camera has none to give."""
         import cv2
 
@@ -300,20 +315,6 @@ class LiveCamera(Device):
             self._capture = None
 
 
-def source_of(settings: CameraSettings) -> VideoFile | Live:
+def source_of(settings: CameraSettings) -> VideoFile | LiveCamera:
     """Return the source that `settings.device` names."""
-    if settings.device.startswith(GENICAM):
-        from eol_ros.devices.camera.genicam import GenicamCamera
-
-        return GenicamCamera(settings)
     return VideoFile(settings) if is_file(settings.device) else LiveCamera(settings)
-
-
-def check_present(device: str) -> None:
-    """Raise DeviceMissing unless the camera that `device` names is there, or can be looked for."""
-    if device.startswith(GENICAM):
-        from eol_ros.devices.camera import genicam
-
-        genicam.find_camera(device)
-    else:
-        find_camera(device)
