@@ -15,7 +15,7 @@ from eol_ros.core.serial_protocol import MOST_BLOCKS
 from eol_ros.core.verdict import Verdict
 from eol_ros.errors import DeviceMissing, UsageError
 
-HELP = 'List the blocks with battery and firmware; find, test and program them.'
+HELP = 'List the blocks with battery and firmware; find and test them.'
 EXAMPLES = [
     'eol board',
     'eol board --port /dev/serial/by-id/usb-bridge --json',
@@ -23,9 +23,6 @@ EXAMPLES = [
     'eol board --knocks --seconds 120',
     'eol board --self-test',
     'eol board --self-test 7',
-    'eol board --flash 7 --new                # a chip from the factory becomes block 7',
-    'eol board --flash bridge                 # its jumper BOOT0 at 1, and its button pushed',
-    'eol board --flash 7 --programmer arduino --programmer-port /dev/ttyUSB0',
 ]
 TOLD_S = 5.0  # at most, until all statuses are there
 BLINK_S = 0.5  # from flash to flash
@@ -54,29 +51,6 @@ def add_arguments(parser):
         help='let one block, or all, test their LEDs and their accelerometer',
     )
     parser.add_argument(
-        '--flash',
-        metavar='BLOCK|bridge',
-        help='write firmware and number into the block at the programmer, with avrdude; '
-        'or write the bridge at --port, with stm32flash',
-    )
-    parser.add_argument(
-        '--new', action='store_true', help='with --flash: write the fuses first, for a new chip'
-    )
-    parser.add_argument(
-        '--program',
-        metavar='FILE',
-        help='firmware file (default: firmware/build/block.hex, or bluepill.bin)',
-    )
-    parser.add_argument(
-        '--programmer', default='usbasp', help="programmer for avrdude's -c (default: usbasp)"
-    )
-    parser.add_argument(
-        '--programmer-port', default='', metavar='PORT', help="port for avrdude's -P"
-    )
-    parser.add_argument(
-        '--dry-run', action='store_true', help='with --flash: print the commands, and run none'
-    )
-    parser.add_argument(
         '--seconds',
         type=within(0.01, 3600),
         help='duration of --blink (default: 5) or --knocks (default: 60)',
@@ -89,11 +63,8 @@ def run(args) -> int:
     from eol_ros.core.serial_protocol import BY_ITSELF, LIMITED, Detector, Lighting
     from eol_ros.devices.board.board import Board
 
-    ways = [args.blink is not None, args.knocks, args.self_test is not None, args.flash is not None]
-    if sum(ways) > 1:
-        raise UsageError('give one of --blink, --knocks, --self-test and --flash, not several')
-    if args.flash is not None:
-        return _flash(args)
+    if (args.blink is not None) + args.knocks + (args.self_test is not None) > 1:
+        raise UsageError('give one of --blink, --knocks and --self-test, not several')
     tested = None if args.self_test in (None, 'all') else _number('--self-test', args.self_test)
     seconds = args.seconds or (60.0 if args.knocks else 5.0)
     taps: list = []
@@ -165,49 +136,6 @@ def _say_old(blocks) -> None:
         print(f'firmware {newest} is newer than that of {", ".join(old)}', file=sys.stderr)
 
 
-def _flash(args) -> int:
-    import shlex
-    from pathlib import Path
-
-    from eol_ros.core.serial_protocol import FIRMWARE
-    from eol_ros.devices.board.programmer import PROGRAM, commands, flash
-
-    version = '' if args.program else f' {".".join(map(str, FIRMWARE))}'
-    if args.flash == 'bridge':
-        return _flash_bridge(args, version)
-    number = _number('--flash', args.flash, MOST_BLOCKS)
-    program = Path(args.program) if args.program else PROGRAM
-    words = (number, program, args.programmer, args.programmer_port, args.new)
-    if args.dry_run:
-        for command in commands(*words):
-            print(shlex.join(command))
-        return 0
-    flash(*words)
-    print(f'block {args.flash} has its firmware{version}; `eol board --self-test {args.flash}`')
-    return 0
-
-
-def _flash_bridge(args, version: str) -> int:
-    import shlex
-    from pathlib import Path
-
-    from eol_ros.devices.board.ports import find_port
-    from eol_ros.devices.board.programmer import BRIDGE_PROGRAM, bridge_command, flash_bridge
-
-    if args.new:
-        raise UsageError('--new is for blocks: the bridge has no fuses')
-    program = Path(args.program) if args.program else BRIDGE_PROGRAM
-    if args.dry_run:
-        port = 'PORT' if args.port == 'auto' else args.port
-        print(shlex.join(bridge_command(program, port)))
-        return 0
-    flash_bridge(find_port(args.port), program)
-    print(
-        f'the bridge has its firmware{version}: put BOOT0 back to 0, push its button; `eol board`'
-    )
-    return 0
-
-
 def _number(option: str, text: str, count: int = MOST_BLOCKS) -> int:
     if not text.isdecimal() or int(text) >= count:
         raise UsageError(f'{option} {text}: {_known(count)}')
@@ -230,7 +158,7 @@ def _self_test(board, blocks, tested: Sequence[int], as_json: bool) -> int:
         elif (status.major, status.minor) < TESTS_FROM:
             wrong = [
                 f'its firmware {status.major}.{status.minor} cannot test itself: '
-                f'eol board --flash {number}'
+                f'make -C firmware flash NUMBER={number}'
             ]
         else:
             board.self_test(number)

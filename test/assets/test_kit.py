@@ -86,7 +86,9 @@ def test_the_battery_is_read_by_the_divider_that_is_there(circuit):
 
 def test_the_fuses_are_those_of_the_clock_that_the_firmware_counts_with(circuit):
     """Data sheet 8271, tables 9-4 and 28-7: a programmed fuse is 0."""
-    assert '-DF_CPU=8000000UL' in (ROOT / 'firmware' / 'Makefile').read_text()
+    makefile = (ROOT / 'firmware' / 'Makefile').read_text()
+    assert '-DF_CPU=8000000UL' in makefile
+    assert all(f'-U {n}:w:0x{f["value"]:02X}:m' in makefile for n, f in circuit.fuses.items())
     assert '8 MHz' in circuit.parts['Y1'].what
     low, high, extended = (circuit.fuses[f]['value'] for f in ('lfuse', 'hfuse', 'efuse'))
     assert low & 0x80 and low & 0x0F == 0x0F and low & 0x30 == 0  # not divided; 8 to 16 MHz; 1K CK

@@ -7,6 +7,7 @@ And all firmware: compiled without a warning, and run where undefined behaviour 
 import ctypes
 import dataclasses
 import random
+import re
 
 import pytest
 from support.native import FIRMWARE, assert_compiles, library, output
@@ -255,3 +256,10 @@ def test_a_million_bytes_make_the_bridge_do_nothing_undefined(tmp_path):
     assert sent > 100_000
     assert said > 1000
     assert dropped > 100  # whole packets, so that the next one is read
+
+
+def test_the_version_is_that_of_the_sources():
+    for header, name in (('block/block.h', 'BLOCK'), ('bridge/bridge.h', 'BRIDGE')):
+        text = (FIRMWARE / header).read_text()
+        found = [int(re.search(rf'EOL_{name}_{n} = (\d+)', text)[1]) for n in ('MAJOR', 'MINOR')]
+        assert tuple(found) == p.FIRMWARE, header

@@ -1,30 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The real stm32flash takes the command line that `eol board --flash bridge` gives it."""
+"""The real stm32flash takes the command line of `make flash-bridge`."""
 
 import os
 import shutil
+import subprocess
 
 import pytest
 from support import needs
 from support.emulated import built
 
-from eol_ros import cli
-
 pytestmark = [pytest.mark.firmware, needs.marker('stm32flash', 'gcc-arm-none-eabi', 'gcc-avr')]
 
 
-@pytest.fixture
-def without_parity(tmp_path, monkeypatch):
+def test_it_gets_as_far_as_to_miss_the_bridge(tmp_path):
     """A pty knows no parity, which the loader of a real part wants."""
     program = tmp_path / 'stm32flash'
     program.write_text(f'#!/bin/sh\nexec {shutil.which("stm32flash")} -m 8n1 "$@"\n')
     program.chmod(0o755)
-    monkeypatch.setenv('PATH', f'{tmp_path}:{os.environ["PATH"]}')
-
-
-def test_a_bridge_that_does_not_answer_is_one_line(without_parity, capsys):
     _, slave = os.openpty()
-    built()
-    assert cli.main(['board', '--flash', 'bridge', '--port', os.ttyname(slave)]) == 69
-    err = capsys.readouterr().err
-    assert 'put its jumper BOOT0 to 1' in err and len(err.splitlines()) == 1
+    command = ['make', '-C', str(built().parent), 'flash-bridge', f'PORT={os.ttyname(slave)}']
+    path = f'{tmp_path}:{os.environ["PATH"]}'
+    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, 'PATH': path})
+    assert done.returncode and 'Failed to init device' in done.stdout + done.stderr
