@@ -937,25 +937,6 @@ class MidiSettings:
 
 
 @dataclass(frozen=True)
-class SacnSettings:
-    send_to: tuple[str, ...] = setting(
-        (), 'receivers of sACN, HOST or HOST:PORT; empty: all, by multicast'
-    )
-    send_from: str = setting(
-        '',
-        "IPv4 address of this machine's network card that sends sACN; empty: as the routing "
-        'table says',
-    )
-    universe: int = setting(1, 'DMX universe', '', 1, 63999)
-    first_channel: int = setting(
-        1, 'DMX channel of block 0; block n has the channel that is n higher', '', 1, 512
-    )
-    priority: int = setting(
-        100, 'priority over other sources of the universe (E1.31); the highest counts', '', 0, 200
-    )
-
-
-@dataclass(frozen=True)
 class PanelSettings:
     host: str = setting(
         '127.0.0.1', 'address on which the panel listens; 0.0.0.0 opens it to the network'

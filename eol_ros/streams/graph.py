@@ -128,8 +128,6 @@ _NODES = (
                        'node_states', 'request_results')),
     NodeSpec('midi', settings.MidiSettings, requires='slips', real_time=SHORT,
              subscribes=('slips', 'cascades'), optional=('blocks', 'request_results')),
-    NodeSpec('sacn', settings.SacnSettings, requires='led_commands', real_time=SHORT,
-             subscribes=('led_commands',)),
     NodeSpec('panel', settings.PanelSettings, nice=3,
              publishes=('work_state', 'markers', 'block_poses', '/tf_static'),
              on_request=('rim_command', *_ANSWERS),
