@@ -19,14 +19,14 @@ from eol_ros.core.verdict import Verdict, judged, worst
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError
 
 HELP = (
-    'Measure focus, exposure and delay of a V4L2 camera, the twin (twin), or a video. Prints '
-    'numbers, and shows the picture in a browser with --view. Stop the camera node first.'
+    'Measure focus, exposure and delay of a V4L2 camera, or a video. Prints numbers, and shows the '
+    'picture in a browser with --view. Stop the camera node first.'
 )
 EXAMPLES = [
     'eol camera focus',
     'eol camera focus --scene museum --view 8081',
     'eol camera expose --device auto --exposure-us 2000 --gain 6',
-    'eol camera latency --device twin --seconds 10 --json',
+    'eol camera latency --seconds 10 --json',
 ]
 SHOWS = ('focus', 'expose', 'latency')
 EVERY_S = 0.25  # from number to number
@@ -45,8 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='focus: blur of the edges, while you turn the lens; expose: brightness and saturated '
             'share; latency: from exposure to arrival, jitter and losses',
     )  # fmt: skip
-    parser.add_argument('--scene', help='scene with the settings of camera or twin')
-    parser.add_argument('--device', help='value of camera.device in a scene, or twin')
+    parser.add_argument('--scene', help='scene with the settings of the camera')
+    parser.add_argument('--device', help='value of camera.device in a scene')
     parser.add_argument('--size', metavar='WxH', help='image size (default: 1280x800)')
     parser.add_argument('--fps', type=within(0, 240), help='images a second')
     parser.add_argument('--exposure-us', type=within(50, 16000, int), help='manual exposure')
@@ -320,27 +320,18 @@ def _number(value: float, digits: int) -> float | None:
 def _source(args: argparse.Namespace) -> Any:
     """Return the camera that is meant, with its settings from scene and command line."""
     from eol_ros import scene as scenes
-    from eol_ros.core.table import Table
     from eol_ros.devices.camera.sources import source_of
-    from eol_ros.devices.camera.twin import TwinCamera
-    from eol_ros.settings import CameraSettings, TwinSettings
+    from eol_ros.settings import CameraSettings
 
-    settings: CameraSettings | TwinSettings = CameraSettings()
-    table = Table()
+    settings = CameraSettings()
     if args.scene:
-        scene = scenes.load(args.scene)
-        node = next((n for n in ('camera', 'twin') if n in scene.nodes), None)
-        if node is None:
-            raise ConfigError(f'{args.scene}: has neither a camera nor a twin')
-        settings, table = scene.nodes[node], Table.of(scene.table)
-    if args.device == 'twin' and not isinstance(settings, TwinSettings):
-        settings = TwinSettings()
-    elif args.device not in (None, 'twin'):
-        given = settings if isinstance(settings, CameraSettings) else CameraSettings()
-        settings = dataclasses.replace(given, device=args.device)
+        found = scenes.load(args.scene).nodes.get('camera')
+        if found is None:
+            raise ConfigError(f'{args.scene}: has no camera')
+        settings = found
     changes: dict[str, Any] = {
         name: value
-        for name in ('fps', 'exposure_us', 'gain')
+        for name in ('device', 'fps', 'exposure_us', 'gain')
         if (value := getattr(args, name)) is not None
     }
     if args.size:
@@ -351,13 +342,8 @@ def _source(args: argparse.Namespace) -> Any:
     fields = {f.name: f for f in dataclasses.fields(settings)}
     for name, value in changes.items():
         option = 'size' if name in ('width', 'height') else name.replace('_', '-')
-        if name not in fields:
-            raise UsageError(f'--{option}: the twin has none')
         try:
             changes[name] = scenes.check_value(fields[name], value)
         except ConfigError as error:
             raise UsageError(f'--{option}: {error}') from None
-    settings = dataclasses.replace(settings, **changes)
-    if isinstance(settings, TwinSettings):
-        return TwinCamera(settings, table)
-    return source_of(settings)
+    return source_of(dataclasses.replace(settings, **changes))

@@ -12,6 +12,9 @@ from support.fake_camera import FakeCamera, fake_source
 from support.waiting import wait_until
 
 from eol_ros.cli import main
+from eol_ros.core.table import Table
+from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.devices.camera.live_view import LiveView
 from eol_ros.errors import UsageError
 from eol_ros.settings import CameraSettings
@@ -22,19 +25,36 @@ def lines(capsys):
     return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
 
 
-def test_the_twins_lens_is_as_its_renderer_says(capsys):
+def film(folder, *images, n=40):
+    path = folder / 'film.mkv'
+    size = images[0].shape[::-1]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*'FFV1'), 60, size, False)
+    for k in range(n):
+        writer.write(images[k % len(images)])
+    writer.release()
+    return ['--device', str(path), '--size', 'x'.join(map(str, size))]
+
+
+@pytest.fixture(scope='module')
+def rendered(tmp_path_factory):
+    """The words for a film of resting blocks."""
+    renderer = Renderer(RenderOptions(), Calibration.ideal(640, 400), 1)
+    x, y = Table().rest.T
+    images = [renderer.render(x, y, np.zeros(len(x)), k).copy() for k in range(8)]
+    return film(tmp_path_factory.mktemp('film'), *images)
+
+
+def test_the_renderers_lens_is_as_it_says(rendered, capsys):
     """Its point spread function is a Gaussian of 1.2 px."""
-    words = 'camera focus --device twin --size 640x400 --fps 30 --seconds 0.3 --json'
-    assert main(words.split()) == 0
+    assert main(['camera', 'focus', '--seconds', '0.3', '--json', *rendered]) == 0
 
     found = lines(capsys)[-1]
     assert found['blur_px'] == pytest.approx(1.2, abs=0.08)
     np.testing.assert_allclose(found['tiles_px'], 1.2, atol=0.1)
 
 
-def test_exposure_of_the_twin_is_good(capsys):
-    words = 'camera expose --scene rehearsal --size 640x400 --fps 30 --seconds 0.3 --json'
-    assert main(words.split()) == 0
+def test_exposure_of_the_renderer_is_good(rendered, capsys):
+    assert main(['camera', 'expose', '--seconds', '0.3', '--json', *rendered]) == 0
 
     found = lines(capsys)[-1]
     assert found['block_level'] == pytest.approx(184, abs=8)  # as RenderOptions has it
@@ -79,17 +99,6 @@ def test_latency_of_a_v4l2_camera(monkeypatch, capsys):
     assert found['images'] > 0 and found['odd_stamps'] == 0
 
 
-def film(folder, image, n=40):
-    path = folder / 'film.mkv'
-    writer = cv2.VideoWriter(
-        str(path), cv2.VideoWriter_fourcc(*'FFV1'), 60, image.shape[::-1], False
-    )
-    for _ in range(n):
-        writer.write(image)
-    writer.release()
-    return ['--device', str(path), '--size', 'x'.join(map(str, image.shape[::-1]))]
-
-
 @pytest.mark.parametrize(
     ('level', 'words'), [(0, 'image is black: check lens cap'), (255, 'image is white')]
 )
@@ -123,10 +132,9 @@ def test_a_saturated_image_says_what_to_do(tmp_path, capsys):
         ('focus --size 3', 2, '--size 3: give width and height, such as 1280x800'),
         ('focus --size 1x1', 2, '--size: 1 is out of range (160 to 4096 px)'),
         ('focus --seconds 0', 2, '--seconds: 0 is outside 0.01 to 86400'),
-        ('focus --device twin --view 99999', 2, '--view: 99999 is outside 0 to 65535'),
-        ('expose --device twin --gain 3', 2, '--gain: the twin has none'),
+        ('focus --view 99999', 2, '--view: 99999 is outside 0 to 65535'),
         ('latency --device film.avi', 2, 'film.avi is a video; name a camera'),
-        ('focus --scene playback', 78, 'playback: has neither a camera nor a twin'),
+        ('focus --scene playback', 78, 'playback: has no camera'),
     ],
 )
 def test_a_mistake_is_one_line(capsys, words, code, told, tmp_path, monkeypatch):

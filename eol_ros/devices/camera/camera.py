@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eol_ros.devices.backoff import Backoff
-from eol_ros.devices.camera.picture import Live, Picture
-from eol_ros.devices.camera.sources import VideoFile
+from eol_ros.devices.camera.sources import LiveCamera, Picture, VideoFile
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import ConfigError, DeviceMissing
@@ -51,7 +50,7 @@ class Camera:
 
     def __init__(
         self,
-        source: VideoFile | Live,
+        source: VideoFile | LiveCamera,
         deliver: Callable[[int, np.ndarray], None],
         on_state: Callable[[State], None] = lambda state: None,
         loop: bool = True,

@@ -5,11 +5,10 @@ import os
 import tempfile
 import time
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from eol_ros.devices.camera.picture import Picture, SourceLost
 from eol_ros.devices.camera.ports import find_camera
 from eol_ros.devices.files.names import is_text
 from eol_ros.disk import check_file, readable
@@ -22,6 +21,20 @@ COLOUR_SHARE = 1e-3  # of the pixels
 MANUAL_EXPOSURE = 1  # V4L2_EXPOSURE_MANUAL
 EXPOSURE_UNIT_US = 100  # of V4L2_CID_EXPOSURE_ABSOLUTE
 CLOCK_TRUST_S = 1.0  # a driver's stamp further from now than this is of another clock
+
+
+class Picture(NamedTuple):
+    """One image, (height, width) uint8, and its mid-exposure time.
+
+    `monotonic_ns` is on CLOCK_MONOTONIC; None for a file, whose images are due when the clock says.
+    """
+
+    monotonic_ns: int | None
+    image: np.ndarray
+
+
+class SourceLost(OSError):
+    """The camera gives no more images: unplugged, or its driver gave up."""
 
 
 def is_file(device: str) -> bool:
