@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read and write sound files through libsndfile: any format, rate and number of channels."""
 
-import contextlib
-import io
 import itertools
 import math
 import os
 import re
-import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,10 +61,7 @@ def read_mono(path, rate: int | None = None, guard: int = 0) -> Sound:
         raise DeviceMissing(said('no_sound_file', path=path))
     notes: list[str] = []
     try:
-        with (
-            _sized(path) or contextlib.nullcontext(os.fsencode(path)) as content,
-            soundfile.SoundFile(content) as sound,
-        ):
+        with soundfile.SoundFile(os.fsencode(path)) as sound:
             own_rate, channels = sound.samplerate, sound.channels
             rate = rate or own_rate
             _check(path, sound, rate)
@@ -108,6 +102,8 @@ def read_mono(path, rate: int | None = None, guard: int = 0) -> Sound:
         )
     if count < SHORTEST_S * own_rate:
         why = f'give a sound of at least {SHORTEST_S * 1e3:.0f} ms'
+        if not whole:  # as the header of a recorder that was cut off says
+            why += ', or mend its header: ffmpeg -i IN.wav OUT.wav'
         if notes:
             why = notes[0].removeprefix(f'{path}: ').partition(';')[0]
         raise ConfigError(
@@ -235,47 +231,6 @@ def _said_frames(sound: soundfile.SoundFile) -> int:
     size, there = map(int, said.groups()) if said else (0, 0)
     cut = there < size < UNKNOWN_SIZE
     return round(sound.frames * size / there) if cut and there else sound.frames
-
-
-def _sized(path: Path) -> io.FileIO | None:
-    """Open a WAV whose data has size 0, as a recorder that was cut off leaves it; None for others.
-
-    The size is then that of the rest of the file.
-    """
-    with path.open('rb') as file:
-        head = file.read(4096)
-        if head[:4] != b'RIFF' or head[8:12] != b'WAVE':
-            return None
-        at = 12
-        while at + 8 <= len(head):
-            kind, size = struct.unpack_from('<4sI', head, at)
-            if kind == b'data':
-                rest = file.seek(0, os.SEEK_END) - at - 8
-                return None if size or rest <= 0 else _Sized(path, at, rest)
-            at += 8 + size + size % 2
-    return None
-
-
-class _Sized(io.FileIO):
-    """A WAV that reads as if its header said how many bytes of data follow from `at` on."""
-
-    def __init__(self, path: Path, at: int, rest: int):
-        super().__init__(path)
-        sizes = {4: at + rest, at + 4: rest}
-        self._said = {
-            place + i: byte
-            for place, size in sizes.items()
-            for i, byte in enumerate(struct.pack('<I', min(size, 0xFFFFFFFF)))
-        }
-
-    def readinto(self, buffer) -> int:
-        """Read as a file does."""
-        at = self.tell()
-        count = super().readinto(buffer) or 0
-        for place, byte in self._said.items():
-            if at <= place < at + count:
-                memoryview(buffer).cast('B')[place - at] = byte
-        return count
 
 
 class _Pieces:
