@@ -177,7 +177,8 @@ class Twin:
 
 def onsets(truths: list, settings) -> list[tuple[int, int]]:
     """Return (time in ns, block) of each slip's beginning, in order; raise if the twins differ."""
-    from eol_ros.devices.camera.exposure_clock import moved_to
+    from support.exposures import moved_to
+
     from eol_ros.nodes.twin import LONGEST_STEP_S
 
     twin, found, before_ns = Twin(settings.seed), [], 0

@@ -19,12 +19,12 @@ from eol_ros.core.verdict import Verdict, judged, worst
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError
 
 HELP = (
-    'Measure focus, exposure and delay of a V4L2 camera, or a video. Prints numbers, and shows the '
-    'picture in a browser with --view. Stop the camera node first.'
+    'Print focus, exposure and delay of a V4L2 camera, or of a video. Stop the camera node first. '
+    'The panel of a running scene shows the picture.'
 )
 EXAMPLES = [
     'eol camera focus',
-    'eol camera focus --scene museum --view 8081',
+    'eol camera focus --scene museum',
     'eol camera expose --device auto --exposure-us 2000 --gain 6',
     'eol camera latency --seconds 10 --json',
 ]
@@ -54,10 +54,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--seconds', type=within(0.01, 86400), help='stop after SECONDS (latency: 10; else: Ctrl-C)'
     )
-    parser.add_argument(
-        '--view', metavar='PORT', type=within(0, 65535, int),
-        help='show the picture at http://127.0.0.1:PORT (over ssh: ssh -L PORT:127.0.0.1:PORT)',
-    )  # fmt: skip
     parser.add_argument('--json', action='store_true', help='print one JSON object a line')
 
 
@@ -69,13 +65,8 @@ def run(args: argparse.Namespace) -> int:
     from eol_ros.devices.camera.camera import Camera
 
     meter: Any = {'focus': Focus, 'expose': Expose, 'latency': Latency}[args.show](source)
-    arrivals, view, found = Arrivals(), None, None
+    arrivals, found = Arrivals(), None
     camera = Camera(source, arrivals.take, loop=False)
-    if args.view is not None:
-        from eol_ros.devices.camera.live_view import LiveView
-
-        view = LiveView(args.view)
-        print(f'picture at {view.url}', file=sys.stderr)
     end = '\r' if sys.stdout.isatty() and not args.json else '\n'
     try:
         camera.start()
@@ -84,12 +75,10 @@ def run(args: argparse.Namespace) -> int:
         endless = args.seconds is None and args.show != 'latency'
         quiet = args.show == 'latency' and args.json
         seconds = math.inf if endless else args.seconds or 10.0
-        for found, image in _measured(camera, arrivals, meter, seconds):
+        for found in _measured(camera, arrivals, meter, seconds):
             line = meter.line(found)
             if not quiet:
                 print(json.dumps(found) if args.json else f'{line:100}', end=end, flush=True)
-            if view:
-                view.show(image, line)
         if args.show == 'latency':
             found = meter.summary(camera)
             print(json.dumps(found) if args.json else meter.text(found))
@@ -97,15 +86,13 @@ def run(args: argparse.Namespace) -> int:
         if found and 'verdict' in found and not args.json:
             print(f'\n{meter.verdict}' if end == '\r' else meter.verdict)
         camera.close()
-        if view:
-            view.close()
     return 0
 
 
 def _measured(
     camera: Any, arrivals: 'Arrivals', meter: Any, seconds: float
-) -> Iterator[tuple[dict[str, Any], np.ndarray]]:
-    """Yield the figures of what has come, and the last image, every EVERY_S for `seconds`.
+) -> Iterator[dict[str, Any]]:
+    """Yield the figures of what has come every EVERY_S for `seconds`.
 
     Ends where a video ends; DeviceMissing where the camera is lost. Says what is wrong with images.
     """
@@ -117,7 +104,7 @@ def _measured(
             told = arrivals.fault
             print(told or 'the image is as it should be again', file=sys.stderr)
         if times:
-            yield meter.take(times, images), images[-1]
+            yield meter.take(times, images)
         elif camera.state.kind == 'ended':
             return
         elif camera.state.kind in FAILED:

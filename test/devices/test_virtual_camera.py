@@ -5,9 +5,10 @@ import itertools
 import threading
 
 import numpy as np
+from support.exposures import moved_to
 from support.waiting import wait_until
 
-from eol_ros.devices.camera.exposure_clock import NS, SPARE_NS, VirtualCamera, moved_to
+from eol_ros.devices.camera.exposure_clock import NS, SPARE_NS, VirtualCamera
 
 RATE_HZ, PERIOD_NS, EXPOSURE_S = 200.0, NS // 200, 0.004
 HALF_NS = round(EXPOSURE_S / 2 * NS)

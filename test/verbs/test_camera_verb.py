@@ -1,22 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 import json
-import threading
 import types
-import urllib.error
-import urllib.request
 
 import cv2
 import numpy as np
 import pytest
 from support.fake_camera import FakeCamera, fake_source
-from support.waiting import wait_until
 
 from eol_ros.cli import main
 from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
-from eol_ros.devices.camera.live_view import LiveView
-from eol_ros.errors import UsageError
 from eol_ros.settings import CameraSettings
 from eol_ros.verbs import camera as verb
 
@@ -132,7 +126,6 @@ def test_a_saturated_image_says_what_to_do(tmp_path, capsys):
         ('focus --size 3', 2, '--size 3: give width and height, such as 1280x800'),
         ('focus --size 1x1', 2, '--size: 1 is out of range (160 to 4096 px)'),
         ('focus --seconds 0', 2, '--seconds: 0 is outside 0.01 to 86400'),
-        ('focus --view 99999', 2, '--view: 99999 is outside 0 to 65535'),
         ('latency --device film.avi', 2, 'film.avi is a video; name a camera'),
         ('focus --scene playback', 78, 'playback: has no camera'),
     ],
@@ -144,34 +137,3 @@ def test_a_mistake_is_one_line(capsys, words, code, told, tmp_path, monkeypatch)
     assert main(['camera', *words.split()]) == code
 
     assert told in capsys.readouterr().err.strip()
-
-
-def test_a_picture_is_in_the_browser():
-    view = LiveView(0)
-    try:
-        assert b'/stream' in urllib.request.urlopen(view.url, timeout=10).read()
-        with pytest.raises(urllib.error.HTTPError):
-            urllib.request.urlopen(view.url + 'etc/passwd', timeout=10)
-        image = np.zeros((200, 320), np.uint8)
-        image[100:, 160:] = 200
-        stop = threading.Event()
-
-        def show():
-            while not stop.wait(0.02):
-                view.show(image, '1.20 px')
-
-        shower = threading.Thread(target=show)
-        shower.start()
-        with urllib.request.urlopen(view.url + 'stream', timeout=10) as stream:
-            head = [stream.readline().strip() for _ in range(4)]
-            jpeg = stream.read(int(head[2].rpartition(b' ')[2]))
-        stop.set()
-        shower.join()
-        seen = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
-        assert seen.shape == (200, 320, 3)
-        assert seen[150, 240].mean() == pytest.approx(200, abs=8)
-        with pytest.raises(UsageError, match='cannot serve there'):
-            LiveView(int(view.url.rstrip('/').rpartition(':')[2]))
-    finally:
-        view.close()
-    assert wait_until(lambda: not view._thread.is_alive())

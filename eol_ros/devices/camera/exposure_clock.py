@@ -22,18 +22,6 @@ class SystemClock:
         return stop.wait(seconds)
 
 
-def moved_to(first_ns: int, before_ns: int, stamp_ns: int, rate_hz: float) -> list[int]:
-    """Return the stamps for which `move` was called from an image to the next one.
-
-    first_ns, before_ns, stamp_ns: of the first image, of one, and of the next. Where images were
-    skipped between these, the first of them had been moved to already.
-    """
-    period_ns = NS / rate_hz
-    before, image = (round((at_ns - first_ns) / period_ns) for at_ns in (before_ns, stamp_ns))
-    skipped = [first_ns + round((before + 1) * period_ns)] if image > before + 1 else []
-    return [*skipped, stamp_ns]
-
-
 class VirtualCamera:
     """Calls `expose(index, stamp_ns)` for each image and `deliver()` when its exposure ends.
 
