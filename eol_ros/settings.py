@@ -932,8 +932,6 @@ class MidiSettings:
     fastest_mps: float = setting(
         0.5, 'speed of a block at which its note has the greatest velocity', 'm/s', 0.01, 10
     )
-    pressure: bool = setting(False, "send each block's stress as poly pressure of its note")
-    clock: bool = setting(False, 'send MIDI clock at the tempo of grains.beat_period_s')
 
 
 @dataclass(frozen=True)

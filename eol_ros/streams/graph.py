@@ -127,7 +127,7 @@ _NODES = (
                        'corpus', 'grain_triggers', 'felt_triggers', 'sound_meter', 'work_state',
                        'node_states', 'request_results')),
     NodeSpec('midi', settings.MidiSettings, requires='slips', real_time=SHORT,
-             subscribes=('slips', 'cascades'), optional=('blocks', 'request_results')),
+             subscribes=('slips', 'cascades')),
     NodeSpec('panel', settings.PanelSettings, nice=3,
              publishes=('work_state', 'markers', 'block_poses', '/tf_static'),
              on_request=('rim_command', *_ANSWERS),
