@@ -33,14 +33,7 @@ ROOT = Path(__file__).parent
 # solvers of `eol simulate`.
 PARTS = ('tracker', 'twin', 'sound', 'ice', 'simulate')
 AT_FIRST = ('tracker', 'twin', 'sound', 'ice')  # what a scene may need
-WAIT_S = 120.0  # wait for a process that compiles the same function; then compile here, too
-WAIT_PARTS_S = 1800.0  # for another `eol compile`
-_SOURCES = (
-    'eol_ros.core',
-    'eol_ros.lab',
-    'eol_ros.devices',
-    'eol_ros.verbs.compile',
-)  # that parts depend on
+_SOURCES = 'eol_ros.core', 'eol_ros.lab', 'eol_ros.devices', 'eol_ros.verbs.compile'  # of parts
 _NO_MATTER = ('NUMBA_CACHE_DIR', 'NUMBA_NUM_THREADS')  # of the settings of numba
 _DO = 'set NUMBA_CACHE_DIR to a folder that can be written, where compiled loops are kept'
 # Processor features of the target of `core/compiled.py`, as /proc/cpuinfo spells them.
@@ -48,7 +41,6 @@ _FLAGS = 'avx2', 'bmi1', 'bmi2', 'f16c', 'fma', 'fsgsbase', 'invpcid', 'abm', 'm
 _MACHINE = ('model name', 'flags', 'Features', 'CPU implementer', 'CPU part')
 
 _used: set[str] = set()  # objects that this process has loaded or stored
-_locks: dict[Path, int] = {}
 _unstored: list[str] = []  # why objects of this process are not in the cache
 
 
@@ -62,52 +54,18 @@ def cold(parts: Iterable[str]) -> list[str]:
 def alone(waiting: Callable[[], None]) -> Iterator[None]:
     """Exclude other `eol compile` on the same cache; call `waiting()` first if one runs.
 
-    After WAIT_PARTS_S this one starts as well. That is safe, but work is done twice.
+    The lock ends with the process, and only saves work: without a folder, or on a file system
+    without locks, none is taken.
     """
-    take('eol compile', WAIT_PARTS_S, waiting)
-    try:
-        yield
-    finally:
-        give_back('eol compile')
-
-
-def take(name: str, wait_s: float = WAIT_S, waiting: Callable[[], None] = lambda: None) -> None:
-    """Take the lock `name` of the cache, or give up after `wait_s`. It ends with the process.
-
-    Locks only save work. Without a folder, or on a file system without locks, none is taken.
-    """
-    until = None
-    with contextlib.suppress(OSError, ConfigError):
-        lock = _lock_file()
-        while True:
+    with contextlib.ExitStack() as held:
+        with contextlib.suppress(OSError, ConfigError):
+            lock = held.enter_context((writable() / 'lock').open('w'))
             try:
-                fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, _place(name))
-                return
-            except (BlockingIOError, PermissionError):  # POSIX allows either
-                if until is None:
-                    waiting()
-                    until = time.monotonic() + wait_s
-                elif time.monotonic() > until:
-                    return
-                time.sleep(0.05)
-
-
-def give_back(name: str | None = None) -> None:
-    """Release the lock `name`, or all locks of this process."""
-    with contextlib.suppress(OSError, ConfigError):
-        fcntl.lockf(_lock_file(), fcntl.LOCK_UN, *((1, _place(name)) if name else ()))
-
-
-def _place(name: str) -> int:
-    """Return the offset of the byte in the lock file that stands for a name."""
-    return int.from_bytes(hashlib.blake2b(name.encode(), digest_size=7).digest(), 'big')
-
-
-def _lock_file() -> int:
-    folder = writable()
-    if folder not in _locks:  # never closed: closing one descriptor would release all locks
-        _locks[folder] = os.open(folder / 'lock', os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-    return _locks[folder]
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                waiting()
+                fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def load(name: str) -> bytes | None:
@@ -276,13 +234,9 @@ def _content(path: str) -> str:
         return _digest(path.encode())
 
 
-def is_known(path: str) -> bool:
-    """Return whether `content` depends on the code in a file: not for code of a command line.
-
-    A cell of a notebook has no file, but its name depends on its content.
-    """
-    cell = path.startswith('<ipython-') or Path(path).parent.name.startswith('ipykernel_')
-    return cell or os.path.exists(path)
+def is_lasting(files: Iterable[str]) -> bool:
+    """Return whether `content` depends on the code in all `files`: not that of a command line."""
+    return all(map(os.path.exists, files))
 
 
 def _relative(path: str) -> str:

@@ -93,19 +93,10 @@ def njit(
     compiled.get_call_template = functools.partial(_without_literals, compiled.get_call_template)
     if cache:
         compiled._cache = _InnerCache(function, known) if inner else _Cache(function, known)
-        compiled.compile = functools.partial(_compile, compiled.compile)
     if inner:  # numba would call an entry that is not there
         compiled.add_overload = functools.partial(_add_inner, compiled)
         compiled._compile_for_args = functools.partial(_refuse, function)
     return compiled
-
-
-def _compile(compile: Callable[[Any], Any], sig: Any) -> Any:
-    try:
-        return compile(sig)
-    except BaseException:  # a failed compilation stores nothing
-        store.give_back()
-        raise
 
 
 def _add_inner(dispatcher: Any, compiled: Any) -> None:
@@ -287,26 +278,17 @@ class _Cache:
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         rtsys.initialize(target_context)
         name, files = self._named(sig, target_context.codegen())
-        if not all(map(store.is_known, files)):
-            target_context.refresh()
-            return None
-        found = self._load(name, sig, target_context)
+        found = self._load(name, sig, target_context) if store.is_lasting(files) else None
         if found is None:
-            store.take(name)  # until it is stored
-            found = self._load(name, sig, target_context)  # stored by the lock holder
-            if found is None:
-                target_context.refresh()  # loads numba's compiler
-            else:
-                store.give_back(name)
+            target_context.refresh()  # loads numba's compiler
         return found
 
     def save_overload(self, sig: Any, result: Any) -> None:
         if result.lifted or result.library.has_dynamic_globals:
             raise ValueError(f'{self._function.__qualname__} cannot be cached')
         name, files = self._named(sig, result.codegen)
-        if all(map(store.is_known, files)):
+        if store.is_lasting(files):
             store.store(name, files, dumps((sig, result._reduce())))
-            store.give_back(name)
 
     def _named(self, sig: Any, codegen: Any) -> tuple[str, dict[str, str]]:
         """Return the file name for `sig` and the sources of its code."""

@@ -18,7 +18,7 @@ from eol_ros.verbs.progress import track
 HELP = 'Compile the kernels of twin, tracker and sound into the cache; make the ice recording.'
 EXAMPLES = ['eol compile', 'eol compile --parts sound,simulate', 'eol compile --force']
 WAITING = 'another process compiles into the same cache; waiting until it is done'
-SAY_S = 5.0  # a line of progress at least so often where there is no terminal
+STEP = 5  # percent between lines of progress where there is no terminal
 
 
 def add_arguments(parser):
@@ -76,18 +76,15 @@ def _compile(cold: Sequence[str]) -> None:
         for _ in track(_percents(cold), 'compiling', total=100):
             pass
         return
-    said_s, said = time.monotonic(), 0
     for percent in _percents(cold):
-        now = time.monotonic()
-        if percent > said and (now - said_s >= SAY_S or percent == 100):
+        if percent % STEP == 0:
             print(f'compiling, {percent} %', file=sys.stderr, flush=True)
-            said_s, said = now, percent
 
 
 def _percents(parts: Sequence[str]) -> Iterator[int]:
     """Compile `parts` and yield how far that is: every whole percent."""
     waiting = list(parts)
-    running: dict[int, tuple[str, subprocess.Popen[str], IO[str]]] = {}
+    running: dict[IO[str], tuple[str, subprocess.Popen[str]]] = {}
     done = dict.fromkeys(parts, 0.0)
     total = sum(SECONDS[part] for part in parts)
     shown = 0
@@ -106,13 +103,13 @@ def _percents(parts: Sequence[str]) -> Iterator[int]:
                     preexec_fn=parent_death.following(),
                 )  # fmt: skip
                 assert child.stdout is not None
-                running[child.stdout.fileno()] = part, child, child.stdout
-            for fd in select.select(list(running), [], [], 1.0)[0]:
-                part, child, output = running[fd]
+                running[child.stdout] = part, child
+            for output in select.select(list(running), [], [], 1.0)[0]:
+                part, child = running[output]
                 if line := output.readline():
                     done[part] = min(int(line) / FUNCTIONS[part], 0.99) * SECONDS[part]
                     continue
-                del running[fd]
+                del running[output]
                 if child.wait():
                     raise EolError(f'compiling {part} has failed (exit code {child.returncode})')
                 done[part] = SECONDS[part]
@@ -123,7 +120,7 @@ def _percents(parts: Sequence[str]) -> Iterator[int]:
                 shown += 1
                 yield shown
     finally:
-        for _, child, _ in running.values():
+        for _, child in running.values():
             child.kill()
 
 
@@ -222,25 +219,9 @@ def _simulate():
 
 
 WORK = {
-    'tracker': _tracker,
-    'twin': _twin,
-    'sound': _sound,
-    'ice': _ice,
-    'simulate': _simulate,
-}
+    'tracker': _tracker, 'twin': _twin, 'sound': _sound, 'ice': _ice, 'simulate': _simulate
+}  # fmt: skip
 # To tell how far it is: how many functions each of them compiles or loads (numba's own events), and
 # how many seconds of a processor that took, cold, where it was measured.
-FUNCTIONS = {
-    'tracker': 255,
-    'twin': 80,
-    'sound': 103,
-    'ice': 1,
-    'simulate': 137,
-}
-SECONDS = {
-    'tracker': 52,
-    'twin': 49,
-    'sound': 45,
-    'ice': 10,
-    'simulate': 60,
-}
+FUNCTIONS = {'tracker': 255, 'twin': 80, 'sound': 103, 'ice': 1, 'simulate': 137}
+SECONDS = {'tracker': 52, 'twin': 49, 'sound': 45, 'ice': 10, 'simulate': 60}

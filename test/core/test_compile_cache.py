@@ -77,9 +77,7 @@ for k in range(20):
     ended(child)
     names = [path.name for path in compiled.folders()[0].glob('*.object')]
     assert all(map(compiled._is_whole, names))
-start = time.monotonic()
 assert [ended(fork()), ended(fork(allowed=0))] == [0, 0]
-assert time.monotonic() - start < compiled.WAIT_S / 2  # no lock is left
 """
 ONCE = 'print(work(0))'
 

@@ -13,8 +13,8 @@ from eol_ros.verbs import compile as verb
 
 # Another process holds the lock until its standard input ends.
 HOLD = (
-    'import sys; from eol_ros import compiled; compiled.take("eol compile"); print(1, flush=True); '
-    'sys.stdin.read()'
+    'import sys; from eol_ros import compiled\n'
+    'with compiled.alone(print): print(1, flush=True); sys.stdin.read()'
 )
 
 
@@ -52,16 +52,6 @@ def test_who_comes_second_waits_and_compiles_nothing_again(monkeypatch, capsys):
     assert made[2:] == [['sound', 'ice']]
     assert cli.main(['compile', '--parts', 'trumpet']) == 2
     assert 'trumpet: no such part' in capsys.readouterr().err
-
-
-def test_a_lock_that_is_never_given_back_holds_nobody_for_good():
-    first = subprocess.Popen([sys.executable, '-c', HOLD],
-                             stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # fmt: skip
-    first.stdout.readline()
-    waited = []
-    compiled.take('eol compile', 0.1, lambda: waited.append(True))
-    assert waited == [True] and first.poll() is None
-    first.communicate()
 
 
 @pytest.mark.parametrize('damage', [
