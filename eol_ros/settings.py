@@ -392,8 +392,7 @@ class LedsSettings:
     flash_limit: str = setting(
         'field_of_view',
         'area limited to three flashes a second: each field of view of 10 degrees, seen from any '
-        'distance (docs/explanation/light.md), or the whole field of blocks; false: no limit. '
-        'Firmware before 2.3 limits the whole field',
+        'distance (docs/explanation/light.md), or the whole field of blocks; false: no limit',
         choices=('field_of_view', 'field', 'false'),
     )
     flash_limit_off_because: str = setting(

@@ -30,10 +30,7 @@ WOKE = 1  # flag of Knock
 LINKED, SENSOR_DEAD, ASLEEP, RADIO_DEAD, TWICE = 1, 2, 4, 8, 16  # flags of BlockStatus
 ANSWERS = 1  # flag of SelfTested
 NOT_LIT = 0xFFFF  # as Knock.lit_us
-FIRMWARE = (2, 6)  # of firmware/: major and minor; from 2.1 on blocks test themselves
-LATTICE_FROM = (2, 5)  # the firmware of the bridge that knows Lattice
-EACH_FIELD_FROM = (2, 3)  # the firmware of bridge and blocks that knows EACH_FIELD
-DIM_FROM = (2, 6)  # the firmware of bridge and blocks that knows DimLight
+FIRMWARE = (2, 6)  # of firmware/: major and minor
 SHARES = 128  # of the peak, the level that DimLight counts in
 
 MASK_BYTES = (MOST_BLOCKS - 32 + 7) // 8  # of a mask at most, beyond its first four
@@ -91,7 +88,7 @@ class Lighting(Message, kind=0x06, form='<BBH'):
     """Host to bridge: how blocks flash, from `peak` on, dying within `decay_ms`.
 
     `flags`: BY_ITSELF, a knock lights its block; LIMITED, the whole field flashes three times a
-    second at most, or with EACH_FIELD, from EACH_FIELD_FROM on, each field of view of 10 degrees.
+    second at most, or with EACH_FIELD each field of view of 10 degrees.
     """
 
     flags: int
@@ -125,7 +122,7 @@ class Light(Message, kind=0x08, form='<II', mask=True):
 
 @dataclass(frozen=True)
 class DimLight(Message, kind=0x0B, form='<BII', mask=True):
-    """Host to bridge, from DIM_FROM on: Light, but to `share` of SHARES of the peak."""
+    """Host to bridge: Light, but to `share` of SHARES of the peak."""
 
     share: int
     stamp_us: int
@@ -141,7 +138,7 @@ class SelfTest(Message, kind=0x09, form='<B'):
 
 @dataclass(frozen=True)
 class Lattice(Message, kind=0x0A, form='<BBB'):
-    """Host to bridge, from LATTICE_FROM on: the shape of a table other than the default.
+    """Host to bridge: the shape of a table other than the default.
 
     `columns` of the table; `falls` of a block in a second (core/light/local.py); `places`, rows
     times columns. Hello ends it.

@@ -27,7 +27,6 @@ EXAMPLES = [
 TOLD_S = 5.0  # at most, until all statuses are there
 BLINK_S = 0.5  # from flash to flash
 TESTED_S = 10.0  # a block that sleeps looks for words every 4 s
-TESTS_FROM = (2, 1)  # firmware
 
 
 def add_arguments(parser):
@@ -119,21 +118,7 @@ def _list(blocks: dict, as_json: bool) -> int:
             print(_line(block))
     for sentence in wrong:
         print(sentence, file=sys.stderr)
-    _say_old(blocks)
     return 1 if wrong else 0
-
-
-def _say_old(blocks) -> None:
-    from eol_ros.core.serial_protocol import BRIDGE, FIRMWARE, LINKED
-
-    old = [
-        'the bridge' if block.block == BRIDGE else f'block {block.block}'
-        for block in blocks.values()
-        if block.flags & LINKED and (block.major, block.minor) < FIRMWARE
-    ]
-    if old:
-        newest = '.'.join(map(str, FIRMWARE))
-        print(f'firmware {newest} is newer than that of {", ".join(old)}', file=sys.stderr)
 
 
 def _number(option: str, text: str, count: int = MOST_BLOCKS) -> int:
@@ -155,11 +140,6 @@ def _self_test(board, blocks, tested: Sequence[int], as_json: bool) -> int:
         status, found, wrong = blocks.get(number), None, []
         if status is None or not status.flags & LINKED:
             wrong = ['it is not heard: look at its battery, and at the radio']
-        elif (status.major, status.minor) < TESTS_FROM:
-            wrong = [
-                f'its firmware {status.major}.{status.minor} cannot test itself: '
-                f'make -C firmware flash NUMBER={number}'
-            ]
         else:
             board.self_test(number)
             end = time.monotonic() + TESTED_S

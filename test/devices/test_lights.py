@@ -200,8 +200,11 @@ def test_what_is_wrong_with_a_block_is_a_line(fake, make_lights):
     fake.report(4, millivolts=3000)
     fake.report(7, flags=protocol.LINKED | protocol.SENSOR_DEAD)
     fake.report(9, flags=0)
-    wait_until(lambda: len(lights.faults()) == 3)
-    battery, sensor, link = lights.faults()
+    fake.firmware = (2, 5)
+    fake.report(10)
+    wait_until(lambda: len(lights.faults()) == 4)
+    battery, sensor, link, firmware = lights.faults()
+    assert firmware.startswith('the firmware of block 10 is 2.5, and 2.6 is needed')
     assert battery == 'the battery of block 4 is at 3.0 V: charge it'
     assert sensor.startswith('the accelerometer of block 7 repeats one value')
     assert link.startswith('block 9 does not answer')
@@ -239,18 +242,10 @@ def test_the_board_of_the_twin_drives_any_table(make_lights):
     wait_until(lambda: lights.board.rejected == 1)  # there is no block
 
 
-@pytest.mark.parametrize(
-    ('version', 'limit'),
-    [((2, 4), 'field'), (protocol.LATTICE_FROM, 'field_of_view')],
-)
-def test_a_bridge_that_knows_other_tables_limits_fields_of_view(fake, make_lights, version, limit):
-    fake.firmware = version
-    lights = make_lights(port=fake.port, table=Table(rows=3, columns=4))
-    lights.follow_firmware()
-
+def test_the_bridge_is_told_of_another_table(fake, make_lights):
+    make_lights(port=fake.port, table=Table(rows=3, columns=4))
     told = protocol.Lattice(4, 3, 12)
-    wait_until(lambda: (fake.bridge.limit, fake.lattice) == (limit, told))
-    assert lights.values()['flash_limit'] == limit
+    wait_until(lambda: (fake.bridge.limit, fake.lattice) == ('field_of_view', told))
 
 
 def test_a_table_within_the_numbers_of_the_board_has_no_other_blocks(fake, make_lights):
@@ -311,22 +306,6 @@ def test_a_slip_is_shown_and_told(fake, make_lights):
     assert sum(a.kind == 'Light' for a in fake.log) == orders
 
 
-def test_the_whole_field_is_limited_while_firmware_knows_nothing_else(fake, make_lights):
-    lights = make_lights(port=fake.port)
-    lights.follow_firmware()
-    assert lights.values()['flash_limit'] == fake.bridge.limit == 'field_of_view'
-    seen(lights, 4, time.time_ns())
-    assert told_by(lights)[0].white[4] == 191
-    fake.firmware = (2, 2)
-    fake.report(7)
-    wait_until(lambda: lights.board.blocks[7].minor == 2)
-    lights.follow_firmware()
-    assert lights.values()['flash_limit'] == 'field'
-    wait_until(lambda: fake.bridge.limit == 'field')
-    seen(lights, 5, time.time_ns())
-    assert max(sent.white[5] for sent in told_by(lights)) == 255
-
-
 def test_light_runs_on_over_dark_blocks_at_the_delay_of_its_look(fake, make_lights):
     lights = make_lights(port=fake.port, spread_blocks=2, spread_delay_s=0.05)
     stamp_ns = time.time_ns()
@@ -345,26 +324,18 @@ def test_light_runs_on_over_dark_blocks_at_the_delay_of_its_look(fake, make_ligh
     assert len(lights._running) == 0
 
 
-@pytest.mark.parametrize(('version', 'level'), [((2, 5), 191), (protocol.DIM_FROM, 96)])
-def test_running_light_gets_dimmer_where_the_firmware_can(fake, make_lights, version, level):
+def test_running_light_gets_dimmer(fake, make_lights):
     lights = make_lights(port=fake.port, spread_blocks=1, spread_share=0.5, spread_delay_s=0.05)
-    fake.firmware = version
-    fake.report(7)
-    wait_until(lambda: lights.board.blocks[7].minor == version[1])
-    lights.follow_firmware()
     seen(lights, 0, time.time_ns())
     brightest = np.max([np.frombuffer(one.white, np.uint8) for one in told_by(lights)], axis=0)
 
-    assert brightest[[0, 1, 5]].tolist() == [191, level, level]
+    assert brightest[[0, 1, 5]].tolist() == [191, 96, 96]
     kinds = [a.kind for a in fake.log if 'Light' in a.kind and a.kind != 'Lighting']
-    assert kinds == ['Light', *['Light' if level == 191 else 'DimLight'] * 2]
+    assert kinds == ['Light', 'DimLight', 'DimLight']
 
 
 def test_dim_light_runs_from_the_middle_while_all_is_still(fake, make_lights):
     lights = make_lights(port=fake.port, idle_period_s=1.0, spread_delay_s=0.05, decay_s=0.02)
-    fake.report(7)
-    wait_until(lambda: lights.board.blocks.get(7))
-    lights.follow_firmware()
     seen(lights, 24, time.time_ns())
     told_by(lights, 0.5)
     seen(lights, 24, time.time_ns())  # from here on
@@ -528,17 +499,6 @@ def test_flashes_get_dimmer_over_the_fade_into_sleep_and_brighter_out_of_it(unto
     assert lights.dark and max(peak for _, peak, _ in told[:-1]) == pytest.approx(0.25, abs=0.03)
     lights.restart()
     assert told[-1][1:] == (0.8, True) and not lights.glows
-
-
-def test_no_board_that_is_known_to_dim_is_told_to(fake, make_lights):
-    lights = make_lights(port=fake.port, idle_period_s=1.0)
-    assert lights.idle_in_s is None  # before anybody looked
-    lights.follow_firmware()
-    assert lights.idle_in_s is not None
-    for blocks in ({}, {7: lights.board.blocks[7]}):  # a board that has come back, so far
-        lights.board.blocks = blocks
-        lights.follow_firmware()
-        assert lights.idle_in_s is None
 
 
 def test_an_afterglow_runs_through_the_last_slips_in_their_order(fake, make_lights):

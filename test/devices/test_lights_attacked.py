@@ -45,7 +45,6 @@ class Attacked:
         board.light = self.light
         board.count, board.blocks, board.state = 25, KNOWN, State('ready', '')
         self.configure(*told)
-        lights.follow_firmware()
 
     def configure(self, *messages):
         for message in messages:

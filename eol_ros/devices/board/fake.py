@@ -22,7 +22,6 @@ import time
 import tty
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -299,9 +298,6 @@ class FakeBoard:
             counters = (self._decoder.good & 0xFFFFFFFF, min(self._decoder.bad, 0xFFFF))
             self._send(protocol.Pong(message.host_us, self.clock_us(), *counters))
         else:
-            if isinstance(message, protocol.Lighting) and self.firmware < protocol.EACH_FIELD_FROM:
-                known = protocol.BY_ITSELF | protocol.LIMITED
-                message = replace(message, flags=message.flags & known)
             with self._field:
                 obey(self.bridge, time.monotonic(), message)
             if isinstance(message, protocol.Detector):

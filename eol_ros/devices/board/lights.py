@@ -23,7 +23,6 @@ from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.light.frames import FELT_NS, Frames
 from eol_ros.core.light.local import (
     BLOCK_FALLS,
-    FIELD,
     FIELD_OF_VIEW,
     OFF,
     block_falls,
@@ -119,9 +118,19 @@ def faults(blocks: Mapping[int, protocol.BlockStatus]) -> list[str]:
             found.append(said('block_twice', number=number))
         if block.flags & protocol.SENSOR_DEAD:
             found.append(said('sensor_dead', part=name))
+        version = block.major, block.minor
+        if block.flags & protocol.LINKED and version < protocol.FIRMWARE:
+            found.append(said('firmware_old', part=name, version=_dotted(version), newest=NEWEST))
         if 0 < block.millivolts <= LOW_MV:
             found.append(said('battery_low', part=name, volts=f'{block.millivolts / 1000:.1f}'))
     return found
+
+
+def _dotted(version: tuple[int, int]) -> str:
+    return '.'.join(map(str, version))
+
+
+NEWEST = _dotted(protocol.FIRMWARE)
 
 
 class Lights:
@@ -147,8 +156,6 @@ class Lights:
         self._ids = frozenset(table.ids.tolist())
         self._stress = stress
         self._lattice = protocol.Lattice(table.columns, block_falls(table), table.cells)
-        self._limit = self._kept_limit({})  # as the board can keep it
-        self._dims = s.port == 'twin'  # blocks and bridge know DimLight
         self._asleep, self._awake = False, 1.0  # 0: it has fallen asleep
         self._peak_share = 1.0  # that new flashes have; asleep it stays the last one
         self._turned_s, self._turned_from = 0.0, 1.0  # when it last turned, and `_awake` then
@@ -348,8 +355,7 @@ class Lights:
         """Let light run on from `block`, which was lit at `at_ns`."""
         self._lit_ns[block] = max(at_ns, self._lit_ns[block])
         for after_s, other, share in spread(block, self._look, self.table):
-            one = (at_ns + round(after_s * 1e9), other, share if self._dims else 1.0)
-            heapq.heappush(self._running, one)
+            heapq.heappush(self._running, (at_ns + round(after_s * 1e9), other, share))
         self._still_ns = max(at_ns, self._still_ns)
 
     def _recorded_ns(self, now_ns: int) -> int:
@@ -358,8 +364,8 @@ class Lights:
         return now_ns if played is None else played.recorded_ns(now_ns)
 
     def _idle_due_ns(self, now_ns: int) -> int | None:
-        """Return when idle light is due; None where there is none, or blocks cannot dim."""
-        if not (self._look.idle_s and self._dims and now_ns) or self._asleep:
+        """Return when idle light is due; None where there is none."""
+        if not (self._look.idle_s and now_ns) or self._asleep:
             return None
         self._still_ns = self._still_ns or now_ns
         return self._still_ns + round(max(self._look.idle_s, REST_S) * 1e9)
@@ -396,35 +402,6 @@ class Lights:
             return []
         return [Sent(sequence, self._white, self.board.infrared_on, 0, time.time_ns())]
 
-    def follow_firmware(self) -> None:
-        """Limit the whole field while the bridge or a block has firmware that knows no other; dim
-        no light while one cannot."""
-        found = {n: (b.major, b.minor) for n, b in dict(self.board.blocks).items()}
-        if not self.twin:
-            known = [v for v in found.values() if v > (0, 0)]
-            bridge = protocol.BRIDGE in found  # blocks may be reported before it
-            self._dims = bridge and all(v >= protocol.DIM_FROM for v in known)
-        limit = self._kept_limit(found)
-        if limit != self._limit and found:
-            before, self._limit = self.frames.field, limit
-            self.frames.field = new_field(limit, self._look.decay_s, self._peak, self.table)
-            self.frames.field.take_over(before)
-            self._configure()
-
-    def _kept_limit(self, versions: Mapping[int, tuple[int, int]]) -> str:
-        """Return the limit that bridge and blocks can keep, by the versions of their firmware."""
-        limit, told = self._settings.flash_limit, self._lattice
-        known = (
-            self._settings.port == 'twin'
-            or told == DEFAULT_LATTICE
-            or (
-                versions.get(protocol.BRIDGE, (0, 0)) >= protocol.LATTICE_FROM
-                and self.table.cells <= self.board.count
-            )
-        )
-        old = any((0, 0) < version < protocol.EACH_FIELD_FROM for version in versions.values())
-        return FIELD if limit == FIELD_OF_VIEW and (old or not known) else limit
-
     def values(self) -> dict[str, Any]:
         """Return counters for the health report."""
         board = self.board
@@ -436,8 +413,8 @@ class Lights:
             'connections': board.connections,
             'damaged': board.decoder.bad + board.reported_bad,
             'rejected_reports': board.rejected,
-            'flash_limit': self._limit
-            if self._limit != OFF
+            'flash_limit': limit
+            if (limit := self._settings.flash_limit) != OFF
             else f'off: {self._settings.flash_limit_off_because}',
             'lengthened': self.frames.field.lengthened,
             'late_slips': self.frames.late,
@@ -459,8 +436,8 @@ class Lights:
 
     def _configure(self) -> None:
         s = self._settings
-        flags = protocol.LIMITED * (self._limit != OFF)
-        flags |= protocol.EACH_FIELD * (self._limit == FIELD_OF_VIEW)
+        flags = protocol.LIMITED * (s.flash_limit != OFF)
+        flags |= protocol.EACH_FIELD * (s.flash_limit == FIELD_OF_VIEW)
         if s.trigger != 'slips' and not self.dark and self._played is None:
             flags |= protocol.BY_ITSELF
         self.board.configure(
@@ -518,8 +495,9 @@ class Lights:
         return stamp_ns if ours else now_ns
 
     def _new_frames(self) -> Frames:
-        field = new_field(self._limit, self._look.decay_s, self._peak, self.table)
-        return Frames(field, self._settings.frame_hz)
+        s = self._settings
+        field = new_field(s.flash_limit, self._look.decay_s, self._peak, self.table)
+        return Frames(field, s.frame_hz)
 
     def _tap(self, tap: TapReport) -> None:
         if tap.block not in self._ids:
