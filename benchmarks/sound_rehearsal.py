@@ -205,7 +205,7 @@ def _seen(watch, due: list[int]) -> list[float]:
     silent = 0
     end = -1
     for message in watch.messages('sound_samples'):
-        frames = np.frombuffer(bytes(message.data), '<f4').reshape(-1, message.channels)
+        frames = np.asarray(message.samples).reshape(-1, message.channels)
         if message.first != end:
             silent = 0
         end = message.first + len(frames)

@@ -17,7 +17,7 @@ class PrintSlips(Node):
         print('waiting for slips', flush=True)
 
     def on_slip(self, slip: Slip) -> None:
-        if slip.kind == Slip.STOP:
+        if slip.kind == Slip.KIND_STOP:
             row, column = divmod(slip.block, 5)
             far_mm, long_ms = slip.distance * 1e3, slip.duration * 1e3
             print(f'row {row} column {column}: {far_mm:.1f} mm in {long_ms:.0f} ms', flush=True)

@@ -67,8 +67,8 @@ def test_print_slips(ros):
                 turn=lambda: ros.spin_once(node, timeout_sec=0.05),
             )
             assert publisher.get_subscription_count() == 1
-            publisher.publish(Slip(kind=Slip.START, block=3))
-            publisher.publish(Slip(kind=Slip.STOP, block=7, distance=0.0042, duration=0.25))
+            publisher.publish(Slip(kind=Slip.KIND_START, block=3))
+            publisher.publish(Slip(kind=Slip.KIND_STOP, block=7, distance=0.0042, duration=0.25))
             lines = [child.stdout.readline(), child.stdout.readline()]
             child.send_signal(signal.SIGINT)
             rest = child.stdout.read()

@@ -165,7 +165,9 @@ def bag(tmp_path_factory):
     for i in range(20):
         now = 1_700_000_000_000_000_000 + i * 100_000_000
         seen = Blocks(image=i, blocks=[Block(id=k) for k in range(25)])
-        slip = Slip(kind=(Slip.START, Slip.STOP)[i % 2], slip=i // 2, distance=0.004 * (i % 2))
+        slip = Slip(
+            kind=(Slip.KIND_START, Slip.KIND_STOP)[i % 2], slip=i // 2, distance=0.004 * (i % 2)
+        )
         for topic, message in (('/eol/blocks', seen), ('/eol/slips', slip)):
             message.header.stamp = to_msg(now)
             writer.write(topic, bytes(serialize_message(message)), now + 8_000_000, now)

@@ -19,7 +19,7 @@ from eol_ros.analysis.recorded_settings import recorded_settings, recorded_table
 from eol_ros.core.motion.felt import Knock
 from eol_ros.devices.bag.requests import heeded
 from eol_ros.errors import ConfigError
-from eol_ros.streams import cascades, felt, slips, taps, triggers
+from eol_ros.streams import calibrations, cascades, felt, slips, taps, triggers
 from eol_ros.streams.blocks import Blocks, each
 from eol_ros.streams.blocks import of as blocks_row
 from eol_ros.streams.images import Codec
@@ -348,8 +348,11 @@ def _calibration(bag: Bag, settings: Any) -> Any:
 
     if not bag.count('calibration'):
         return calibration_of(settings, recorded_table(bag))
-    where = f'{bag.path}: {bag.name("calibration")}'
-    return calibration_file.loads(str(bag.table('calibration')['data'][0]), where)
+    rows = bag.table('calibration')
+    if 'data' in (rows.dtype.names or ()):  # YAML, as up to version 0.2
+        where = f'{bag.path}: {bag.name("calibration")}'
+        return calibration_file.loads(str(rows['data'][0]), where)
+    return calibrations.to_core(next(calibrations.RECORD.each(rows)), recorded_table(bag))
 
 
 def _accepted(lines: list[Heeded], node: str) -> list[Asked]:

@@ -162,7 +162,7 @@ class GrainsNode(EolNode):
         self.health.values.update(triggers=self.sequence, capped=self.selector.capped)
 
     def on_felt(self, slip: FeltSlip) -> None:
-        if slip.kind != FeltSlip.PROVISIONAL:
+        if slip.kind != FeltSlip.KIND_PROVISIONAL:
             return
         stamp_ns = to_ns(slip.header.stamp)
         for row in self.selector.felt(stamp_ns * 1e-9, slip.block, slip.x, slip.y, slip.strength):

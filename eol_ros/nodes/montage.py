@@ -46,8 +46,8 @@ class MontageNode(EolNode):
 
     def on_slip(self, slip: Slip) -> None:
         now_s = time.monotonic()
-        self.shuffle.slip(slip.block, slip.kind == Slip.START, now_s)
-        if slip.kind == Slip.START:
+        self.shuffle.slip(slip.block, slip.kind == Slip.KIND_START, now_s)
+        if slip.kind == Slip.KIND_START:
             self.damage.slip(slip.block, slip.cascade, now_s)
         if self.wall.moving != bool(self.shuffle.moving):
             self.wall.header.stamp = slip.header.stamp

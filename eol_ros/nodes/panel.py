@@ -9,7 +9,6 @@ from eol_msgs.msg import NodeState, RimCommand
 
 from eol_ros.core import terrain
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.devices.files import calibration_file
 from eol_ros.devices.files.day_file import DayFile
 from eol_ros.devices.files.media_folder import Pictures
 from eol_ros.errors import EolError
@@ -21,7 +20,7 @@ from eol_ros.ros.requests import Answers, RequestClient, expected_of, parameter_
 from eol_ros.ros.stamps import to_msg
 from eol_ros.said import Said, clauses, code_and_args, said
 from eol_ros.scene import machine_node
-from eol_ros.streams import corpus, work_state
+from eol_ros.streams import calibrations, corpus, work_state
 from eol_ros.streams.graph import NODES
 from eol_ros.streams.requests import Asked
 from eol_ros.web import notices, screens, wire
@@ -79,7 +78,7 @@ class PanelNode(EolNode):
         self.subscribe(
             'calibration',
             self.on_calibration,
-            read=lambda message: calibration_file.loads(message.data, 'calibration'),
+            read=lambda message: calibrations.to_core(message, self.table),
         )
         self.subscribe('node_states', self.on_state)
         size = self.table.rows, self.table.columns

@@ -66,7 +66,7 @@ class Markers:
         self._rim = np.array([truth.rim_x, truth.rim_y, truth.rim_yaw])
 
     def _on_slip(self, slip: Slip) -> None:
-        if slip.kind == Slip.START:
+        if slip.kind == Slip.KIND_START:
             self._slipping[slip.block] = slip.x, slip.y
             return
         begin, end = self._slipping.pop(slip.block, None), (slip.x, slip.y)

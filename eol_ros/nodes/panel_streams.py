@@ -29,7 +29,7 @@ STREAMS = {
     'meter': ('sound_meter', lambda m: wire.meter(
         seconds(m.header.stamp), m.wave_min, m.wave_max, m.spectrum_db, notices.meter(m))),
     'sound': ('sound_samples', lambda m: wire.sound(
-        seconds(m.header.stamp), m.sample_rate, m.channels, m.first, m.data)),
+        seconds(m.header.stamp), m.sample_rate, m.channels, m.first, m.samples)),
     'leds': ('led_commands', lambda m: wire.leds(
         seconds(m.header.stamp), m.white, m.infrared)),
     'slips': ('slips', slips.to_json),

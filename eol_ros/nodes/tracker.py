@@ -8,9 +8,9 @@ import base64
 import time
 
 from eol_msgs.msg import BlockTap
+from eol_msgs.msg import Calibration as CalibrationMessage
 from eol_msgs.msg import Table as TableMessage
 from sensor_msgs.msg import CompressedImage
-from std_msgs.msg import String
 
 from eol_ros.core.vision.appearance import learnt
 from eol_ros.core.vision.calibration.model import Calibration
@@ -19,7 +19,6 @@ from eol_ros.core.vision.states import STATES
 from eol_ros.core.vision.tracker import Tracked, Tracker
 from eol_ros.devices.bag.selection import StampGaps
 from eol_ros.devices.camera.preview import Preview
-from eol_ros.devices.files import calibration_file
 from eol_ros.devices.files.tracker_files import TrackerFiles
 from eol_ros.errors import ConfigError, EolError
 from eol_ros.ros.definitions import definition
@@ -27,7 +26,7 @@ from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
 from eol_ros.ros.stamps import NS, to_msg
 from eol_ros.said import clauses, said
-from eol_ros.streams import blocks, images, tables, taps
+from eol_ros.streams import blocks, calibrations, images, tables, taps
 from eol_ros.streams.requests import Asked, for_tracker
 
 LEARNT_EVERY_S = 60.0  # between two looks at what was learnt of the blocks
@@ -85,7 +84,9 @@ class TrackerNode(EolNode):
         """Publish the calibration when it is another than the one that was told last."""
         if self.tracker.calibration is not self.told and self.tracker.calibration is not None:
             self.told = self.tracker.calibration
-            self.calibrations.publish(String(data=calibration_file.signed(self.told)))
+            row = calibrations.of(self.get_clock().now().nanoseconds, self.told)
+            message = calibrations.RECORD.fill(CalibrationMessage(), row, self.frame_prefix)
+            self.calibrations.publish(message)
 
     def on_tap(self, tap: BlockTap) -> None:
         self.tracker.tap(*taps.to_core(taps.RECORD.take(tap)))

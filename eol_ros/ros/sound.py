@@ -76,7 +76,7 @@ class SampleStream:
             sample_rate=int(mixer.sample_rate),
             channels=mixer.channels,
             first=max(0, first),
-            data=array('B', frames.astype('<f4').tobytes()),
+            samples=array('f', frames.astype(np.float32).tobytes()),
         )
         message.header.stamp = to_msg(self._epoch_ns + round(mixer.time_of(first) * NS))
         return message

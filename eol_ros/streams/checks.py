@@ -66,7 +66,7 @@ def rules(table: Table) -> dict[str, Rule]:
         'eol_msgs/msg/NodeState': Rule({'level': range(4)}),
         'eol_msgs/msg/SoundMeter': Rule(holds=lambda m: len(m.wave_min) == len(m.wave_max)),
         'eol_msgs/msg/SoundSamples': Rule(
-            holds=lambda m: m.channels and not len(m.data) % (4 * m.channels)
+            holds=lambda m: m.channels and not len(m.samples) % m.channels
         ),
     }
 

@@ -164,8 +164,8 @@ _TOPICS = (
               barrier=True, stamped=True, sensor=True),
     TopicSpec('camera/image_raw/compressed', 'sensor_msgs/msg/CompressedImage', 'preview',
               'JPEG for people, only while subscribed', stamped=True),
-    TopicSpec('calibration', 'std_msgs/msg/String', 'latched',
-              'lens and table as the tracker uses them: the calibration file and its digest'),
+    TopicSpec('calibration', 'eol_msgs/msg/Calibration', 'latched',
+              'camera and table as the tracker maps pixels to metres'),
     TopicSpec('table', 'eol_msgs/msg/Table', 'latched',
               'size and shape of the table of the scene'),
     TopicSpec('truth', 'eol_msgs/msg/Truth', 'stream', 'true state of the simulated table',
@@ -235,6 +235,7 @@ def _used(topic: TopicSpec) -> TopicSpec:
 
 NODES: dict[str, NodeSpec] = {node.name: node for node in _NODES}
 TOPICS: dict[str, TopicSpec] = {topic.name: _used(topic) for topic in _TOPICS}
+FORMER_TYPES = {'calibration': 'std_msgs/msg/String'}  # in bags up to version 0.2
 IMAGE_SOURCES = tuple(node.name for node in _NODES if node.images)
 
 

@@ -53,9 +53,9 @@ def meter(stamp_s: float, low: Any, high: Any, spectrum_db: Any, values: dict[st
     return head(METER, stamp_s, own) + b''.join(body) + text(values).encode()
 
 
-def sound(stamp_s: float, rate_hz: int, channels: int, first: int, samples: bytes) -> bytes:
+def sound(stamp_s: float, rate_hz: int, channels: int, first: int, samples: Any) -> bytes:
     """Pack interleaved float32 samples as 16-bit ones; the stamp is when the first one sounds."""
-    wave = np.frombuffer(samples, '<f4')
+    wave = np.asarray(samples, np.float32)
     pcm = np.clip(np.nan_to_num(wave) * 32767, -32768, 32767).astype('<i2')
     own = struct.pack('<BHI', channels, 0, rate_hz)
     return head(SOUND, stamp_s, own) + struct.pack('<Q', first) + pcm.tobytes()

@@ -54,8 +54,10 @@ def write(folder, day, about=None):
             block = 8
         area = 1 if k % 5 else 4
         distance = 0.01 * (1 + DRIFT * day) * rng.uniform(0.9, 1.1)
-        for kind, when in ((Slip.START, at), (Slip.STOP, at + S // 10)):
-            slip = Slip(kind=kind, slip=k, block=block, distance=distance * (kind == Slip.STOP))
+        for kind, when in ((Slip.KIND_START, at), (Slip.KIND_STOP, at + S // 10)):
+            slip = Slip(
+                kind=kind, slip=k, block=block, distance=distance * (kind == Slip.KIND_STOP)
+            )
             slip.header.stamp = to_msg(when)
             tell('slips', slip, when)
         cascade = Cascade(

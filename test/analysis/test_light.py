@@ -155,7 +155,7 @@ def test_light_of_a_table_with_a_hole(tmp_path):
     lit = {f'b{block}': 255 for block in (0, 1, 2, 3, 4, 6, 7, 8)}
     cascade = Cascade(cascade=1, area=9, size=9, blocks=[*range(5), *range(6, 10)], duration=1.0)
     cascade.onset = to_msg(at_ns(0.95))
-    slip = Slip(kind=Slip.START, block=11)
+    slip = Slip(kind=Slip.KIND_START, block=11)
     slip.header.stamp = slip.onset = cascade.onset
     messages = [packet(1.0, 12, **lit, b9=255), packet(1.5, 12, **lit), packet(2.0, 12)]
     more = [('cascades', cascade, 2.5), ('slips', slip, 1.0)]
@@ -201,7 +201,7 @@ def test_the_order_of_lighting_is_held_against_that_of_onsets(tmp_path, late_s, 
         lit[f'b{block}'] = 191
         messages.append(packet(shone_s[block], **lit))
     for block in range(5):
-        slip = Slip(kind=Slip.START, block=block, onset=to_msg(at_ns(1.0 + 0.05 * block)))
+        slip = Slip(kind=Slip.KIND_START, block=block, onset=to_msg(at_ns(1.0 + 0.05 * block)))
         messages.append(('slips', slip, 1.0 + 0.05 * block))
     found, share = light.recorded_order(bag_of(tmp_path / 'run', [*messages, packet(3.0)]))
 

@@ -34,10 +34,10 @@ def made(folder, cascades):
     bag = BagWriter(folder, topics, {'scene_name': 'a <b>', 'settings': 'x: 1\n'})
     for i, area in enumerate(areas):
         now = T0 + i * 200_000_000
-        for kind, at in ((Slip.START, now), (Slip.STOP, now + 20_000_000)):
-            slip = Slip(kind=kind, slip=i, block=i % 5, distance=0.004 * (kind == Slip.STOP))
+        for kind, at in ((Slip.KIND_START, now), (Slip.KIND_STOP, now + 20_000_000)):
+            slip = Slip(kind=kind, slip=i, block=i % 5, distance=0.004 * (kind == Slip.KIND_STOP))
             slip.header.stamp, slip.onset = to_msg(at), to_msg(now)
-            slip.duration = 0.02 * (kind == Slip.STOP)
+            slip.duration = 0.02 * (kind == Slip.KIND_STOP)
             bag.write('/eol/slips', bytes(serialize_message(slip)), at + 8_000_000, at)
         cascade = Cascade(cascade=i, area=int(area), size=int(area), blocks=list(range(area)))
         cascade.distance = 0.004 * area
@@ -107,7 +107,7 @@ def test_too_few_cascades_are_not_fitted(tmp_path):
 )
 def test_an_empty_or_foreign_bag_says_what_it_cannot_say(tmp_path, capsys, topic, messages, said):
     bag = BagWriter(tmp_path / 'run', [BagTopic(topic, **describe('slips'))], {})
-    slip = bytes(serialize_message(Slip(kind=Slip.START)))
+    slip = bytes(serialize_message(Slip(kind=Slip.KIND_START)))
     for i in range(messages):
         bag.write(topic, slip, T0 + i * 10**9, T0 + i * 10**9)
     bag.close()
@@ -166,7 +166,7 @@ def test_latency_of_light_and_sound(tmp_path):
     for i in range(50):
         onset = T0 + i * 1000 * ms
         image = onset + 10 * ms
-        slip = Slip(kind=Slip.START, slip=i, block=i % 25, onset=to_msg(onset))
+        slip = Slip(kind=Slip.KIND_START, slip=i, block=i % 25, onset=to_msg(onset))
         slip.header.stamp = to_msg(image)
         write('slips', slip, image + 4 * ms)
         for k in range(31):

@@ -7,7 +7,6 @@ import json
 
 import numpy as np
 import pytest
-import yaml
 from support.any_stamp import use_any_stamp
 from support.bag_samples import T0, bag_of
 from support.paper import rest_lattice
@@ -15,8 +14,10 @@ from support.paper import rest_lattice
 from eol_ros.analysis import retrack as retracking
 from eol_ros.analysis.bag import open_bag
 from eol_ros.analysis.retrack import DIFFERENT, Comparison, retrack
+from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.errors import ConfigError
+from eol_ros.streams import calibrations
 
 STEP_NS = 16_666_667
 DARK = range(112, 132)  # images without infrared light, of which the tracker is told
@@ -159,14 +160,14 @@ def test_a_bag_of_another_namespace_is_proved_and_reported_as_well(run, tmp_path
 
 @pytest.mark.slow
 def test_the_calibration_is_that_in_the_bag(run, monkeypatch):
-    from eol_ros.devices.files import calibration_file, tracker_files
+    from eol_ros.devices.files import tracker_files
 
-    texts = run.table('calibration')['data']
-    found = [calibration_file.loads(text, 'bag') for text in texts]
+    rows = run.table('calibration')
+    found = [calibrations.to_core(row, Table()) for row in calibrations.RECORD.each(rows)]
     ideal = Calibration.ideal()
     assert len(found) == 2  # it was asked to calibrate
     assert found[0].digest == ideal.digest != found[1].digest
-    assert [yaml.safe_load(text)['digest'] for text in texts] == [c.digest for c in found]
+    assert rows['digest'].tolist() == [c.digest for c in found]
 
     other = dataclasses.replace(ideal, cover_height_m=0.1, homography=1.01 * ideal.homography)
     monkeypatch.setattr(tracker_files, 'calibration_of', lambda settings, table: other)
@@ -480,7 +481,7 @@ def test_taps_that_a_busy_recorder_got_late_count_from_their_stamps(tmp_path):
         stamp_ns, t = T0 + k * STEP_NS, k * STEP_NS * 1e-9
         at = rest_lattice() + random.normal(0, 1e-5, (25, 2))
         at[7, 0] += 1.25 * min(max(t - 2.0, 0), 0.1) ** 2
-        message = Blocks(state=Blocks.TRACKING, image=k)
+        message = Blocks(state=Blocks.STATE_TRACKING, image=k)
         message.header.stamp, message.header.frame_id = to_msg(stamp_ns), 'table'
         message.blocks = [
             Block(id=b, x=float(at[b, 0]), y=float(at[b, 1]), sigma=1e-5, seen=True)

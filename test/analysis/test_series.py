@@ -155,7 +155,7 @@ def test_the_report_says_of_each_series_what_it_found_or_lacks(tmp_path):
 
 def test_a_bag_of_one_message_each_has_a_report(tmp_path):
     messages = [trigger(0.0), ('blocks', Blocks(blocks=[Block(id=i) for i in range(25)]), 0.0)]
-    for topic, message in (('slips', Slip(kind=Slip.START)), ('cascades', Cascade(area=1)),
+    for topic, message in (('slips', Slip(kind=Slip.KIND_START)), ('cascades', Cascade(area=1)),
                            ('led_commands', LedCommand(white=[0] * 25))):  # fmt: skip
         messages.append((topic, message, 0.0))
     bag = bag_of(tmp_path / 'run', messages)

@@ -35,13 +35,13 @@ def graph():
         ],
         'felt_slips': [
             stamped(FeltSlip(kind=kind, block=3, onset=to_msg(knock)), knock)
-            for kind in (FeltSlip.PROVISIONAL, FeltSlip.CONFIRMED)
+            for kind in (FeltSlip.KIND_PROVISIONAL, FeltSlip.KIND_CONFIRMED)
         ],
         'slips': [
-            slip(Slip.START, 3, felt + 3 * MS, felt + 15 * MS, False),
-            slip(Slip.START, 4, seen - 4 * MS, seen + 15 * MS, False),
-            slip(Slip.STOP, 3, knock, felt + 300 * MS, True),
-            slip(Slip.STOP, 4, seen + 2 * MS, seen + 300 * MS, False),
+            slip(Slip.KIND_START, 3, felt + 3 * MS, felt + 15 * MS, False),
+            slip(Slip.KIND_START, 4, seen - 4 * MS, seen + 15 * MS, False),
+            slip(Slip.KIND_STOP, 3, knock, felt + 300 * MS, True),
+            slip(Slip.KIND_STOP, 4, seen + 2 * MS, seen + 300 * MS, False),
         ],
     }
     key = (seen + 15 * MS) // 1000 % 2**32

@@ -48,8 +48,8 @@ def test_covers_are_kept_to_the_bit(tmp_path, camera):
 
     assert np.array_equal(back.covers.land_mm, camera.covers.land_mm)
     assert back.digest == camera.digest != replace(camera, covers=None).digest
-    signed = calibration_file.loads(calibration_file.signed(camera), 'topic')
-    assert signed.digest == camera.digest
+    in_a_bag = f'{(tmp_path / "c.yaml").read_text()}digest: {camera.digest}\n'  # up to version 0.2
+    assert calibration_file.loads(in_a_bag, 'topic').digest == camera.digest
 
 
 def test_a_digest_is_no_octal_number():

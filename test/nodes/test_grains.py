@@ -155,13 +155,15 @@ def test_a_slip_that_was_felt_sounds_with_the_stamp_of_its_knock(stage, sounds):
     stage = stage()
     corpus, settings = build_cached([sounds[0]], Options()), stage.node.settings
     selector, expected = Selector(settings, corpus), []
-    for n, kind in enumerate((FeltSlip.PROVISIONAL, FeltSlip.CONFIRMED, FeltSlip.PROVISIONAL)):
+    for n, kind in enumerate(
+        (FeltSlip.KIND_PROVISIONAL, FeltSlip.KIND_CONFIRMED, FeltSlip.KIND_PROVISIONAL)
+    ):
         stamp_ns, grain = START_NS + n * NS, corpus.grains[n]
         x, y = ((float(grain[axis]) - 0.5) * settings.space_m for axis in 'xy')
         message = FeltSlip(kind=kind, block=7 + n, x=x, y=y, strength=2.5)
         message.header.stamp = to_msg(stamp_ns)
         stage.probe.felt.publish(message)
-        if kind == FeltSlip.PROVISIONAL:
+        if kind == FeltSlip.KIND_PROVISIONAL:
             rows = selector.felt(stamp_ns * 1e-9, 7 + n, x, y, 2.5)
             expected += [(stamp_ns, int(r['grain']), int(r['block']), r['gain']) for r in rows]
             assert len(rows)

@@ -48,7 +48,7 @@ def show(ros, request):
     with Nodes(*nodes) as turned:
         turned.meet()
         turned.until(lambda: nodes[1].lights.board.ready)
-        turned.until(lambda: panel.blocks and panel.blocks[-1].state == Blocks.TRACKING)
+        turned.until(lambda: panel.blocks and panel.blocks[-1].state == Blocks.STATE_TRACKING)
         yield (*nodes, turned.until)
 
 
@@ -58,11 +58,11 @@ def test_the_button_makes_the_tracker_learn_the_lamps(show, tmp_path, monkeypatc
     tracker, _leds, _twin, panel, until = show
     monkeypatch.chdir(tmp_path)
     panel.requests.ask(Asked('learn_background', id='mine'))
-    until(lambda: any(b.state == Blocks.LOST for b in panel.blocks))
+    until(lambda: any(b.state == Blocks.STATE_LOST for b in panel.blocks))
     until(lambda: any('background learnt' in text for _, text in panel.states))
     assert tracker.tracker.background is not None
     assert (tmp_path / 'lamps.png').exists()
-    until(lambda: panel.blocks[-1].state == Blocks.TRACKING)
+    until(lambda: panel.blocks[-1].state == Blocks.STATE_TRACKING)
     until(lambda: any(r.node == 'tracker' for r in panel.said))
     (answer,) = (r for r in panel.said if r.id == 'mine')  # of whom is asked last
     assert (answer.node, answer.kind, answer.accepted) == ('tracker', 'darkness', True)
@@ -88,7 +88,7 @@ def test_calibration_from_the_panel(show):
     _tracker, _leds, twin, panel, until = show
     panel.requests.ask(Asked('calibrate', 'tracker'))
     until(lambda: any('calibrated by the blocks' in text for _, text in panel.states))
-    until(lambda: panel.blocks[-1].state == Blocks.TRACKING)
+    until(lambda: panel.blocks[-1].state == Blocks.STATE_TRACKING)
     assert abs(panel.blocks[-1].blocks[24].x - twin.play.table.x[24]) < 0.002
     until(lambda: any(r.node == 'tracker' for r in panel.said))
     (answer,) = [r for r in panel.said if r.node == 'tracker']

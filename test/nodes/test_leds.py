@@ -45,7 +45,7 @@ class Around(EolNode):
     def on_diagnostics(self, array):
         self.states += [(s.level[0], s.message) for s in array.status if s.name == 'eol: leds']
 
-    def slip(self, block, kind=Slip.START, ahead_s=0):
+    def slip(self, block, kind=Slip.KIND_START, ahead_s=0):
         message = Slip(kind=kind, block=block)
         message.header.stamp = to_msg(now_ns() + round(ahead_s * 1e9))
         message.onset = message.header.stamp
@@ -163,7 +163,7 @@ def test_idle_light_takes_the_stress_of_the_last_image_once_it_is_asked_to(make_
 
 
 def test_a_stop_makes_no_light(rig):
-    rig.around.slip(5, Slip.STOP)
+    rig.around.slip(5, Slip.KIND_STOP)
     rig.around.slip(6)
     rig.until(lambda: rig.around.commands)
 

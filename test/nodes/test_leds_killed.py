@@ -37,7 +37,7 @@ class Motion(EolNode):
 
     def slip(self):
         self.block = (self.block + 7) % 25
-        message = Slip(kind=Slip.START, block=self.block)
+        message = Slip(kind=Slip.KIND_START, block=self.block)
         message.header.stamp = message.onset = to_msg(now_ns())
         self.slips.publish(message)
 

@@ -88,12 +88,12 @@ def test_a_first_pair_stands_before_anything_moves(rig):
 def test_shuffles_while_a_block_moves_and_freezes_with_the_last(rig):
     around = rig.around
     rig.run(0.4)
-    begun = around.slip(3, Slip.START)
-    around.slip(4, Slip.START)
+    begun = around.slip(3, Slip.KIND_START)
+    around.slip(4, Slip.KIND_START)
     rig.run(0.8)
-    around.slip(3, Slip.STOP)
+    around.slip(3, Slip.KIND_STOP)
     rig.run(0.7)
-    ended = around.slip(4, Slip.STOP)
+    ended = around.slip(4, Slip.KIND_STOP)
     rig.until(lambda: not around.walls[-1].moving)
     count = len(around.walls)
     rig.run(0.8)
@@ -121,10 +121,10 @@ def test_a_rupture_damages_the_pair_that_stands_and_calm_heals_it(ros, folder, t
         around = rig.around
         assert around.walls[0].right.endswith('r.1.svg') and around.walls[0].left.endswith('l.svg')
         for block in table.ids.tolist():
-            around.slip(block, Slip.START, cascade=9)
+            around.slip(block, Slip.KIND_START, cascade=9)
         rig.until(lambda: around.walls[-1].ahead[1].endswith('.4.svg'))
         for block in table.ids.tolist():
-            around.slip(block, Slip.STOP, cascade=9)
+            around.slip(block, Slip.KIND_STOP, cascade=9)
         rig.until(lambda: not around.walls[-1].moving and around.walls[-1].right[3] > '1')
         broken = len(around.walls)
         rig.until(lambda: around.walls[-1].right.endswith('.1.svg'))
@@ -147,10 +147,10 @@ def test_sleeps_black_and_wakes(rig):
     assert around.walls[-1].left
     around.order('sleep')
     rig.until(lambda: not around.walls[-1].left and not around.walls[-1].right)
-    around.slip(1, Slip.START)
+    around.slip(1, Slip.KIND_START)
     rig.run(0.8)
     assert not around.walls[-1].left
-    around.slip(1, Slip.STOP)
+    around.slip(1, Slip.KIND_STOP)
     around.order('wake')
     rig.until(lambda: around.walls[-1].left)
 
@@ -177,7 +177,7 @@ def test_many_slips_at_once_silence_no_timer(ros):
         burst.cancel()
         time.sleep(0.5)
         for block in range(20):
-            montage.on_slip(Slip(kind=Slip.START, block=block))
+            montage.on_slip(Slip(kind=Slip.KIND_START, block=block))
 
     burst = montage.create_timer(1.2, come)
     end = time.monotonic() + 6

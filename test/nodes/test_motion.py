@@ -39,7 +39,7 @@ def graph(ros, table):
 
 def track(nodes, node, probe, image, stamp_ns, place):
     """Publish the blocks of one image as the tracker does; return when the node has had them."""
-    message = Blocks(state=Blocks.TRACKING, image=image)
+    message = Blocks(state=Blocks.STATE_TRACKING, image=image)
     message.header.stamp = to_msg(stamp_ns)
     message.header.frame_id = 'table'
     message.blocks = [
@@ -73,14 +73,14 @@ def test_a_slip_goes_through_the_graph(graph, table):
         track(nodes, node, probe, k, start_ns + round(t * 1e9), place)
     nodes.until(lambda: probe.cascades and len(probe.slips) == 2)
     start, stop = probe.slips
-    assert (start.kind, stop.kind) == (Slip.START, Slip.STOP)
+    assert (start.kind, stop.kind) == (Slip.KIND_START, Slip.KIND_STOP)
     assert start.block == stop.block == moved
     assert start.slip == stop.slip
     assert [(f.kind, f.sense, f.block, f.slip) for f in probe.felt] == [
-        (FeltSlip.PROVISIONAL, FeltSlip.KNOCK, moved, 0),
-        (FeltSlip.CONFIRMED, FeltSlip.IMAGE, moved, start.slip),
-        (FeltSlip.PROVISIONAL, FeltSlip.KNOCK, near, 0),
-        (FeltSlip.RETRACTED, FeltSlip.IMAGE, near, 0),
+        (FeltSlip.KIND_PROVISIONAL, FeltSlip.SENSE_KNOCK, moved, 0),
+        (FeltSlip.KIND_CONFIRMED, FeltSlip.SENSE_IMAGE, moved, start.slip),
+        (FeltSlip.KIND_PROVISIONAL, FeltSlip.SENSE_KNOCK, near, 0),
+        (FeltSlip.KIND_RETRACTED, FeltSlip.SENSE_IMAGE, near, 0),
     ]
     for tap, (first, verdict) in zip(
         (knock, struck), (probe.felt[:2], probe.felt[2:]), strict=True
@@ -118,7 +118,7 @@ def test_slips_go_on_when_the_clock_is_set(graph, jump_s):
         track(nodes, node, probe, k, stamp_ns, place)
     nodes.until(lambda: len(probe.slips) == 4)
     assert [(s.kind, s.slip) for s in probe.slips] == [
-        (Slip.START, 1), (Slip.STOP, 1), (Slip.START, 2), (Slip.STOP, 2),
+        (Slip.KIND_START, 1), (Slip.KIND_STOP, 1), (Slip.KIND_START, 2), (Slip.KIND_STOP, 2),
     ]  # fmt: skip
     (line,) = warned
     way = 'ahead' if jump_s > 0 else 'back'

@@ -11,15 +11,14 @@ import urllib.request
 import aiohttp
 import numpy as np
 import pytest
+from eol_msgs.msg import Calibration as CalibrationMessage
 from eol_msgs.msg import Cascade, NodeState, RequestResult, Wall
 from sensor_msgs.msg import CompressedImage
-from std_msgs.msg import String
 from support.spinning import Nodes, matched
 from support.tables import on_tables
 from support.waiting import wait_until
 
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.devices.files import calibration_file
 from eol_ros.nodes import panel_streams
 from eol_ros.nodes.panel import PanelNode
 from eol_ros.nodes.panel_streams import STREAMS
@@ -29,7 +28,7 @@ from eol_ros.ros.requests import request_from_msg
 from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.scene import Scene
 from eol_ros.settings import GrainsSettings, PanelSettings
-from eol_ros.streams import blocks
+from eol_ros.streams import blocks, calibrations
 from eol_ros.web.hub import CHANNELS
 
 GIVES = ('wall', 'cascades', 'corpus', 'blocks', 'camera/image_raw/compressed',
@@ -156,8 +155,9 @@ def test_a_latecomer_is_told_wall_day_and_health(rig):
         cascade = Cascade(area=area, size=area, blocks=range(area))
         cascade.onset = to_msg(now_ns())
         rig.around.gives['cascades'].publish(cascade)
-    text = calibration_file.signed(Calibration.ideal(640, 400))
-    rig.around.gives['calibration'].publish(String(data=text))
+    row = calibrations.of(now_ns(), Calibration.ideal(640, 400))
+    message = calibrations.RECORD.fill(CalibrationMessage(), row)
+    rig.around.gives['calibration'].publish(message)
     wait_until(lambda: sum(rig.panel.day.notice()['areas']) == 3)
 
     async def talk(ws):

@@ -90,7 +90,7 @@ def test_what_rviz_draws_is_the_table(both, table):
         Truth(rim_x=0.02, rim_y=-0.01, rim_yaw=0.05, x=zeros, y=zeros, yaw=zeros,
               moving=[False] * table.cells)
     )  # fmt: skip
-    probe.gives['slips'].publish(Slip(kind=Slip.START, block=slips, x=0.1, y=0.2))
+    probe.gives['slips'].publish(Slip(kind=Slip.KIND_START, block=slips, x=0.1, y=0.2))
     until(lambda: panel.markers._rim is not None and panel.markers._slipping)
     rows['x'][lost], rows['seen'][lost] = np.nan, False
     probe.tell(2, rows)
@@ -107,7 +107,7 @@ def test_what_rviz_draws_is_the_table(both, table):
     unknown = int((table.springs == lost).any(axis=1).sum())
     assert len(points) == 2 * (len(table.springs) - unknown)
 
-    probe.gives['slips'].publish(Slip(kind=Slip.STOP, block=slips, x=0.13, y=0.2))
+    probe.gives['slips'].publish(Slip(kind=Slip.KIND_STOP, block=slips, x=0.13, y=0.2))
     until(lambda: panel.markers._arrows)
     probe.tell(3, rows)
     probe.tell(4, rows)

@@ -210,8 +210,8 @@ def test_pictures_are_kept_around_a_slip(ros, tmp_path):
         source.images.publish(stamps[-1], image)
         if i == 30:
             slip_ns = stamps[-1]
-            source.send(source.slips, Slip(slip=1, kind=Slip.START))
-            source.send(source.slips, Slip(slip=1, kind=Slip.STOP))
+            source.send(source.slips, Slip(slip=1, kind=Slip.KIND_START))
+            source.send(source.slips, Slip(slip=1, kind=Slip.KIND_STOP))
         rig.run(0.025)
     rig.close()
     bag = BagReader(tmp_path)

@@ -91,7 +91,7 @@ def test_images_become_blocks_as_offline_to_the_bit(graph, table):
     assert found['digest'] == ideal.digest
     for k, (message, (stamp_ns, tracked)) in enumerate(zip(probe.blocks, wanted, strict=True)):
         assert to_ns(message.header.stamp) == stamp_ns
-        assert (message.state, message.image) == (Blocks.TRACKING, k)
+        assert (message.state, message.image) == (Blocks.STATE_TRACKING, k)
         assert [b.id for b in message.blocks] == list(range(table.cells))
         assert [b.seen for b in message.blocks] == table.present.tolist()
         rows = np.array([(b.x, b.y, b.u, b.v, b.yaw) for b in message.blocks])

@@ -348,7 +348,7 @@ def good(topic, raw, now):
         case 'SoundMeter':
             return len(m.wave_min) == len(m.wave_max)
         case 'SoundSamples':
-            return m.channels > 0 and len(m.data) % (4 * m.channels) == 0
+            return m.channels > 0 and len(m.samples) % m.channels == 0
         case 'Image':
             size = m.height * m.width
             return m.encoding in ('mono8', '8UC1') and m.step == m.width and 0 < size == len(m.data)

@@ -128,7 +128,7 @@ def test_health_goes_both_ways(ros, monkeypatch):
     assert lines[-1]['level'] == 1 and lines[-1]['text'] == 'no image on the right'
     told = {'rejected': 0, 'pairs': 24, 'mean': 0.5, 'last': 7, 'names': ()}
     assert lines[-1]['values']['pairs'] == 24 and values_of(states[-1].values) == told
-    assert (states[0].level, states[0].code) == (NodeState.STARTING, 'starting')
+    assert (states[0].level, states[0].code) == (NodeState.LEVEL_STARTING, 'starting')
     assert (states[-1].level, states[-1].text, states[-1].code) == (1, 'no image on the right', '')
     row = seen[-1].status[0]
     assert (row.name, row.message) == ('eol: montage', 'no image on the right')

@@ -114,7 +114,7 @@ def test_no_message_crosses(run, namespace):
     assert set(blocks['frame_id']) == set(truth['frame_id']) == {f'{namespace}/table'}
     row = {stamp: k for k, stamp in enumerate(truth['stamp'].tolist())}
     where = [row[stamp] for stamp in blocks['stamp'].tolist()]
-    seen = blocks['blocks']['seen'] & (blocks['state'] == Blocks.TRACKING)[:, None]
+    seen = blocks['blocks']['seen'] & (blocks['state'] == Blocks.STATE_TRACKING)[:, None]
     error = np.hypot(
         blocks['blocks']['x'] - truth['x'][where], blocks['blocks']['y'] - truth['y'][where]
     )

@@ -48,13 +48,14 @@ def test_the_dtypes_are_those_of_the_definition():
 
 def test_the_states_are_those_of_the_definition(messages):
     for name in states.STATES:
-        assert getattr(states, name.upper()) == getattr(messages.Blocks, name.upper())
+        name = name.upper()
+        assert getattr(states, name) == getattr(messages.Blocks, f'STATE_{name}')
 
 
 def test_packed_bytes_are_what_rclpy_reads(codec, messages, rows):
     from rclpy.serialization import deserialize_message, serialize_message
 
-    raw = codec.pack(12_000_000_345, messages.Blocks.TRACKING, True, 77, rows)
+    raw = codec.pack(12_000_000_345, messages.Blocks.STATE_TRACKING, True, 77, rows)
     message = deserialize_message(raw, messages.Blocks)
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (12, 345)
     assert message.header.frame_id == 'table'

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each record against its definition, and against rclpy's message of it."""
 
+import dataclasses
 import subprocess
 import sys
 from pathlib import Path
@@ -16,9 +17,23 @@ from eol_ros.core.motion.slips import SlipEvent
 from eol_ros.core.sound.corpus import GRAIN, Corpus, Source
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.table import Table
+from eol_ros.core.vision.calibration.covers import CoverOutlines
+from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.devices.board.lights import Sent, Tap
+from eol_ros.errors import ConfigError
 from eol_ros.settings import DESCRIPTORS
-from eol_ros.streams import cascades, checks, corpus, felt, leds, slips, taps, triggers
+from eol_ros.streams import (
+    calibrations,
+    cascades,
+    checks,
+    corpus,
+    felt,
+    leds,
+    slips,
+    taps,
+    triggers,
+    work_state,
+)
 from eol_ros.streams.cdr import Decoder
 from eol_ros.streams.definition import parse
 
@@ -26,7 +41,7 @@ ROOT = Path(__file__).parents[2]
 MESSAGES = ROOT / 'msg_defs' / 'eol_msgs' / 'msg'
 STAMP = 1_700_000_000_123_456_789
 ONSET = 1_700_000_000.0625
-RECORDS = [m.RECORD for m in (slips, felt, cascades, triggers, taps, leds, corpus)]
+RECORDS = [m.RECORD for m in (slips, felt, cascades, triggers, taps, leds, corpus, calibrations)]
 
 
 def slip_row():
@@ -67,9 +82,25 @@ def corpus_row():
     return corpus.of(STAMP, made, (-0.5, -0.5, 0.5, 0.5), 0.06)
 
 
+def calibrated(**more):
+    heights = np.linspace(2.0, 9.0, N_BLOCKS * 4 * 33).reshape(N_BLOCKS, 4, 33) / 3
+    covers = CoverOutlines(1 / 3, heights)
+    ideal = Calibration.ideal(640, 400, mirror=True)
+    lens = np.array([0.1, -0.02, 1e-3, 2e-3, 1 / 7])
+    return dataclasses.replace(
+        ideal, distortion_coefficients=lens, cover_height_m=0.1, date='2026-11-29',
+        residual_px=0.1, residual_mm=1 / 3, covers=covers, **more,
+    )  # fmt: skip
+
+
+def calibration_row():
+    return calibrations.of(STAMP, calibrated())
+
+
 ROWS = {
     'Slip': slip_row, 'Cascade': cascade_row, 'GrainTrigger': trigger_row, 'BlockTap': tap_row,
     'LedCommand': led_row, 'Corpus': corpus_row, 'FeltSlip': felt_row,
+    'Calibration': calibration_row,
 }  # fmt: skip
 
 
@@ -87,10 +118,15 @@ def test_the_dtype_is_that_of_the_definition(record):
 
 def test_constants_are_those_of_the_definition():
     messages = pytest.importorskip('eol_msgs.msg')
-    for name in ('START', 'STOP'):
-        assert getattr(slips, name) == getattr(messages.Slip, name)
-    for name in ('PROVISIONAL', 'CONFIRMED', 'RETRACTED', 'KNOCK', 'IMAGE'):
-        assert getattr(felt, name) == getattr(messages.FeltSlip, name)
+    for module, kind, prefix, names in (
+        (slips, messages.Slip, 'KIND_', ('START', 'STOP')),
+        (felt, messages.FeltSlip, 'KIND_', ('PROVISIONAL', 'CONFIRMED', 'RETRACTED')),
+        (felt, messages.FeltSlip, 'SENSE_', ('KNOCK', 'IMAGE')),
+        (work_state, messages.NodeState, 'LEVEL_', ('OK', 'WARN', 'ERROR', 'STARTING')),
+    ):
+        for name in names:  # the old name stays for one release
+            values = {getattr(kind, prefix + name), getattr(kind, name), getattr(module, name)}
+            assert len(values) == 1
     text = (MESSAGES / 'GrainTrigger.msg').read_text()
     assert f'{triggers.NO_BLOCK} for none' in text
 
@@ -129,6 +165,20 @@ def test_rows_have_what_core_found():
     row = corpus_row()
     assert (row.name, row.files) == ('ice.wav + 1', ['/a/ice.wav', '/a/b.wav'])
     assert row.values.shape == (4 * len(DESCRIPTORS),)
+
+
+@pytest.mark.parametrize('covers', [True, False])
+def test_a_calibration_comes_back_to_the_last_bit(covers):
+    made = calibrated() if covers else dataclasses.replace(calibrated(), covers=None)
+    row = calibrations.of(STAMP, made)
+    (kept,) = calibrations.RECORD.each(calibrations.RECORD.rows([row]))
+    for one in (row, kept):
+        found = calibrations.to_core(one, Table())
+        assert found.digest == made.digest == one.digest and found.mirrored
+        for name in ('date', 'residual_px', 'residual_mm', 'cover_height_m', 'image_width'):
+            assert getattr(found, name) == getattr(made, name)
+    with pytest.raises(ConfigError, match='7 heights for 100 sides'):
+        calibrations.to_core(row._replace(cover_land=np.ones(7)), Table())
 
 
 @pytest.mark.parametrize('record', RECORDS, ids=lambda record: record.type)

@@ -57,7 +57,7 @@ def test_meter_packet_survives_silence_and_nonsense():
 
 def test_sound_packet_clips_and_keeps_the_order():
     samples = np.array([0.0, 1.0, -1.0, 3.0, np.nan, 0.5], '<f4')
-    packet = wire.sound(2.5, 48000, 2, 10**12, samples.tobytes())
+    packet = wire.sound(2.5, 48000, 2, 10**12, samples)
     kind, own, stamp = head(packet)
     assert (kind, stamp, own[0]) == (5, 2.5, 2)
     assert struct.unpack_from('<I', own, 3) == (48000,)
@@ -205,10 +205,10 @@ def test_health_has_typed_values_and_codes():
     why = said('lost', why=said('out_of_sight'))
     code, args = code_and_args(why)
     typed = {'values': parameter_messages(told), 'args': parameter_messages(args), 'code': code}
-    notice = notices.health(state(level=NodeState.WARN, **typed))
+    notice = notices.health(state(level=NodeState.LEVEL_WARN, **typed))
     assert (notice['node'], notice['level'], notice['rate']) == ('tracker', 'warn', 59.9)
     assert (notice['pid'], notice['values'], notice['said']) == (12, told, why.parts)
-    assert notices.health(state(level=NodeState.STARTING))['level'] == 'warn'
+    assert notices.health(state(level=NodeState.LEVEL_STARTING))['level'] == 'warn'
 
 
 def test_the_roster_knows_who_gives_signs_of_life():

@@ -24,7 +24,7 @@ from eol_ros.devices.files.names import natural, visible
 from eol_ros.disk import check_file
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest
 from eol_ros.settings import TableSettings
-from eol_ros.streams.graph import TOPICS, full_name, namespace_of
+from eol_ros.streams.graph import FORMER_TYPES, TOPICS, full_name, namespace_of
 
 if TYPE_CHECKING:
     from eol_ros.devices.bag.batches import Batch
@@ -153,7 +153,8 @@ class BagReader:
             return ''
         kind = f'{found.type} {found.foreign}'.rstrip()
         ours = TOPICS[topic].type_name
-        return '' if kind == ours else f'{found.name} has the type {kind}, not {ours}'
+        known = kind in (ours, FORMER_TYPES.get(topic))
+        return '' if known else f'{found.name} has the type {kind}, not {ours}'
 
     def own(self, topic: str) -> str:
         """Return the full name of a topic of the graph; raise ConfigError where it is another's."""

@@ -43,11 +43,6 @@ def save(path: str | Path, calibration: Calibration) -> None:
         ) from None
 
 
-def signed(calibration: Calibration) -> str:
-    """Return the file of `calibration` with its digest, as it goes onto the graph and into bags."""
-    return f'{_text(calibration)}digest: {calibration.digest}\n'
-
-
 def _text(calibration: Calibration) -> str:
     content = {
         'image_width': int(calibration.image_width),
