@@ -98,9 +98,7 @@ def sample_rate(rate: int) -> dict:
     out = render_all(mixer, triggers, bank, rate)
     took = time.process_time() - begin
     grains = list(zip(file, first, size, strict=True))
-    wanted = reference(
-        triggers, sounds, grains, rate, rate, 10 ** (-3 / 20), True, mixer.look_ahead
-    )
+    wanted = reference(triggers, sounds, grains, rate, rate, 10 ** (-3 / 20), mixer.look_ahead)
     row = _row(
         f'sound at {rate} Hz',
         'ok' if np.isfinite(out).all() else 'not finite',

@@ -241,7 +241,7 @@ def mixer() -> Curve:
     rate, pace, seconds, voices = 48_000, 1.37, 2, 64
     curve = Curve(
         'mixer, resampled', 'formula: tone, 1.37 times as high', '% distortion',
-        'second of a voice', 'cubic, 1000 Hz', 'float32: 1e-5 %',
+        'second of a voice', '1000 Hz', 'float32: 1e-5 %',
         'tones above a quarter of the sample rate',
     )  # fmt: skip
 
@@ -261,8 +261,8 @@ def mixer() -> Curve:
         at = np.arange(rate) * pace
         index = np.arange(len(tone))
 
-        def ours(cubic: bool, bank: Bank = bank) -> np.ndarray:
-            made = Mixer(rate, cubic=cubic, governor_db=0, gain_db=0)
+        def ours(bank: Bank = bank) -> np.ndarray:
+            made = Mixer(rate, governor_db=0, gain_db=0)
             return render_all(made, trigger, bank, rate)[:, 0]
 
         others = {
@@ -270,13 +270,8 @@ def mixer() -> Curve:
             'SciPy cubic spline': lambda at=at, i=index, t=tone: make_interp_spline(i, t)(at),
             'SciPy resample_poly': lambda tone=tone: resample_poly(tone, 100, 137)[:rate],
         }
-        for kind in ('cubic', 'linear'):
-            wide = kind == 'cubic'
-            error, took = (
-                beside(ours(wide), hz),
-                milliseconds(lambda w=wide, o=ours: o(w), 3) / voices,
-            )
-            curve.points.append((f'{kind}, {hz:g} Hz', took, error))
+        took = milliseconds(ours, 3) / voices
+        curve.points.append((f'{hz:g} Hz', took, beside(ours(), hz)))
         for name, work in others.items():
             row = (milliseconds(work, 2), beside(work(), hz))
             curve.peers.append((f'{name}, {hz:g} Hz', *row))

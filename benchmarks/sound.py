@@ -90,7 +90,7 @@ def _lines(result: dict) -> str:
 def _engines(result: dict) -> list[str]:
     rows = []
     for r in result.get('engine', ()):
-        name = f'{"cubic" if r["cubic"] else "linear"}, speed {"0.5-2" if r["varied"] else "1"}'
+        name = f'speed {"0.5-2" if r["varied"] else "1"}'
         rows.append(
             f'mixer {name:22}{r["overlap"]:8}{r["block"]:7}{r["voices_per_core"]:13.0f}'
             f'{r["ns_per_voice_sample"]:7.2f}{r["error_db"]:10.1f}'
@@ -115,22 +115,16 @@ def _engine(sound, seconds: float, overlaps: tuple[int, ...], repeats: int) -> l
 
     rows = []
     for varied in (False, True):
-        for cubic in (True, False):
-            short = make_score(100, ERROR_S, varied)
-            frames = int((ERROR_S + 0.3) * FS)
-            wanted = truth(sound, short, cubic, frames)
-            best = truth(sound, short, True, frames)
-            made = ours(sound, short, cubic, frames, 256)
-            errors = {
-                'error_db': -float(snr_db(made, wanted)),  # against the same reading in float64
-                'error_to_cubic_db': -float(snr_db(made, best)),
-            }
-            for overlap in overlaps:
-                score = make_score(overlap, seconds, varied)
-                for block in BLOCKS:
-                    print(f'mixer: {overlap} grains, block {block}', file=sys.stderr)
-                    case = {'overlap': overlap, 'block': block, 'cubic': cubic, 'varied': varied}
-                    rows.append({**case, **errors, **speed(sound, score, block, cubic, repeats)})
+        short = make_score(100, ERROR_S, varied)
+        frames = int((ERROR_S + 0.3) * FS)
+        wanted = truth(sound, short, frames)  # the same reading in float64
+        error_db = -float(snr_db(ours(sound, short, frames, 256), wanted))
+        for overlap in overlaps:
+            score = make_score(overlap, seconds, varied)
+            for block in BLOCKS:
+                print(f'mixer: {overlap} grains, block {block}', file=sys.stderr)
+                case = {'overlap': overlap, 'block': block, 'varied': varied, 'error_db': error_db}
+                rows.append({**case, **speed(sound, score, block, repeats)})
     return rows
 
 
@@ -140,5 +134,5 @@ def _identical(sound) -> bool:
     from benchmarks.sound_engine import FS, make_score, ours
 
     score = make_score(100, 1.0, True)
-    outs = [ours(sound, score, True, FS, block) for block in (1, 64, 100, 256, 512, 4096)]
+    outs = [ours(sound, score, FS, block) for block in (1, 64, 100, 256, 512, 4096)]
     return all(np.array_equal(out, outs[0]) for out in outs[1:])

@@ -68,15 +68,14 @@ class _Voicing(Voicing):
         return np.ones(len(count), np.int64), np.zeros(len(count)), count % 10 == 0
 
 
-def speed(sound: np.ndarray, s: Score, block: int, cubic: bool, repeats: int = 3) -> dict:
+def speed(sound: np.ndarray, s: Score, block: int, repeats: int = 3) -> dict:
     """Return voices per core and nanoseconds a voice and sample, the best of `repeats`.
 
     Voices per core: seconds of grains rendered in a second of CPU. All of the mixer works, limiter
     and governor included; triggers are given to it block by block, as live.
     """
     bank = bank_of(sound, s)
-    interpolation = 'cubic' if cubic else 'linear'
-    settings = SoundSettings(polyphony=4 * s.overlap, interpolation=interpolation)
+    settings = SoundSettings(polyphony=4 * s.overlap)
     rows = _Voicing(settings).rows(s.triggers, bank)[0]
     rows = rows[np.argsort(rows['time_s'], kind='stable')]
     out = np.empty((block, settings.channels), np.float32)
@@ -106,15 +105,15 @@ def speed(sound: np.ndarray, s: Score, block: int, cubic: bool, repeats: int = 3
     }
 
 
-def truth(sound: np.ndarray, s: Score, cubic: bool, frames: int) -> np.ndarray:
+def truth(sound: np.ndarray, s: Score, frames: int) -> np.ndarray:
     """Return the same in double precision, (frames, 2)."""
     grains = [(0, int(f), int(n)) for f, n in zip(s.first, s.size, strict=True)]
     ahead = Mixer(FS).look_ahead
-    return reference(s.triggers, [sound], grains, FS, frames, 1.0, cubic, ahead, True)
+    return reference(s.triggers, [sound], grains, FS, frames, 1.0, ahead, True)
 
 
-def ours(sound: np.ndarray, s: Score, cubic: bool, frames: int, block: int) -> np.ndarray:
+def ours(sound: np.ndarray, s: Score, frames: int, block: int) -> np.ndarray:
     """Return what our mixer makes of the score, (frames, 2) f4, with the governor off."""
-    mixer = Mixer(FS, max_voices=4 * s.overlap, cubic=cubic, gain_db=0, governor_db=0)
+    mixer = Mixer(FS, max_voices=4 * s.overlap, gain_db=0, governor_db=0)
     bank = bank_of(sound, s)
     return np.concatenate(list(play(mixer, voice_rows(s.triggers, bank, 2), frames, block)))

@@ -646,7 +646,6 @@ class SoundSettings:
         1,
     )
     gain_db: float = live(-6.0, 'master gain (volume)', 'dB', -90, 24)
-    interpolation: str = live('cubic', 'resampling interpolation', choices=('cubic', 'linear'))
     polyphony: int = setting(
         512,
         'maximum number of simultaneous voices; beyond it the quietest voice is stolen',

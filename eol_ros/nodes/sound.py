@@ -148,8 +148,7 @@ class SoundNode(EolNode):
     def on_settings(self, new) -> None:
         self.voicing.settings = new
         set_room(self.mixer, new, self.table)
-        cubic = new.interpolation == 'cubic'
-        self.mixer.set(cubic, new.gain_db, new.loudness_lufs, new.governor_db)
+        self.mixer.set(new.gain_db, new.loudness_lufs, new.governor_db)
         # Whole frames: the grains then start as far apart as without it, as `eol render` has them.
         self.latency_s = round(new.latency_s * new.sample_rate) / new.sample_rate
         self.tap_latency_s = round(new.tap_latency_s * new.sample_rate) / new.sample_rate

@@ -20,12 +20,12 @@ NS = 10**9
 def test_the_mixer_is_measured_and_exact():
     sound = source()
     score = make_score(20, 1.0, True)
-    figures = speed(sound, score, 256, cubic=True, repeats=1)
+    figures = speed(sound, score, 256, repeats=1)
     assert figures['voices_per_core'] * figures['ns_per_voice_sample'] == pytest.approx(
         1e9 / FS, rel=1e-6
     )
     frames = FS // 2
-    assert snr_db(ours(sound, score, True, frames, 256), truth(sound, score, True, frames)) > 120
+    assert snr_db(ours(sound, score, frames, 256), truth(sound, score, frames)) > 120
 
 
 def test_a_slip_is_followed_to_its_first_sample():

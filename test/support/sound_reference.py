@@ -9,7 +9,7 @@ from eol_ros.core.sound.offline import play
 from eol_ros.core.sound.triggers import TRIGGER
 
 
-def reference(triggers, sounds, grains, sample_rate, frames, gain, cubic=True, shift=0, dc=True):
+def reference(triggers, sounds, grains, sample_rate, frames, gain, shift=0, dc=True):
     """Return (frames, 2) f8; `grains` is a list of (file, first sample, samples).
 
     `shift`: frames before the first, `dc`: with the DC block of 7 Hz.
@@ -28,10 +28,8 @@ def reference(triggers, sounds, grains, sample_rate, frames, gain, cubic=True, s
         a, b, c, d = (source[at + k] for k in (-1, 0, 1, 2))
         if rate == 1:
             y = b
-        elif cubic:
-            y = b + f / 2 * (c - a + f * (2 * a - 5 * b + 4 * c - d + f * (3 * (b - c) + d - a)))
         else:
-            y = (1 - f) * b + f * c
+            y = b + f / 2 * (c - a + f * (2 * a - 5 * b + 4 * c - d + f * (3 * (b - c) + d - a)))
         edges = [
             max(float(t[k]) * sample_rate, 0.002 * sample_rate) for k in ('attack_s', 'release_s')
         ]

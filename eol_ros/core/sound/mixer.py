@@ -24,16 +24,13 @@ from eol_ros.core.sound.mixer_layout import (
     CHUNK,
     FOREVER,
     RING,
-    STALE,
     Memory,
     allocate,
     fence,
-    fits,
     memory,
 )
 from eol_ros.core.sound.room import reverberate
 from eol_ros.core.sound.taps import read
-from eol_ros.errors import ConfigError
 
 if TYPE_CHECKING:
     from eol_ros.core.sound.voicing import Voicing
@@ -61,7 +58,7 @@ def _mix(m, begin, end, origin):
     """Add all voices to the mix for the frames begin..end; the mix begins at frame `origin`."""
     s = m.state[0]
     mix, voices, order = m.mix, m.voices, m.order
-    cubic, steal_frames = s.cubic, s.steal_frames
+    steal_frames = s.steal_frames
     scratch = m.scratch.ctypes.data
     for i in range(s.voices):
         if i + 1 < s.voices:  # a grain lies anywhere in memory: fetch it while this one is mixed
@@ -81,7 +78,7 @@ def _mix(m, begin, end, origin):
         row = v.source + 4 * (n - again)
         if v.rate != 1.0:
             row = scratch
-            read(row, v.source, v.rate, n - again, stop - n + again, cubic)
+            read(row, v.source, v.rate, n - again, stop - n + again)
         if v.tuning != 0.0:
             grain_filter.run(scratch, row, stop - n + again, m.tables[order[i]])
             row = scratch + 4 * again
@@ -212,12 +209,7 @@ def _begin(m, until):
 
 @njit(cache=True, nogil=True)
 def render(address, out):
-    """Make the next frames of the mixer at `address` into `out` (frames, channels) f4.
-
-    Return False, and do nothing, if this code was compiled for another layout of the memory.
-    """
-    if not fits(address):
-        return False
+    """Make the next frames of the mixer at `address` into `out` (frames, channels) f4."""
     m = memory(address)
     s = m.state[0]
     _ingest(m)
@@ -242,7 +234,6 @@ def render(address, out):
             k += span
         s.frame += n
         at += n
-    return True
 
 
 class Mixer:
@@ -256,8 +247,6 @@ class Mixer:
         Loudspeakers, in a row from left to right.
     max_voices : int
         Polyphony: beyond it a voice is stolen.
-    cubic : bool
-        Interpolate by cubics (else by lines) where a grain is played at another rate.
     gain_db : float
         Master gain.
     ceiling_db : float
@@ -274,11 +263,6 @@ class Mixer:
     latest : int
         Frames by which `align` may delay a loudspeaker, and one more; 0: it is not used.
 
-    Raises
-    ------
-    ConfigError
-        The compiled loops are of another version: `eol compile` makes them again.
-
     Examples
     --------
     >>> mixer = Mixer(48000, channels=2)
@@ -291,7 +275,6 @@ class Mixer:
         sample_rate: float = 48000,
         channels: int = 2,
         max_voices: int = 512,
-        cubic: bool = True,
         gain_db: float = -4.0,
         ceiling_db: float = -1.0,
         loudness_lufs: float = -18.0,
@@ -330,23 +313,22 @@ class Mixer:
         s['clock_period'] = 1 / sample_rate
         s['epoch'] = epoch_s
         self.memory.weights[:] = k_weighting(sample_rate)[:, [0, 1, 2, 4, 5]].ravel()
-        self.set(cubic, gain_db, loudness_lufs, governor_db)
+        self.set(gain_db, loudness_lufs, governor_db)
         s['gain'] = s['gain_target']
         self._lent: dict[int, tuple[Bank, float]] = {}  # by id, with its last frame
         publish(s, 0)  # whatever is compiled is so before it is needed
         warm_up()
-        if not render(self.address, np.empty((0, channels), np.float32)):
-            raise ConfigError(STALE)
+        render(self.address, np.empty((0, channels), np.float32))
 
     @property
     def look_ahead(self) -> int:
         """Frames by which the limiter delays; triggers start that much earlier to be in time."""
         return int(self.state['look_ahead'][0])
 
-    def set(self, cubic: bool, gain_db: float, loudness_lufs: float, governor_db: float) -> None:
+    def set(self, gain_db: float, loudness_lufs: float, governor_db: float) -> None:
         """Change what may change while it sounds; the gain glides."""
         s = self.state
-        s['cubic'], s['gain_target'] = cubic, elementary.exp10(gain_db / 20)
+        s['gain_target'] = elementary.exp10(gain_db / 20)
         s['loudness'], s['governor_range'] = loudness_lufs, governor_db
 
     def fade(self, to: float, seconds: float, at_once_from: float | None = None) -> None:

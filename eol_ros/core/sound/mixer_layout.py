@@ -6,7 +6,6 @@ knows lies in numpy arrays whose addresses stand in one table of int64; compiled
 address of that table and views the arrays in place, and Python reads the same arrays.
 """
 
-import zlib
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +18,6 @@ from eol_ros.core.sound.grain_filter import TABLE
 from eol_ros.core.sound.lanes import WIDTH
 from eol_ros.core.sound.room import LINES, SPAN
 from eol_ros.core.sound.triggers import MAX_RATE
-from eol_ros.errors import ConfigError
 
 CHUNK = 512  # frames mixed in one go: two channels of it and a scratch row stay in the L1 cache
 ROOM = CHUNK + WIDTH  # what is written behind the last frame, up to a whole vector, is unused
@@ -28,7 +26,6 @@ RING = 4096  # triggers on their way to the callback
 WINDOWS = 300  # of 100 ms: the 30 s that the loudness governor looks back
 LOADS = 512  # callbacks whose load is remembered
 FOREVER = 2**62
-STALE = 'the compiled sound engine is of another version; run: eol compile --force'
 
 VOICE = np.dtype(
     [
@@ -72,7 +69,6 @@ STATE = np.dtype(
         ('line_size', 'i8'),  # samples of a line of the room
         ('room_tail', 'i8'),  # frames until the room has decayed; 0: there is no room
         # targets: Python writes, the callback reads
-        ('cubic', 'i8'),
         ('gain_target', 'f8'),
         ('fade_target', 'f8'),  # 0 silent, 1 open
         ('fade_step', 'f8'),  # share of a fade made in a frame
@@ -171,12 +167,7 @@ class Memory(NamedTuple):
     alignment: Alignment
 
 
-_FIELDS = (*Memory._fields[:-2], *Room._fields, *Alignment._fields)
-ARRAYS = len(_FIELDS)
-# Compiled code is kept on disk and looks at the date of its own source only. It begins by comparing
-# this number, so that code of another layout does nothing rather than write anywhere.
-_WHAT = (VOICE.descr, STATE.descr, _FIELDS, CHUNK, ROOM, TABLE, GUARD, RING, WINDOWS, LOADS)
-LAYOUT = zlib.crc32(repr((*_WHAT, FOREVER)).encode())
+ARRAYS = len((*Memory._fields[:-2], *Room._fields, *Alignment._fields))
 _intrinsic: Any = intrinsic
 
 
@@ -202,15 +193,9 @@ def fence(typing_context):
 
 
 @njit(cache=True)
-def fits(address):
-    """Whether this compiled code knows the memory whose table stands at `address`."""
-    return carray(pointer(address), 1, np.int64)[0] == LAYOUT
-
-
-@njit(cache=True)
 def memory(address):
     """View the arrays whose table stands at `address`."""
-    t = carray(pointer(address), 1 + ARRAYS, np.int64)[1:]
+    t = carray(pointer(address), ARRAYS, np.int64)
     state = carray(pointer(t[0]), 1, STATE)
     s = state[0]
     c, look_ahead, rows = s.channels, s.look_ahead, s.channels * (1 + s.buses)
@@ -265,7 +250,7 @@ def allocate(
     room_tail: int,
     align_size: int,
 ) -> tuple[Memory, np.ndarray]:
-    """Return the zeroed arrays of a mixer and its table, int64: LAYOUT and their addresses.
+    """Return the zeroed arrays of a mixer and its table, int64: their addresses.
 
     `memory` defines their shapes: it views a table whose arrays do not exist yet.
     """
@@ -274,15 +259,12 @@ def allocate(
     s['channels'], s['capacity'], s['buses'] = channels, capacity, buses
     s['line_size'], s['room_tail'], s['align_size'] = line_size, room_tail, align_size
     s['look_ahead'], s['history'] = look_ahead, history
-    table = np.full(1 + ARRAYS, state.ctypes.data)
-    table[0] = LAYOUT
-    if not fits(table.ctypes.data):
-        raise ConfigError(STALE)
+    table = np.full(ARRAYS, state.ctypes.data)
     _, *views, room, alignment = memory(table.ctypes.data)
     parts = [kind(*map(np.zeros_like, p)) for kind, p in ((Room, room), (Alignment, alignment))]
     arrays = Memory._make([state, *map(np.zeros_like, views), *parts])
     arrays.order[:] = np.arange(capacity)
     arrays.highs[:] = arrays.alignment.trims[:] = 1
     flat = (*arrays[:-2], *arrays.room, *arrays.alignment)
-    table[1:] = [a.ctypes.data for a in flat]
+    table[:] = [a.ctypes.data for a in flat]
     return arrays, table

@@ -12,11 +12,6 @@ _ZERO, _HALF, _TWO = np.float32(0.0), np.float32(0.5), np.float32(2.0)
 
 
 @njit(forceinline=True)
-def _line(taps, f):
-    return fma(f, taps[2] - taps[1], taps[1])
-
-
-@njit(forceinline=True)
 def _cubic(taps, f):
     """The cubic through b and c with the slopes of their neighbours (Catmull and Rom 1974)."""
     a, b, c, d = taps
@@ -28,7 +23,7 @@ def _cubic(taps, f):
 
 
 @njit(cache=True)
-def read(out, source, rate, first, count, cubic):
+def read(out, source, rate, first, count):
     """Write the sound at address `source` at the places rate * (first + k), k < count, to `out`.
 
     `out` is an address of float32, with room for `count` rounded up to whole vectors. As many
@@ -39,5 +34,5 @@ def read(out, source, rate, first, count, cubic):
     for k in range(0, 4 * count, 4 * WIDTH):
         low = place & (UNIT - 1)
         taps, f = around(source + 4 * (place >> POINT), low, step), fractions(low, step)
-        store(out + k, _cubic(taps, f) if cubic else _line(taps, f))
+        store(out + k, _cubic(taps, f))
         place += WIDTH * step

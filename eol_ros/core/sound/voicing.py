@@ -93,7 +93,7 @@ def new_mixer(settings: SoundSettings, epoch_s: float = 0.0, table: Table = Tabl
     delay, gain = alignment(parse(s.speakers), s.sample_rate)
     uneven = delay.any() or (gain != 1).any()
     mixer = Mixer(
-        s.sample_rate, s.channels, s.polyphony, s.interpolation == 'cubic', s.gain_db, s.ceiling_db,
+        s.sample_rate, s.channels, s.polyphony, s.gain_db, s.ceiling_db,
         s.loudness_lufs, s.governor_db, epoch_s,
         len(bus_areas(table)) - 1 + first_bus(s) if bussed(s) else 0,
         s.room_s, s.room_high_s, int(delay.max()) + 1 if uneven else 0,

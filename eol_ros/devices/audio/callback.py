@@ -7,7 +7,7 @@ from numba import carray, types
 from eol_ros.core.compiled import cfunc, njit
 from eol_ros.core.sound.clock import step_clock
 from eol_ros.core.sound.mixer import render
-from eol_ros.core.sound.mixer_layout import fence, fits, memory, pointer
+from eol_ros.core.sound.mixer_layout import fence, memory, pointer
 
 OUTPUT_UNDERFLOW = 4  # paOutputUnderflow of portaudio.h
 CLOCK_REALTIME, CLOCK_MONOTONIC = 0, 1
@@ -24,12 +24,7 @@ def _seconds(timespec, clock, epoch):
 
 @njit(cache=True, nogil=True)
 def turn(address, out, flags):
-    """Fill `out` (frames, channels) f4 from the mixer at `address`, keep its clock and counters.
-
-    Return False, and do nothing, if this code was compiled for another layout of the memory.
-    """
-    if not fits(address):
-        return False
+    """Fill `out` (frames, channels) f4 from the mixer at `address`, keep its clock and counters."""
     m = memory(address)
     s = m.state[0]
     begun = _seconds(m.timespec, CLOCK_MONOTONIC, 0.0)
@@ -42,7 +37,6 @@ def turn(address, out, flags):
     if out.shape[0]:
         m.loads[s.callbacks % m.loads.size] = taken * s.sample_rate / out.shape[0]
         s.callbacks += 1
-    return True
 
 
 @njit(cache=True, nogil=True)
@@ -52,17 +46,15 @@ def serve(address, out, flags):
     `busy` is up before `card` is looked at, so a thread that takes `card` down and finds
     `busy` down has the mixer for itself.
     """
-    played = False
-    if fits(address):
-        s = memory(address).state[0]
-        s.busy = 1
-        fence()
-        if s.card:
-            played = turn(address, out, flags)
-        fence()
-        s.busy = 0
-    if not played:
+    s = memory(address).state[0]
+    s.busy = 1
+    fence()
+    if s.card:
+        turn(address, out, flags)
+    else:
         out[:] = 0
+    fence()
+    s.busy = 0
 
 
 @cfunc(
@@ -71,7 +63,6 @@ def serve(address, out, flags):
 def callback(_inputs, output, frames, _times, flags, table):
     """PaStreamCallback of portaudio.h; `table` is the mixer's table of addresses."""
     address = carray(table, 1, np.int64).ctypes.data
-    if fits(address):
-        out = carray(output, (frames, memory(address).state[0].channels), np.float32)
-        serve(address, out, flags)
+    out = carray(output, (frames, memory(address).state[0].channels), np.float32)
+    serve(address, out, flags)
     return 0  # paContinue

@@ -18,7 +18,6 @@ import numpy as np
 
 from eol_ros.core.sound.clock import RELOCK_S, set_clock
 from eol_ros.core.sound.mixer import Mixer
-from eol_ros.core.sound.mixer_layout import STALE
 from eol_ros.devices.audio.callback import turn
 from eol_ros.devices.carrier_thread import carrier_thread
 from eol_ros.errors import ConfigError
@@ -42,8 +41,7 @@ class WavSink:
         self._mixer, self._block_size = mixer, block_size
         self._limit, self._written = int(limit_s * mixer.sample_rate), 0
         self._header_every = int(HEADER_S * mixer.sample_rate)
-        if not turn(mixer.address, np.zeros((0, mixer.channels), np.float32), 0):
-            raise ConfigError(STALE)
+        turn(mixer.address, np.zeros((0, mixer.channels), np.float32), 0)  # compile before
         self._file = _open(self.path, mixer) if self.path else None
         self._again_s: float | None = None  # when to begin the next file after a write error
         self._stop = threading.Event()
