@@ -624,9 +624,8 @@ class SoundSettings:
     channels: int = setting(2, 'number of loudspeakers in a row, from left to right', '', 1, 64)
     speakers: tuple[str, ...] = setting(
         (),
-        'loudspeakers around the table in the order of the outputs, as NAME AZIMUTH [DISTANCE '
-        '[GAIN]] in degrees (0 ahead, 90 left), m and dB; empty: `channels` loudspeakers in a '
-        'row',
+        'loudspeakers around the table in the order of the outputs, as NAME AZIMUTH in degrees '
+        '(0 ahead, 90 left); empty: `channels` loudspeakers in a row',
     )
     block_size: int = setting(256, 'number of samples in each audio callback', '', 32, 4096)
     latency_s: float = live(0.025, 'delay between the stamp of an image and its sound', 's', 0, 1)

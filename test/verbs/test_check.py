@@ -346,13 +346,13 @@ def test_loudspeakers_that_do_not_fit(check):
   sound:
     sub_output: true
     channels: %s
-    speakers: [front 0 2, %s, right -120 2 -3]
+    speakers: [front 0, %s, right -120]
 """
-    code, _, words = check(nodes % (3, 'left 0.5 1') + '    sub_low_hz: 70\n')
+    code, _, words = check(nodes % (3, 'left 0.5') + '    sub_low_hz: 70\n')
     assert code == 78
     assert 'sound.speakers' in words and 'front stands in that direction already' in words
     assert 'sound.sub_low_hz: is 70, sub_high_hz is 60' in words
-    code, _, words = check(nodes % (3, 'left 120 1'))
+    code, _, words = check(nodes % (3, 'left 120'))
     assert code == 78 and 'is 3; 3 speakers and one for the sub voice make 4' in words
 
 

@@ -193,19 +193,3 @@ def limit(m, out, at, n):
         row = m.delay[c]
         for k in range(ahead):
             row[k] = row[k + n]
-
-
-@njit(cache=True)
-def align(m, out, at, n):
-    """Delay and trim each channel of `n` frames of `out` (frames, channels) f4 from row `at` on.
-
-    A trim is at most 1, so what the limiter has seen to stays so.
-    """
-    s = m.state[0]
-    last = s.align_size - 1
-    for c in range(m.delay.shape[0]):
-        row, late, trim = m.alignment.late[c], m.alignment.lateness[c], m.alignment.trims[c]
-        for k in range(n):
-            frame = s.frame + k
-            row[frame & last] = out[at + k, c]
-            out[at + k, c] = trim * row[(frame - late) & last]

@@ -18,7 +18,7 @@ from eol_ros.core.sound.bank import Bank, voice_rows, warm_up
 from eol_ros.core.sound.buses import blend, pole
 from eol_ros.core.sound.envelope import add_edge, add_flat, fade_out
 from eol_ros.core.sound.lanes import WIDTH
-from eol_ros.core.sound.limiter import ONE, align, condition, limit
+from eol_ros.core.sound.limiter import ONE, condition, limit
 from eol_ros.core.sound.loudness import k_weighting
 from eol_ros.core.sound.mixer_layout import (
     CHUNK,
@@ -224,8 +224,6 @@ def render(address, out):
             reverberate(m, n)
         condition(m, n)
         limit(m, out, at, n)
-        if s.align_size:
-            align(m, out, at, n)
         k = 0
         while k < n:
             i = (s.frame + k) % s.history
@@ -260,8 +258,6 @@ class Mixer:
     room_s, room_high_s : float
         Decay by 60 dB of the room, at low frequencies and at 4 kHz; 0: there is none. It hears
         the buses, by `set_wets`.
-    latest : int
-        Frames by which `align` may delay a loudspeaker, and one more; 0: it is not used.
 
     Examples
     --------
@@ -283,7 +279,6 @@ class Mixer:
         buses: int = 0,
         room_s: float = 0.0,
         room_high_s: float = 0.0,
-        latest: int = 0,
     ):
         look_ahead = int(round(LOOK_AHEAD_S * sample_rate))
         history = 1 << math.ceil(1.3 * sample_rate - 1).bit_length()
@@ -293,7 +288,6 @@ class Mixer:
         self.memory, self._table = allocate(
             channels, 2 * max_voices, look_ahead, history, buses, line_size,
             round(room_s * room.TAIL_DB / 60 * sample_rate),
-            1 << latest.bit_length() if latest else 0,
         )  # fmt: skip
         self.address = int(self._table.ctypes.data)
         self.sample_rate, self.channels = sample_rate, channels
@@ -364,11 +358,6 @@ class Mixer:
     def set_low_corners(self, corner_hz: np.ndarray) -> None:
         """Set the corner of the high-pass of each bus, (1 + buses,), Hz; the first has none."""
         self.memory.highs[:] = pole(corner_hz, self.sample_rate)
-
-    def align(self, delay: np.ndarray, gain: np.ndarray) -> None:
-        """Delay the first loudspeakers by (n,) frames, and turn them down to (n,) <= 1."""
-        self.memory.alignment.lateness[: len(delay)] = delay
-        self.memory.alignment.trims[: len(gain)] = gain
 
     def set_wets(self, wets: np.ndarray) -> None:
         """Set which share of each bus, (1 + buses,), the room hears; the first is the mix."""

@@ -65,7 +65,6 @@ STATE = np.dtype(
         ('dc_pole', 'f8'),
         ('loudness', 'f8'),  # LUFS that the governor holds
         ('governor_range', 'f8'),  # dB that it may take away
-        ('align_size', 'i8'),  # samples that each loudspeaker may be late by; 0: none is
         ('line_size', 'i8'),  # samples of a line of the room
         ('room_tail', 'i8'),  # frames until the room has decayed; 0: there is no room
         # targets: Python writes, the callback reads
@@ -129,14 +128,6 @@ class Room(NamedTuple):
     turned: np.ndarray  # (2, SPAN, LINES) f4, samples of all lines side by side
 
 
-class Alignment(NamedTuple):
-    """The arrays that make all loudspeakers sound as if equally far away."""
-
-    late: np.ndarray  # (channels, align_size, a power of two) f4, ring of each loudspeaker
-    lateness: np.ndarray  # (channels,) i8, samples by which each is late
-    trims: np.ndarray  # (channels,) f4, its gain
-
-
 class Memory(NamedTuple):
     """The arrays of one mixer, in the order of its table."""
 
@@ -164,10 +155,9 @@ class Memory(NamedTuple):
     highs: np.ndarray  # (1 + buses,) f8, pole of the high-pass of each bus; 1: there is none
     tables: np.ndarray  # (capacity, TABLE) f4, of the filters of `voices`, see grain_filter.py
     room: Room
-    alignment: Alignment
 
 
-ARRAYS = len((*Memory._fields[:-2], *Room._fields, *Alignment._fields))
+ARRAYS = len((*Memory._fields[:-1], *Room._fields))
 _intrinsic: Any = intrinsic
 
 
@@ -232,11 +222,6 @@ def memory(address):
             carray(pointer(t[28]), LINES, np.float32),
             carray(pointer(t[29]), (2, SPAN if s.room_tail else 0, LINES), np.float32),
         ),
-        Alignment(
-            carray(pointer(t[30]), (c, s.align_size), np.float32),
-            carray(pointer(t[31]), c, np.int64),
-            carray(pointer(t[32]), c, np.float32),
-        ),
     )
 
 
@@ -248,7 +233,6 @@ def allocate(
     buses: int,
     line_size: int,
     room_tail: int,
-    align_size: int,
 ) -> tuple[Memory, np.ndarray]:
     """Return the zeroed arrays of a mixer and its table, int64: their addresses.
 
@@ -257,14 +241,13 @@ def allocate(
     state = np.zeros(1, STATE)
     s = state[0]
     s['channels'], s['capacity'], s['buses'] = channels, capacity, buses
-    s['line_size'], s['room_tail'], s['align_size'] = line_size, room_tail, align_size
+    s['line_size'], s['room_tail'] = line_size, room_tail
     s['look_ahead'], s['history'] = look_ahead, history
     table = np.full(ARRAYS, state.ctypes.data)
-    _, *views, room, alignment = memory(table.ctypes.data)
-    parts = [kind(*map(np.zeros_like, p)) for kind, p in ((Room, room), (Alignment, alignment))]
-    arrays = Memory._make([state, *map(np.zeros_like, views), *parts])
+    _, *views, room = memory(table.ctypes.data)
+    own_room = Room._make(map(np.zeros_like, room))
+    arrays = Memory._make([state, *map(np.zeros_like, views), own_room])
     arrays.order[:] = np.arange(capacity)
-    arrays.highs[:] = arrays.alignment.trims[:] = 1
-    flat = (*arrays[:-2], *arrays.room, *arrays.alignment)
-    table[:] = [a.ctypes.data for a in flat]
+    arrays.highs[:] = 1
+    table[:] = [a.ctypes.data for a in (*arrays[:-1], *arrays.room)]
     return arrays, table

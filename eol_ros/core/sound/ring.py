@@ -19,19 +19,13 @@ from eol_ros.core import elementary
 from eol_ros.errors import ConfigError
 from eol_ros.settings import SoundSettings
 
-SOUND_MPS = 343.2  # in air of 20 degrees C
-FARTHEST_M, LEAST_DB = 50.0, -40.0
-_WHAT = 'NAME AZIMUTH [DISTANCE [GAIN]], in degrees, m and dB, such as: left 30 2.5 -1'
-
 
 @dataclass(frozen=True)
 class Speaker:
-    """One loudspeaker: azimuth in degrees, distance from the middle in m, gain in dB."""
+    """One loudspeaker: azimuth in degrees."""
 
     name: str
     azimuth: float
-    distance_m: float = 2.0
-    gain_db: float = 0.0
 
 
 def parse(lines: Sequence[str]) -> list[Speaker]:
@@ -40,30 +34,26 @@ def parse(lines: Sequence[str]) -> list[Speaker]:
     Raises
     ------
     ConfigError
-        A line is not `NAME AZIMUTH [DISTANCE [GAIN]]`, a name or a place is there twice.
+        A line is not `NAME AZIMUTH`, a name or a place is there twice.
 
     Examples
     --------
-    >>> parse(['left 30', 'right -30 2.5 -1'])[1]
-    Speaker(name='right', azimuth=-30.0, distance_m=2.5, gain_db=-1.0)
+    >>> parse(['left 30', 'right -30'])[1]
+    Speaker(name='right', azimuth=-30.0)
     """
     found: list[Speaker] = []
     for line in lines:
-        name, *words = line.split() or ['']
         try:
-            numbers = [float(word) for word in words]
+            name, word = line.split()
+            speaker = Speaker(name, float(word))
         except ValueError:
-            numbers = []
-        if not 1 <= len(numbers) <= 3 or not all(map(math.isfinite, numbers)):
-            raise ConfigError(f'{line!r} is no loudspeaker: {_WHAT}')
-        speaker = Speaker(name, *numbers)
-        if not 0 < speaker.distance_m <= FARTHEST_M:
-            raise ConfigError(f'{line!r}: the distance is above 0 and at most {FARTHEST_M:g} m')
-        if not LEAST_DB <= speaker.gain_db <= 0:
-            raise ConfigError(f'{line!r}: the gain is {LEAST_DB:g} to 0 dB; turn the others down')
+            speaker = Speaker('', math.nan)
+        if not math.isfinite(speaker.azimuth):
+            what = 'NAME AZIMUTH, in degrees, such as: left 30'
+            raise ConfigError(f'{line!r} is no loudspeaker: {what}')
         for other in found:
-            if other.name == name:
-                raise ConfigError(f'{line!r}: there is a loudspeaker {name} already')
+            if other.name == speaker.name:
+                raise ConfigError(f'{line!r}: there is a loudspeaker {other.name} already')
             if abs(_turn(other.azimuth - speaker.azimuth)) < 1:
                 raise ConfigError(f'{line!r}: {other.name} stands in that direction already')
         found.append(speaker)
@@ -72,27 +62,6 @@ def parse(lines: Sequence[str]) -> list[Speaker]:
 
 def _turn(degrees: float) -> float:
     return (degrees + 180) % 360 - 180
-
-
-def alignment(speakers: Sequence[Speaker], sample_rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return delay (n,) samples and gain (n,) that make all as if they stood the farthest away.
-
-    The nearer is later by its share of the way, and quieter as 1 / distance.
-
-    Examples
-    --------
-    >>> delay, gain = alignment(parse(['near 0 1.716', 'far 180 3.432']), 48000)
-    >>> delay.tolist(), gain.tolist()
-    ([240, 0], [0.5, 1.0])
-    """
-    if not speakers:
-        return np.zeros(0, np.int64), np.zeros(0)
-    distance = np.array([s.distance_m for s in speakers])
-    delay = np.rint((distance.max() - distance) / SOUND_MPS * sample_rate).astype(np.int64)
-    gain = (
-        distance / distance.max() * elementary.exp10(np.array([s.gain_db for s in speakers]) / 20)
-    )
-    return delay, gain
 
 
 def mistakes(settings: SoundSettings) -> Iterator[tuple[str, str]]:

@@ -22,7 +22,7 @@ from eol_ros.core.sound.cascade_area import CascadeAreas
 from eol_ros.core.sound.grain_filter import tuned
 from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.mixer_layout import VOICE
-from eol_ros.core.sound.ring import Ring, alignment, mistakes, parse
+from eol_ros.core.sound.ring import Ring, mistakes, parse
 from eol_ros.core.sound.sub import pulse_bank, pulses
 from eol_ros.core.sound.triggers import MAX_GAIN, MAX_RATE, MIN_RATE
 from eol_ros.core.table import Table
@@ -90,13 +90,11 @@ def new_mixer(settings: SoundSettings, epoch_s: float = 0.0, table: Table = Tabl
     s = settings
     for name, what in mistakes(s):
         raise ConfigError(f'sound.{name}: {what}')
-    delay, gain = alignment(parse(s.speakers), s.sample_rate)
-    uneven = delay.any() or (gain != 1).any()
     mixer = Mixer(
         s.sample_rate, s.channels, s.polyphony, s.gain_db, s.ceiling_db,
         s.loudness_lufs, s.governor_db, epoch_s,
         len(bus_areas(table)) - 1 + first_bus(s) if bussed(s) else 0,
-        s.room_s, s.room_high_s, int(delay.max()) + 1 if uneven else 0,
+        s.room_s, s.room_high_s,
     )  # fmt: skip
     if s.corner_hz:
         corners = per_bus(corners_hz(s.corner_hz, table), s)
@@ -105,8 +103,6 @@ def new_mixer(settings: SoundSettings, epoch_s: float = 0.0, table: Table = Tabl
     if s.low_corner_hz:
         mixer.set_low_corners(per_bus(corners_hz(s.low_corner_hz, table), s))
     set_room(mixer, s, table)
-    if uneven:
-        mixer.align(delay, gain)
     return mixer
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Loudspeakers about the table: VBAP against its linear equations, and their alignment."""
+"""Loudspeakers about the table: VBAP against its linear equations."""
 
 import itertools
 from dataclasses import replace
@@ -7,17 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.quiet_settings import SOUND
-from support.sound_reference import noise_bank, rendered
 
-from eol_ros.core.sound.bank import Bank, voice_rows
-from eol_ros.core.sound.mixer import Mixer
-from eol_ros.core.sound.ring import Ring, Speaker, alignment, parse
+from eol_ros.core.sound.bank import Bank
+from eol_ros.core.sound.ring import Ring, Speaker, parse
 from eol_ros.core.sound.triggers import TRIGGER
-from eol_ros.core.sound.voicing import Voicing, new_mixer
+from eol_ros.core.sound.voicing import Voicing
 from eol_ros.errors import ConfigError
 
 FS = 48000
-FIVE = ('centre 0 2', 'left 30 2.4', 'right -30 2.4', 'back-left 110 1.5 -2', 'back-right -110 3')
+FIVE = ('centre 0', 'left 30', 'right -30', 'back-left 110', 'back-right -110')
 
 
 def vbap(speakers, x, y):
@@ -61,27 +59,6 @@ def test_where_nobody_stands_the_nearer_has_it():
     assert gains == [{0: 1, 1: 0}, {0: 0, 1: 1}]
 
 
-def test_the_nearer_is_later_and_quieter():
-    delay, gain = alignment(parse(FIVE), FS)
-    assert delay.tolist() == [round(w / 343.2 * FS) for w in (1.0, 0.6, 0.6, 1.5, 0.0)]
-    wanted = [2 / 3, 0.8, 0.8, 0.5 * 10 ** (-2 / 20), 1.0]
-    assert gain == pytest.approx(wanted)
-
-
-@pytest.mark.parametrize('size', [pytest.param(1, marks=pytest.mark.slow), 100, 512, 2000])
-def test_the_mixer_aligns_whatever_the_block(size):
-    bank, t = noise_bank(), np.zeros(2, TRIGGER)
-    t['gain'], t['rate'], t['pan'], t['time_s'] = 0.5, 1.0, (-1, 1), (0.05, 0.1)
-    rows = voice_rows(t, bank, 2)
-    plain = rendered(Mixer(FS, gain_db=0), rows, FS // 2)
-    mixer = Mixer(FS, gain_db=0, latest=301)
-    mixer.align(np.array([300, 0]), np.array([0.5, 1.0]))
-    out = rendered(mixer, rows, FS // 2, size)
-    assert np.array_equal(out[:, 1], plain[:, 1])
-    assert np.array_equal(out[300:, 0], np.float32(0.5) * plain[:-300, 0])
-    assert plain[:-300, 0].any()
-
-
 def test_a_grain_sounds_where_it_lies_on_the_table():
     settings = replace(SOUND, channels=5, speakers=FIVE)
     places = np.array([[0.0, 0.5], [-0.3, -0.3], [np.nan, np.nan]])
@@ -92,8 +69,6 @@ def test_a_grain_sounds_where_it_lies_on_the_table():
     rows, _ = Voicing(settings).rows(t, bank)
     loudest = np.where(rows['gain_a'] > rows['gain_b'], rows['channel_a'], rows['channel_b'])
     assert loudest.tolist() == [0, 3, 3]  # ahead; back left; none, so by pan to the left
-    assert new_mixer(settings).memory.alignment.late.shape == (5, 256)
-    assert new_mixer(replace(settings, speakers=())).memory.alignment.late.size == 0
 
 
 @pytest.mark.parametrize(
@@ -102,9 +77,7 @@ def test_a_grain_sounds_where_it_lies_on_the_table():
         (['left'], 'is no loudspeaker: NAME AZIMUTH'),
         (['left x'], 'is no loudspeaker'),
         (['left nan'], 'is no loudspeaker'),
-        (['left 30 2 -1 5'], 'is no loudspeaker'),
-        (['left 30 0'], 'distance'),
-        (['left 30 2 3'], 'gain is -40 to 0 dB'),
+        (['left 30 2'], 'is no loudspeaker'),
         (['left 30', 'left -30'], 'there is a loudspeaker left already'),
         (['left 30', 'right 390'], 'left stands in that direction already'),
     ],
