@@ -31,7 +31,7 @@ from eol_ros.errors import EolError
 HELP = 'Processor time of the node osc at a thousand packets a second, out and in, over DDS.'
 EXAMPLES = ['eol bench osc', 'eol bench osc --rate 200 --seconds 5 --json']
 CHUNK = 20  # packets at once, each 20 ms at the usual rate
-FADERS = ('radius', 'blend', 'gain', 'pan_width', 'k', 'reverse', 'overlap', 'gain_floor')
+FADERS = ('radius', 'blend', 'gain', 'pan_width', 'k', 'overlap', 'gain_floor')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -563,9 +563,6 @@ class GrainsSettings:
     rate_jitter_st: float = live(
         0.5, 'random variation of playback_rate in either direction, in semitones', 'st', 0, 24
     )
-    reverse: float = live(
-        0.0, 'share of the grains, chosen at random, that are played backwards', '', 0, 1
-    )
     envelope: str = live(
         'edges',
         'envelope of a grain: fades of attack_s and release_s (edges), a window over the '

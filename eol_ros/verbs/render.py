@@ -151,7 +151,7 @@ def _remedy(why: str, corpus: str | None, grains: int) -> str:
         'no_such_grain': f'name no grain of {corpus or "the corpus of the bag"}, which has 0 to '
         f'{grains - 1}: give the corpus that they were made with',
         'bad_number': f'have a number out of range: gain 0 to {MAX_GAIN:g}, rate {MIN_RATE:g} to '
-        f'{MAX_RATE:g} or backwards, pan -1 to 1, attack and release from 0 s on',
+        f'{MAX_RATE:g}, pan -1 to 1, attack and release from 0 s on',
         'too_short': 'are of grains shorter than 4 samples: cut longer ones with `eol corpus`',
         'too_many': 'came with thousands of others at once: spread them over time',
     }[why]

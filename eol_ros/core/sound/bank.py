@@ -65,14 +65,12 @@ class Bank:
         self._sounds = [
             s if guarded else np.pad(np.asarray(s, np.float32), GUARD)[GUARD:-GUARD] for s in sounds
         ]
-        self._turned: list[np.ndarray] = []  # the same, backwards: grains of `_is_turned`
         self._first = np.round(np.asarray(start, float) * sample_rate).astype(np.int64)
         length = np.round(np.asarray(duration, float) * sample_rate).astype(np.int64)
         room = np.array([len(s) for s in sounds], np.int64)[self._file] - self._first
         self.length = np.clip(length, 0, np.maximum(room, 0))  # (g,) samples
         begins = np.array([s.ctypes.data for s in self._sounds], np.int64)
         self.address = begins[self._file] + 4 * self._first  # (g,) of sample 0
-        self._is_turned = np.zeros(len(self.length), bool)
 
     def __len__(self) -> int:
         return len(self.length)
@@ -89,24 +87,6 @@ class Bank:
             self._shares[name] = found
         return self._shares[name]
 
-    def backwards(self, grains: np.ndarray) -> np.ndarray:
-        """Return the addresses (g,) of the last sample of each grain, to be read from there back.
-
-        Valid are those of `grains`, which are copied the first time that they are named.
-        """
-        if not self._turned:  # memory that nothing is written to takes no room
-            self._turned += [np.zeros(len(s) + 2 * GUARD, np.float32) for s in self._sounds]
-        ends = np.array([len(s) for s in self._sounds], np.int64)[self._file]
-        for grain in np.unique(grains[~self._is_turned[grains]]).tolist():
-            sound, end = self._sounds[self._file[grain]], int(ends[grain])
-            first = max(int(self._first[grain]) - GUARD, 0)  # voices read a little beyond
-            last = min(int(self._first[grain] + self.length[grain]) + GUARD, end)
-            turned = self._turned[self._file[grain]][GUARD:-GUARD]
-            turned[end - last : end - first] = sound[first:last][::-1]
-            self._is_turned[grain] = True
-        begins = np.array([s[GUARD:].ctypes.data for s in self._turned], np.int64)
-        return begins[self._file] + 4 * (ends - self._first - self.length)
-
     def placed(
         self, places: ArrayLike, descriptors: Mapping[str, np.ndarray] | None = None
     ) -> 'Bank':
@@ -121,7 +101,7 @@ class Bank:
 def _playable(t, grains):
     if not (0 <= t.grain < grains and math.isfinite(t.time_s)):
         return False
-    if not (0 <= t.gain <= MAX_GAIN and MIN_RATE <= abs(t.rate) <= MAX_RATE and -1 <= t.pan <= 1):
+    if not (0 <= t.gain <= MAX_GAIN and MIN_RATE <= t.rate <= MAX_RATE and -1 <= t.pan <= 1):
         return False
     return 0 <= t.attack_s < math.inf and 0 <= t.release_s < math.inf
 
@@ -131,8 +111,8 @@ def playable(triggers, grains):
     """Return which of `triggers` (n,) TRIGGER can be sounded, shape (n,) bool.
 
     A trigger is refused when a number is not finite, its grain is not in the corpus, its gain is
-    negative or above `MAX_GAIN`, its rate forwards or backwards is outside `MIN_RATE`..`MAX_RATE`,
-    its pan outside -1..1 or an edge of its envelope negative.
+    negative or above `MAX_GAIN`, its rate outside `MIN_RATE`..`MAX_RATE`, its pan outside -1..1 or
+    an edge of its envelope negative.
     """
     good = np.empty(len(triggers), np.bool_)
     for i in range(len(triggers)):
@@ -141,7 +121,7 @@ def playable(triggers, grains):
 
 
 @njit(cache=True)
-def _voices(triggers, length, address, backwards, sample_rate, channels, out, number):
+def _voices(triggers, length, address, sample_rate, channels, out, number):
     """Write the voices of those `triggers` (n,) that can play into `out` (n,) VOICE.
 
     `number` (n,) takes which trigger each is of. Return how many there are.
@@ -152,13 +132,13 @@ def _voices(triggers, length, address, backwards, sample_rate, channels, out, nu
         t = triggers[i]
         if not (_playable(t, len(length)) and length[t.grain] >= 4):
             continue
-        rate = abs(np.float64(t.rate))
+        rate = np.float64(t.rate)
         last = int((length[t.grain] - 1) / rate)
         if last < 3:
             continue
         v = out[n]
         v.time_s, v.rate, v.length, v.steal = t.time_s, rate, last + 1, FOREVER
-        v.source = backwards[t.grain] if t.rate < 0 else address[t.grain]
+        v.source = address[t.grain]
         attack = max(np.float64(t.attack_s) * sample_rate, least)
         release = max(np.float64(t.release_s) * sample_rate, least)
         squeeze = min(1.0, last / (attack + release))  # edges longer than the grain share it
@@ -175,7 +155,7 @@ def warm_up() -> None:
     """Compile or load what makes voices, before a sound waits for it."""
     nothing, none = np.zeros(0, TRIGGER), np.zeros(0, np.int64)
     playable(nothing, 0)
-    _voices(nothing, none, none, none, 48000.0, 2, np.zeros(0, VOICE), none)
+    _voices(nothing, none, none, 48000.0, 2, np.zeros(0, VOICE), none)
 
 
 def voice_rows(
@@ -205,11 +185,7 @@ def numbered_rows(
     """Return what `voice_rows` does, and the number (m,) of the trigger that each is of."""
     t = np.ascontiguousarray(triggers)
     v, number = np.zeros(len(t), VOICE), np.empty(len(t), np.int64)
-    back = t['grain'][(t['rate'] < 0) & (t['grain'] >= 0) & (t['grain'] < len(bank))]
-    backwards = bank.backwards(back) if len(back) else bank.address
-    count = _voices(
-        t, bank.length, bank.address, backwards, float(bank.sample_rate), channels, v, number
-    )
+    count = _voices(t, bank.length, bank.address, float(bank.sample_rate), channels, v, number)
     v, number = v[:count], number[:count]
     if ring is not None:
         placed = t[number]

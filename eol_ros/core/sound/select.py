@@ -494,9 +494,6 @@ class Selector:
             attack = np.maximum(room - release, 0.0)
         squeeze = np.minimum(1, room / np.maximum(attack + release, 1e-9))
         out['attack_s'], out['release_s'] = attack * squeeze, release * squeeze
-        if s.reverse:
-            back = chance(s.seed, time_s, block, grain, 9) < s.reverse
-            out['rate'] = np.where(back, -out['rate'], out['rate'])
         return out
 
     def _creaks(self, time_s: float, span_s: float) -> np.ndarray:

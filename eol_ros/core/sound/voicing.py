@@ -133,8 +133,7 @@ class Voicing:
         sub = self._sub(t[grew], area[grew]) if s.sub_db > OFF_DB else None
         log_area = elementary.log(area)
         slower = elementary.exp(-s.rate_scaling / 2 * log_area)
-        speed = np.clip(np.abs(t['rate']) * slower, MIN_RATE, MAX_RATE)
-        t['rate'] = np.copysign(speed, t['rate'])
+        t['rate'] = np.clip(t['rate'] * slower, MIN_RATE, MAX_RATE)
         level_db = s.dynamics_db * (log_area / self._log_blocks - 1)
         if s.onset_duck_db:
             level_db -= s.onset_duck_db * np.maximum(0, 1 - since_s / s.onset_duck_s)

@@ -410,14 +410,3 @@ def test_envelopes_fill_the_grain_as_they_say(envelope, attack_s, release_s):
     found = run(settings, CENTRE, THROUGH)
     assert found['attack_s'] == pytest.approx(attack_s)
     assert found['release_s'] == pytest.approx(release_s)
-
-
-def test_a_share_of_the_grains_goes_backwards_and_nothing_else_changes():
-    places = np.random.default_rng(3).random((300, 2))
-    wide = replace(STILL, radius=0.3)
-    runs = [run(replace(wide, reverse=r), places, THROUGH) for r in (0.0, 0.5, 1.0)]
-    assert (runs[0]['rate'] == 1).all() and (runs[2]['rate'] == -1).all()
-    assert 0.3 < np.mean(runs[1]['rate'] < 0) < 0.7
-    for some in runs[1:]:
-        some['rate'] = np.abs(some['rate'])
-        assert (some == runs[0]).all() and len(some) > 40
