@@ -20,11 +20,10 @@ from eol_ros.errors import DeviceMissing, EolError
 
 NOTICE_S = 0.05  # from an underrun to its count: JACK tells of it in a thread of its own
 CASES = (
-    {'block': 256, 'compiled': True, 'busy': True, 'overlap': 400},
-    {'block': 128, 'compiled': True, 'busy': True, 'overlap': 400},
-    {'block': 256, 'compiled': True, 'busy': False, 'overlap': 0},
-    {'block': 128, 'compiled': True, 'busy': False, 'overlap': 0},
-    {'block': 256, 'compiled': False, 'busy': True, 'overlap': 400},
+    {'block': 256, 'busy': True, 'overlap': 400},
+    {'block': 128, 'busy': True, 'overlap': 400},
+    {'block': 256, 'busy': False, 'overlap': 0},
+    {'block': 128, 'busy': False, 'overlap': 0},
 )
 
 
@@ -64,7 +63,7 @@ def measure(case: dict, seconds: float) -> dict:
         jack.stop()
 
 
-def _run(block: int, compiled: bool, busy: bool, overlap: int, seconds: float) -> dict:
+def _run(block: int, busy: bool, overlap: int, seconds: float) -> dict:
     from benchmarks.sound_engine import bank_of, make_score, source
     from eol_ros.core.sound.bank import voice_rows
     from eol_ros.core.sound.mixer import Mixer
@@ -75,7 +74,7 @@ def _run(block: int, compiled: bool, busy: bool, overlap: int, seconds: float) -
     s = make_score(max(overlap, 1), 2.0, False)
     bank = bank_of(source(), s)
     rows = voice_rows(s.triggers, bank, 2) if overlap else voice_rows(s.triggers[:0], bank, 2)
-    card = Card(mixer, 'system', block, compiled)
+    card = Card(mixer, 'system', block)
     card.play()
     stop = threading.Event()
 
@@ -90,7 +89,6 @@ def _run(block: int, compiled: bool, busy: bool, overlap: int, seconds: float) -
     if busy:
         worker.start()
     underruns, frame, begun = int(state['underruns'][0]), int(state['frame'][0]), time.monotonic()
-    assert card.compiled == compiled
     marks, next_s = [], time.time() - epoch + 0.5
     voices, counted, looked_s, moments = 0, underruns, begun, []
     while time.monotonic() - begun < seconds:
@@ -118,7 +116,7 @@ def _run(block: int, compiled: bool, busy: bool, overlap: int, seconds: float) -
     off = (at[:, 1] - at[0, 1] - np.polyval(line, at[:, 0] - at[0, 0])) * FS
     used = min(int(state['callbacks'][0]), mixer.memory.loads.size)
     return {
-        'block': block, 'compiled': compiled, 'busy_thread': busy, 'overlap': overlap,
+        'block': block, 'busy_thread': busy, 'overlap': overlap,
         'seconds': taken, 'underruns': counted - underruns, 'underrun_moments': moments,
         'frames_per_second': frames / taken, 'voices_most': voices,
         'dropped': int(state['dropped'][0]), 'late': int(state['late'][0]),

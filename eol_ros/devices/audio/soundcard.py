@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from eol_ros.core.sound.mixer import Mixer
-from eol_ros.devices.audio.callback import OUTPUT_UNDERFLOW, callback, serve
+from eol_ros.devices.audio.callback import callback, serve
 from eol_ros.devices.audio.outputs import find, portaudio, reason, rescan
 from eol_ros.devices.audio.wav_sink import WavSink
 from eol_ros.devices.backoff import Backoff
@@ -32,40 +32,29 @@ LOST_S = 0.5  # the same where the device is gone: there is nothing left to play
 
 
 class Card:
-    """An open PortAudio stream, silent until `play`; raises DeviceMissing if it cannot be had.
+    """An open PortAudio stream, silent until `play`; raises DeviceMissing if it cannot be had."""
 
-    `compiled` takes the callback that needs no Python; where sounddevice does not let it in, the
-    ordinary callback does the same a little less reliably.
-    """
-
-    def __init__(self, mixer: Mixer, device: str, block_size: int, compiled: bool = True):
+    def __init__(self, mixer: Mixer, device: str, block_size: int):
         sd = portaudio()
         mixer.state['card'] = 0
         serve(mixer.address, np.zeros((0, mixer.channels), np.float32), 0)  # compile before
         number = find(device, mixer.channels)
-        options = {
-            'samplerate': mixer.sample_rate,
-            'blocksize': block_size,
-            'device': number,
-            'channels': mixer.channels,
-            'dtype': 'float32',
-            'latency': 'low',
-        }
         self._mixer, self._held = mixer, False
         self.name = sd.query_devices(number)['name']
-        self.compiled = compiled
         try:
-            if compiled:
-                # Documented for authors of libraries: a C function pointer as the callback.
-                self._stream = sd._StreamBase(
-                    kind='output',
-                    wrap_callback=None,
-                    callback=sd._ffi.cast('PaStreamCallback*', callback.address),
-                    userdata=sd._ffi.cast('void*', mixer.address),
-                    **options,
-                )
-            else:
-                self._stream = sd.OutputStream(callback=_ordinary(mixer), **options)
+            # Documented for authors of libraries: a C function pointer as the callback.
+            self._stream = sd._StreamBase(
+                kind='output',
+                wrap_callback=None,
+                callback=sd._ffi.cast('PaStreamCallback*', callback.address),
+                userdata=sd._ffi.cast('void*', mixer.address),
+                samplerate=mixer.sample_rate,
+                blocksize=block_size,
+                device=number,
+                channels=mixer.channels,
+                dtype='float32',
+                latency='low',
+            )
             self._hold()
             self._stream.start()
         except sd.PortAudioError as error:
@@ -116,13 +105,6 @@ class Card:
         for kept in (self._mixer, self._stream):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(kept))
         self._held = True
-
-
-def _ordinary(mixer: Mixer):
-    def ordinary(out, _frames, _times, status):
-        serve(mixer.address, out, OUTPUT_UNDERFLOW if status.output_underflow else 0)
-
-    return ordinary
 
 
 class Player:
@@ -236,10 +218,7 @@ class Player:
         self._retry_s = time.monotonic() + self._backoff.failed()
 
     def _open(self) -> Card:
-        try:
-            return Card(self.mixer, self.device, self.block_size)
-        except (AttributeError, TypeError):  # another sounddevice, without that door
-            return Card(self.mixer, self.device, self.block_size, compiled=False)
+        return Card(self.mixer, self.device, self.block_size)
 
     def _file(self, path) -> WavSink:
         try:
