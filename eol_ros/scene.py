@@ -653,6 +653,9 @@ def _check_together(
     if twin and tracker and twin.calibration and not tracker.calibration:
         what = f'must be as twin.calibration, which is {twin.calibration}: one camera'
         reader.wrong(place.keys['tracker'], 'tracker.calibration', what)
+    if sources and tracker and tracker.image_transport == 'compressed':
+        what = f'must be raw: {sources[0]} publishes no JPEG images for it'
+        reader.wrong(place.keys['tracker'], 'tracker.image_transport', what)
     there = {name for name, item in place.value.items() if not _off(item)} | set(elsewhere)
     for name in nodes:
         needed = providers(name)

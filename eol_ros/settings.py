@@ -254,6 +254,12 @@ class CameraSettings:
 @dataclass(frozen=True)
 class TrackerSettings:
     calibration: str = setting('', "calibration file; empty: the twin's ideal camera", kind='path')
+    image_transport: str = setting(
+        'raw',
+        'images to take: `raw` from camera/image_raw, or JPEG from camera/image_raw/compressed '
+        'of a driver that is not ours; there are no preview images then',
+        choices=('raw', 'compressed'),
+    )
     stamp_offset_s: float = setting(
         0.0,
         'time from the stamp that the camera driver gives an image to the middle of its exposure; '

@@ -380,9 +380,9 @@ def changes(draw):
     found = {}
     for name in draw(st.sets(st.sampled_from(sorted(scenes.load('rehearsal').nodes)))):
         kinds = {f.name: values_of(f) for f in dataclasses.fields(NODES[name].settings)}
-        # Twin and tracker must agree on the mirror, a limit goes off with a reason alone, and
-        # springs are shorter than the table's gaps.
-        apart = 'mirror', 'flash_limit', 'spring_natural_m'
+        # Twin and tracker must agree on the mirror and on images, a limit goes off with a reason
+        # alone, and springs are shorter than the table's gaps.
+        apart = 'mirror', 'image_transport', 'flash_limit', 'spring_natural_m'
         kinds = {k: v for k, v in kinds.items() if v is not None and k not in apart}
         for key in draw(st.sets(st.sampled_from(sorted(kinds)), max_size=4)) if kinds else ():
             found.setdefault(name, {})[key] = draw(kinds[key])

@@ -242,7 +242,7 @@ def exit_codes_page() -> str:
         'was found, where, and what to do. With `--json` stdout then stays empty.',
         '\n'.join(rows),
         '`eol run` and each node use the same codes. systemd does not restart a run that ended '
-        'with 2 or 78.',
+        'with 2, 3 (by the service `stop`) or 78.',
         '## Codes that are results',
         '\n'.join(['| command | code |', '| --- | --- |', *results]),
     ]

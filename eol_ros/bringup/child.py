@@ -48,6 +48,7 @@ class Child:
         self.code: int | None = None
         self.percent = 0  # how far a compiler is
         self.settled = False
+        self.order = ''  # what its node asks of bringup: restart or stop
         self.left_out = 0  # its exit code, if it could not start: the others go on without it
         self.silence = self.policy.silence
         self.starved = False
@@ -166,6 +167,9 @@ class Child:
         for line in self._lines('health', self.health_fd):
             with contextlib.suppress(ValueError, KeyError, TypeError):
                 status = json.loads(line)
+                if 'order' in status:
+                    self.order = status['order']
+                    continue
                 if 'percent' in status:
                     self.percent = int(status['percent'])
                 if 'kept' in status:  # not of a node of another machine

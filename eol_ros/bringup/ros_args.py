@@ -5,27 +5,32 @@ So a bag says what its nodes were given. Of two values for one parameter the lat
 """
 
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any
 
 import yaml
 
+from eol_ros import yaml_text
+from eol_ros.disk import content
 from eol_ros.errors import ConfigError, UsageError
 from eol_ros.ros.parameters import checked
 from eol_ros.scene import Scene, check_namespace
 from eol_ros.settings import renamed
 from eol_ros.streams.graph import NODES
 
-REMAP, PARAMETER = ('-r', '--remap'), ('-p', '--param')
+REMAP, PARAMETER, FILE = ('-r', '--remap'), ('-p', '--param'), '--params-file'
 WITH_VALUE = ('--log-level', '-e', '--enclave', '--log-config-file')
+PARAMETERS = 'ros__parameters'
 
 
 @dataclass
 class RosArgs:
     """The scene as the arguments make it, and what each node is given besides.
 
-    parameters: by node, those that are no settings of it. others: for all nodes.
+    parameters: by node, those that are no settings of it, as qos_overrides. others: for all nodes.
     """
 
     scene: Scene
@@ -44,26 +49,25 @@ class RosArgs:
 def read(scene: Scene, words: Sequence[str]) -> RosArgs:
     """Return what the words behind --ros-args make of a scene.
 
-    Raises UsageError for words that ROS has not or bringup does not take, ConfigError for a value
-    that cannot be.
+    Raises UsageError for words that ROS has not, ConfigError for a file or a value that cannot be.
     """
     left = iter(word for word in words if word != '--')
     others: list[str] = []
-    given: list[tuple[str, str, Any]] = []  # node or '', parameter, value
+    given: list[tuple[str, str, Any]] = []  # pattern of nodes, parameter, value
     for word in left:
         value = ''
-        if word in (*REMAP, *PARAMETER, *WITH_VALUE) and not (value := next(left, '')):
+        if word in (*REMAP, *PARAMETER, *WITH_VALUE, FILE) and not (value := next(left, '')):
             raise UsageError(f'--ros-args {word}: what? A value must follow')
         if word in REMAP:
             scene = _remapped(scene, word, value, others)
         elif word in PARAMETER:
             given.append(_parameter(word, value, scene))
-        elif word == '--params-file':
-            raise UsageError(f'--ros-args {word}: write the settings into a scene, or use -p')
+        elif word == FILE:
+            given += _file(Path(value))
         elif word in WITH_VALUE or word.startswith('--'):
             others += [word, value] if value else [word]
         else:
-            raise UsageError(f'--ros-args {word}: expected -r RULE or -p [NODE:]NAME:=VALUE')
+            raise UsageError(f'--ros-args {word}: expected -r RULE, -p NAME:=VALUE or {FILE} FILE')
     return _settle(RosArgs(scene, others=tuple(others)), given)
 
 
@@ -90,17 +94,58 @@ def _parameter(word: str, rule: str, scene: Scene) -> tuple[str, str, Any]:
     if node and node not in scene.nodes:
         raise UsageError(f'--ros-args {word} {rule}: scene {scene.name} has no node {node}')
     try:
-        return node, name, yaml.safe_load(text) if text else ''
+        return node or '/**', name, yaml.safe_load(text) if text else ''
     except yaml.YAMLError:
         raise UsageError(f'--ros-args {word} {rule}: the value is not YAML') from None
+
+
+def _file(path: Path) -> Iterator[tuple[str, str, Any]]:
+    try:
+        data = yaml_text.load(yaml_text.decoded(content(path)))
+    except FileNotFoundError:
+        raise UsageError(f'--ros-args {FILE} {path}: no such file') from None
+    except (OSError, UnicodeError, yaml.YAMLError) as error:
+        raise ConfigError(f'{path}: cannot be read ({type(error).__name__})') from None
+    found = list(_of_nodes(data, ''))
+    if not found:
+        raise ConfigError(
+            f'{path}: no parameters; NODE: {{{PARAMETERS}: {{NAME: VALUE}}}} has some'
+        )
+    return iter(found)
+
+
+def _of_nodes(data: Any, pattern: str) -> Iterator[tuple[str, str, Any]]:
+    for key, below in data.items() if isinstance(data, dict) else ():
+        if key == PARAMETERS:
+            yield from ((pattern, name, value) for name, value in _flat(below, ''))
+        else:
+            yield from _of_nodes(below, f'{pattern}/{str(key).strip("/")}'.removeprefix('/'))
+
+
+def _flat(values: Any, prefix: str) -> Iterator[tuple[str, Any]]:
+    for name, value in values.items() if isinstance(values, dict) else ():
+        if isinstance(value, dict):
+            yield from _flat(value, f'{prefix}{name}.')
+        else:
+            yield f'{prefix}{name}', value
+
+
+def _matches(pattern: str, node: str, namespace: str) -> bool:
+    """Whether a node is meant: by its full name with wildcards, or by its name alone."""
+    parts = [
+        {'**': '.*', '*': '[^/]*'}.get(part, re.escape(part))
+        for part in pattern.strip('/').split('/')
+    ]
+    full = f'{namespace}/{node}'.strip('/')
+    return pattern.strip('/') == node or bool(re.fullmatch('/'.join(parts), full))
 
 
 def _settle(args: RosArgs, given: Sequence[tuple[str, str, Any]]) -> RosArgs:
     """Put settings into the scene; what no node has as a setting goes to all that are meant."""
     values: dict[str, dict[str, Any]] = {}
     scene = args.scene
-    for one, name, value in given:
-        meant = [one] if one else list(scene.nodes)
+    for pattern, name, value in given:
+        meant = [node for node in scene.nodes if _matches(pattern, node, scene.namespace)]
         having = []
         for node in meant:
             kind = NODES[node].settings

@@ -33,7 +33,7 @@ EXAMPLES = [
     'eol run museum --only camera,tracker',
     'eol run museum --machine audio',
     'eol run rehearsal --ros-args -r __ns:=/north',
-    'eol run rehearsal --ros-args -p grains:radius:=0.06',
+    'eol run rehearsal --ros-args -p grains:radius:=0.06 --params-file my.yaml',
 ]
 
 
@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs=argparse.REMAINDER,
         metavar='ARGS',
         help='-r __ns:=/NAME replaces the namespace of the scene; other remappings, -p '
-        '[NODE:]NAME:=VALUE apply to the nodes',
+        '[NODE:]NAME:=VALUE and --params-file FILE apply to the nodes',
     )
 
 

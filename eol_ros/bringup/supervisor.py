@@ -34,6 +34,7 @@ from eol_ros.streams.work_state import DOWN, work_state
 if TYPE_CHECKING:
     from eol_ros.bringup.notify import Notifier
 
+STOPPED = 3  # exit code after the service `stop`, by which systemd does not start it again
 FINAL = (2, 69, 78)  # a node that ends so at the start lacks a device or a file
 ESSENTIAL = {*IMAGE_SOURCES, 'tracker'}  # without which nothing moves
 DRAIN_S = 0.3  # from the last image to all that it causes
@@ -87,6 +88,7 @@ class Supervisor:
         self._changed = around.changed
         self._server, self._events, self._say = server, events, say
         self._asked_to_stop = self._hurry = self._stopped = False
+        self._code = 0  # of a run that was asked to stop
         self._told_work = self._work_code = ''
         self._told: dict[str, tuple[int, str]] = {}
         self._began_s = self._clock()
@@ -162,10 +164,21 @@ class Supervisor:
             if self._manager.there:
                 self._manager.status(self._summary())
             self._wait()
-        return 0
+        return self._code
 
     def _tidy(self, now: float) -> None:
-        """Start all again where the machine has changed; take away what killed processes left."""
+        """Start all again where the machine has changed; take away what killed processes left.
+
+        A node may ask for all to be started again, or to end.
+        """
+        orders = {child.order for child in self.children}
+        if 'stop' in orders:
+            self._note('the run ends, as the service `stop` asks')
+            self.stop()
+            self._code = STOPPED
+            return
+        if 'restart' in orders:
+            self._begin_again('the service `restart` was called')
         restarting = any(child.comes_back(now) for child in self.children)
         if not restarting and now < self._look_s:
             return
@@ -184,6 +197,8 @@ class Supervisor:
         self._stop()
         for child in running:
             child.start_at_s = self._clock()
+        for child in self.children:
+            child.order = ''  # it may have come again meanwhile
 
     def stop(self) -> None:
         """Ask the loop to end."""

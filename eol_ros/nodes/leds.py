@@ -14,9 +14,11 @@ from eol_ros.devices.board.board import State
 from eol_ros.devices.board.lights import Lights, Played, Sent, Tap
 from eol_ros.errors import EolError
 from eol_ros.nodes.leds_infrared import Infrared
+from eol_ros.ros.main_clock import MainClock
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
 from eol_ros.ros.stamps import to_ns
+from eol_ros.said import clauses
 from eol_ros.streams import blocks, leds, slips, taps
 from eol_ros.streams.osc import poses, strains
 from eol_ros.streams.requests import Asked
@@ -48,6 +50,7 @@ class LedsNode(EolNode):
             self.health.watches('radio', self.lights.twin.rounds)
             self.health.watches('fake board', self.lights.twin.fake.rounds)
         self.create_timer(1.0, self.on_second)
+        self.main_clock: MainClock = MainClock(self)
         self.blocks: blocks.Blocks | None = None
         self.sees_blocks = False
         self.see_blocks(self.settings)
@@ -92,7 +95,10 @@ class LedsNode(EolNode):
     def on_slip(self, slip: Slip) -> None:
         self.stamped(to_ns(slip.header.stamp))
         if slip.kind == slips.START:
-            took_s = self.lights.slip(slip.block, to_ns(slip.header.stamp), to_ns(slip.onset))
+            ahead_ns = self.main_clock.ahead_ns
+            took_s = self.lights.slip(
+                slip.block, to_ns(slip.header.stamp), to_ns(slip.onset), ahead_ns
+            )
             if took_s is not None:
                 self.health.took('onset_to_light', took_s)
             self.health.tick()
@@ -172,7 +178,8 @@ class LedsNode(EolNode):
         if faults:
             self.health.warn('; '.join(faults))
         else:
-            report.get(state.kind, self.health.warn)(state.text)
+            text = clauses([state.text, self.main_clock.report()])
+            report.get(state.kind, self.health.warn)(text)
 
     def close(self) -> None:
         self.lights.close()

@@ -3,20 +3,21 @@
 
 import importlib.metadata
 import time
-from collections import deque
 
 from eol_msgs.msg import NodeState
 
+from eol_ros.core.clock_offset import Offset, OneWay, offset
+from eol_ros.errors import EolError
 from eol_ros.ros.node import EolNode
 from eol_ros.said import clauses, code_and_args, from_message, said
 from eol_ros.scene import machine_node
-from eol_ros.streams.requests import values_of
+from eol_ros.streams.requests import Asked, values_of
 from eol_ros.streams.work_state import ERROR, STARTING
 
 SILENT_S = 3.0  # of nodes that report once a second
-APART_S = 0.005  # above: an error of the set-up; NTP on a LAN keeps a tenth of it, and its delay
 FAR_S = 0.02  # of clocks so far apart sound and light are plainly out of time
 START_S = 15.0  # as long as a source waits for the nodes of its scene
+ORDER_S = 2.0  # from the answer to `restart` or `stop` to its begin: over `within_s` of both
 
 
 class MachineNode(EolNode):
@@ -27,6 +28,7 @@ class MachineNode(EolNode):
     """
 
     NAME = 'machine'
+    HOLDS = False
 
     def __init__(self, settings, clock=time.monotonic, **kwargs):
         super().__init__(settings, **kwargs)
@@ -41,8 +43,8 @@ class MachineNode(EolNode):
         }
         self.heard: dict[str, tuple[float, dict]] = {}
         self.about: dict[str, dict] = {}  # what the nodes `machine` of the others say
-        self.others = tuple(others)
-        self.apart_s: deque[float] = deque(maxlen=8)  # clock of the main machine, and what it took
+        self.arrivals = {name: OneWay() for name in others}
+        self.one_way_s: dict[str, float] = {}
         self.began_s = clock()
         self.health.values.update(
             scene_digest=self.settings.digest, version=importlib.metadata.version('eol_ros')
@@ -50,6 +52,25 @@ class MachineNode(EolNode):
         self.states = self.intake('node_states')
         self.subscribe('node_states', self.on_state, raw=True, with_info=True)
         self.create_timer(1.0, self.look)
+        self.requests.serve(restart=self.on_order, stop=self.on_order)
+
+    @property
+    def answers_as(self) -> str:
+        return machine_node(self.me)
+
+    def on_order(self, asked: Asked) -> str:
+        """Let bringup restart or stop the nodes here, whatever the other machines answer."""
+        if self.scene.network != 'secure':  # anybody on the network could ask for it
+            raise EolError(f'{asked.kind} needs `network: secure`')
+        if not self.health.supervised:
+            raise EolError(f'{asked.kind}: no bringup runs this node')
+
+        def begin() -> None:
+            once.cancel()
+            self.health.order(asked.kind)
+
+        once = self.create_timer(ORDER_S, begin)
+        return f'{self.me}: {asked.kind} in {ORDER_S:.0f} s'
 
     def on_state(self, raw: bytes, received_ns: int, sent_ns: int, _sequence: int) -> None:
         if (state := self.states(raw)) is None or state.node not in self.rows:
@@ -59,14 +80,20 @@ class MachineNode(EolNode):
         self.heard[state.node] = self.clock(), _status(state, row)
         if state.node == machine_node(machine):
             self.about[machine] = values_of(state.values)
-            if machine == self.main:
-                self.apart_s.append((received_ns - sent_ns) * 1e-9)
+            self.one_way_s[machine] = self.arrivals[machine].add(sent_ns, received_ns)
+
+    def offset(self) -> Offset | None:
+        """Return how far this machine's clock is ahead of the main one's; None if not known."""
+        there_ms = self.about.get(self.main, {}).get(f'from_{self.me}_ms')
+        if there_ms is None:
+            return None
+        return offset(self.one_way_s[self.main], there_ms * 1e-3)
 
     def look(self) -> None:
         now_s = self.clock()
         silent = {node: text for node in self.rows if (text := self.silence(node, now_s))}
         troubles: list[str] = []
-        for machine in self.others:
+        for machine in self.arrivals:
             if (name := machine_node(machine)) in silent:
                 troubles.append(said('of_node', node=machine, why=silent[name]))
                 continue
@@ -77,11 +104,19 @@ class MachineNode(EolNode):
             ]
             troubles += self.differences(machine)
         values = self.health.values
-        if machine_node(self.main) in silent:
-            self.apart_s.clear()
-        apart_s = min(self.apart_s, default=0.0)  # of the message that came quickest
-        values['offset_ms'] = round(apart_s * 1e3, 3)
-        self.report(troubles, apart_s)
+        if self.me == self.main:
+            for machine, one_way_s in self.one_way_s.items():
+                values[f'from_{machine}_ms'] = round(one_way_s * 1e3, 4)
+        found = None if machine_node(self.main) in silent else self.offset()
+        if found:
+            values.update(
+                offset_ms=round(found.offset_s * 1e3, 3),
+                offset_error_ms=round(found.error_s * 1e3, 3),
+            )
+        else:
+            for name in ('offset_ms', 'offset_error_ms'):
+                values.pop(name, None)
+        self.report(troubles, found)
         for node in self.rows:
             _, row = self.heard.get(node, (0.0, _status(NodeState(level=STARTING), '')))
             if node in silent:
@@ -107,18 +142,23 @@ class MachineNode(EolNode):
             found.append(said('other_version', machine=machine, **versions))
         return found
 
-    def report(self, troubles: list[str], apart_s: float) -> None:
+    def report(self, troubles: list[str], found: Offset | None) -> None:
         clock: str = ''
-        if abs(apart_s) > APART_S:
-            clock = said('clock_apart', offset=f'{apart_s * 1e3:.1f}', machine=self.main)
-        if troubles or abs(apart_s) > FAR_S:
+        if found and found.matters:
+            clock = said(
+                'clock_apart',
+                offset=f'{found.offset_s * 1e3:.1f}',
+                error=f'{found.error_s * 1e3:.1f}',
+                machine=self.main,
+            )
+        if troubles or (found and clock and abs(found.offset_s) > FAR_S):
             self.health.error(clauses([*troubles, clock]))
         elif clock:
             self.health.warn(clock)
-        elif len(self.about) == len(self.others):
+        elif len(self.about) == len(self.arrivals):
             self.health.ok(said('machines_heard', count=len(self.about)))
         else:
-            waited = sorted(set(self.others) - set(self.about))
+            waited = sorted(set(self.arrivals) - set(self.about))
             self.health.text = said('machines_waited', names=', '.join(waited))
 
 

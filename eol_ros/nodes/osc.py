@@ -14,6 +14,7 @@ from eol_ros.core.vision.states import TRACKING
 from eol_ros.devices.osc import IMMEDIATELY, OscIn, Peer, TimeTag, bundle, encode
 from eol_ros.devices.udp import UdpOut
 from eol_ros.errors import ConfigError, EolError, printable
+from eol_ros.ros.main_clock import MainClock
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.parameters import checked_live
 from eol_ros.ros.requests import Answers, RequestClient, expected_of
@@ -59,6 +60,7 @@ class OscNode(EolNode):
         self.input = OscIn(s.port, s.peers, s.peer_rate_hz) if s.port else None
         if self.input:
             self.set_up_input()
+        self.main_clock: MainClock = MainClock(self)
         self.set_up_output()
         self.create_timer(1.0, self.report)
         self.create_timer(osc.AGAIN_S, self.again)
@@ -100,7 +102,7 @@ class OscNode(EolNode):
         if 'state' in here and not self.states:
             self.subscribe('work_state', lambda m: self.on_state((m.code, m.text)))
         if 'health' in here or ('state' in here and self.states):
-            self.subscribe('node_states', self.on_node)
+            self.on_states(self.on_node)
 
     def set_up_input(self) -> None:
         self.client = RequestClient(self, self.publisher('requests'))
@@ -325,7 +327,9 @@ class OscNode(EolNode):
             self.health.values['refused'] = self.refused
             told.append(said('osc_port', port=self.input.port))
         trouble = [said('osc_unsent', why=out.trouble) for out in self.all if out.trouble]
-        (self.health.warn if trouble else self.health.ok)(clauses([*trouble, *told]))
+        (self.health.warn if trouble else self.health.ok)(
+            clauses([*trouble, *told, self.main_clock.report()])
+        )
 
     def restart(self) -> None:
         self.tokens.forget()

@@ -20,6 +20,7 @@ from eol_ros.devices.audio.bank import BankLoader
 from eol_ros.devices.audio.soundcard import Player
 from eol_ros.errors import EolError
 from eol_ros.nodes.sound_files import SoundFiles
+from eol_ros.ros.main_clock import MainClock
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
 from eol_ros.ros.sound import SampleStream, meter_message
@@ -95,6 +96,7 @@ class SoundNode(EolNode):
         )
         self.subscribe('grain_triggers', self.on_trigger)
         self.subscribe('felt_triggers', self.on_felt)
+        self.main_clock: MainClock = MainClock(self)
         self.files = SoundFiles(self)
         self.sounding: OnsetToSound | None = None
         if 'motion' in self.scene.nodes and not self.sim_time:
@@ -301,7 +303,7 @@ class SoundNode(EolNode):
         silent = said('asleep') if self.asleep else silent
         late = '' if silent else self.late
         trouble = self.trouble or self.files.trouble or late
-        text = clauses([silent, player.text, trouble])
+        text = clauses([silent, player.text, trouble, self.main_clock.report()])
         level = 'warn' if trouble and player.level == 'ok' else player.level
         getattr(self.health, level)(text)
         if player.stuck:

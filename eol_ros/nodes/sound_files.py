@@ -33,7 +33,7 @@ class SoundFiles:
         if self._apart and node.NAME == 'grains':
             node.health.values[KEY] = ''  # here: a thread may not insert what others iterate over
         if self._apart and node.NAME == 'sound':
-            node.subscribe('node_states', self._hear)
+            node.on_states(self._hear)
 
     def look(self, files: Sequence[str]) -> None:
         """Begin to read the files of a corpus, in a thread, if the nodes are on two machines."""

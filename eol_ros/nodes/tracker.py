@@ -55,16 +55,23 @@ class TrackerNode(EolNode):
         )
         self.tell_calibration()
         self.offset_ns = round(self.settings.stamp_offset_s * NS)
-        self.pictures = self.publisher('camera/image_raw/compressed')
-        self.preview = Preview(self._show)
-        self.health.watches('preview', self.preview.rounds)
+        self.jpeg = self.settings.image_transport == 'compressed'
+        if not self.jpeg:
+            self.pictures = self.publisher('camera/image_raw/compressed')
+            self.preview = Preview(self._show)
+            self.health.watches('preview', self.preview.rounds)
         self.health.expects(said('images'))
         self.subscribe('block_taps', self.on_tap)
         self.requests.serve(
             calibrate=self.pend, darkness=self.pend, background=self.on_background,
             covers=self.on_covers,
         )  # fmt: skip
-        self.subscribe('camera/image_raw', self.on_image, slow=True)
+        if self.jpeg:
+            self.subscribe(
+                'camera/image_raw/compressed', self.on_image, read=images.read_compressed, slow=True
+            )
+        else:
+            self.subscribe('camera/image_raw', self.on_image, slow=True)
 
     def restart(self) -> None:
         self.tracker = Tracker(self.settings, self.files.calibration, self.table)
@@ -135,8 +142,9 @@ class TrackerNode(EolNode):
         self.health.tick()
         self._tell(tracked)
         self._learn()
-        looked_at = self.pictures.get_subscription_count()
-        if looked_at and self.preview.due(self.stamp_ns, self.settings.preview_hz):
+        if self.jpeg or not self.pictures.get_subscription_count():
+            return
+        if self.preview.due(self.stamp_ns, self.settings.preview_hz):
             self.preview.take(self.stamp_ns, image)
 
     def _covers_before(self) -> bytes:
@@ -189,4 +197,5 @@ class TrackerNode(EolNode):
         self.pictures.publish(message)
 
     def close(self) -> None:
-        self.preview.close()
+        if not self.jpeg:
+            self.preview.close()

@@ -219,6 +219,16 @@ class Health:
         if self._pipe is not None:
             self._pipe.send(status)
 
+    @property
+    def supervised(self) -> bool:
+        """Whether bringup runs this node and reads its reports."""
+        return self._pipe is not None
+
+    def order(self, what: str) -> None:
+        """Ask bringup to `restart` all nodes, or to `stop` the run."""
+        if self._pipe is not None:
+            self._pipe.send({'order': what})
+
     def report(self) -> None:
         """Send the status all ways."""
         status = self.status()

@@ -32,8 +32,9 @@ from eol_ros.errors import ConfigError
 from eol_ros.ros.health import Health
 from eol_ros.ros.health_pipe import KEPT
 from eol_ros.ros.intake import Intake, InTurn
+from eol_ros.ros.main_clock import MainClock
 from eol_ros.ros.parameters import checked, checked_live, no_setting
-from eol_ros.ros.qos import NodeQoS
+from eol_ros.ros.qos import OVERRIDES, NodeQoS
 from eol_ros.ros.requests import REQUESTS, RequestServer, parameters
 from eol_ros.ros.stamps import NS, to_ns
 from eol_ros.ros.startup_barrier import LOOK_S, READY, PeerDiscovery
@@ -85,7 +86,7 @@ class EolNode(Node):
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.resumed = _kept(self.NAME)  # of the process before, if it was restarted
         overrides = {name: p.value for name, p in self._parameter_overrides.items()}
-        self.qos = NodeQoS(self)
+        self.qos = NodeQoS(self, overrides)
         self.settings = self._declare(settings, overrides)
         self.sim_time = bool(self.get_parameter(SIM_TIME).value)
         if self.sim_time and self.NAME in IMAGE_SOURCES:
@@ -93,6 +94,7 @@ class EolNode(Node):
                 f'{SIM_TIME}: {self.NAME} stamps its images itself; set it for the others'
             )
         self.played: PlayedClock | None = None
+        self.main_clock: MainClock | None = None  # of a node that schedules by stamps
         self._round: tuple[int, int] | None = None  # what a replay has played, from when to when
         if self.sim_time:
             self._follow_clock()
@@ -106,6 +108,7 @@ class EolNode(Node):
         self._checked: dict[str, Any] | None = None  # settings being changed, already validated
         self._recorded: dict[str, Any] = {}  # what a replay changed, as it was before
         self._turns: list[InTurn] = []
+        self._state_listeners: list[Callable[[Any], None]] = []
         if self.NAME in NODES and REQUESTS in NODES[self.NAME].subscribes:
             self._requests = RequestServer(self, self.HOLDS)
             if live_fields(type(self.settings)):
@@ -125,6 +128,8 @@ class EolNode(Node):
         if self._discovery.complete():
             self._looks.cancel()
             self.subscribe(READY, lambda message: None)
+            for name in self.qos.unused():
+                self.get_logger().warning(f'parameter {name}: {self.NAME} has no such topic now')
 
     def pull_in_timers(self) -> None:
         """Reset each timer whose next call is more than a period away; `run` calls this regularly.
@@ -172,11 +177,12 @@ class EolNode(Node):
     def wall_ns(self, stamp_ns: int) -> int:
         """Return the system time of a moment of ROS time, in nanoseconds.
 
-        Behind a replay that is when the moment was played; now, where that cannot be known. Only
-        for nodes that say MAPS_TIME.
+        Behind a replay that is when the moment was played; now, where that cannot be known. On
+        another machine than that of the stamps its offset is in it. Only for nodes that say
+        MAPS_TIME.
         """
         if self.played is None:
-            return stamp_ns
+            return stamp_ns + (self.main_clock.ahead_ns if self.main_clock else 0)
         now_ns, found = time.time_ns(), self.played.wall_ns(stamp_ns)
         return now_ns if found is None or found > now_ns + AHEAD_NS else found
 
@@ -279,6 +285,16 @@ class EolNode(Node):
             callback = turn.take
         return self.qos.subscription(topic, informed(callback) if with_info else callback)
 
+    def on_states(self, callback: Callable[[Any], None]) -> None:
+        """Call `callback` for each message of `node_states`; there is one subscription."""
+        if not self._state_listeners:
+            self.subscribe('node_states', self._hear_state)
+        self._state_listeners.append(callback)
+
+    def _hear_state(self, state: Any) -> None:
+        for listener in self._state_listeners:
+            listener(state)
+
     def catch_up(self) -> None:
         """Handle all messages that wait for their turn; see `InTurn`."""
         for turn in self._turns:
@@ -321,6 +337,11 @@ class EolNode(Node):
         return values
 
     @property
+    def answers_as(self) -> str:
+        """The name of this node in results of requests."""
+        return self.NAME
+
+    @property
     def requests(self) -> RequestServer:
         """What people and other nodes ask of this node, and what it asks; see `streams.graph`."""
         assert self._requests is not None, f'{self.NAME} takes no requests'
@@ -359,7 +380,7 @@ class EolNode(Node):
                 overrides[new] = overrides.pop(old)
         known = set(fields) | {SIM_TIME, 'start_type_description_service'}
         for name in overrides:
-            if name not in known:
+            if name not in known and not name.startswith(OVERRIDES):
                 self.get_logger().warning(f'parameter {no_setting(self.NAME, name, fields)}')
         given = by_today(type(settings), {n: v for n, v in overrides.items() if n in fields})
         settings = dataclasses.replace(settings, **checked(type(settings), given))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Quality of service of one node, and peers that do not match.
+"""Quality of service of one node: `qos_overrides` parameters, and peers that do not match.
 
 ROS drops every message between two ends whose policies do not match, and only logs it. Here that is
 part of the node's state, which names both policies. So is a publisher that has another definition
@@ -7,10 +7,12 @@ of the type, whose messages would be read wrongly.
 """
 
 import copy
+import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.publisher import Publisher
 from rclpy.qos import (
     QoSCompatibility,
@@ -19,8 +21,10 @@ from rclpy.qos import (
     ReliabilityPolicy,
     qos_check_compatible,
 )
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
+from eol_ros.errors import ConfigError, nearest
 from eol_ros.ros.definitions import type_hash
 from eol_ros.ros.topics import PUBLISHER_QOS, QOS, message_class, with_depth
 from eol_ros.said import Said, clauses, said
@@ -29,8 +33,12 @@ from eol_ros.streams import graph
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
 
+OVERRIDES = 'qos_overrides.'
 NO_HASH = 'INVALID'  # of a peer that tells none
 LOOKS = 3  # seconds without a peer that does not match, until a mismatch is over
+_OVERRIDE = re.compile(r'qos_overrides\.(/.+)\.(publisher|subscription)\.(\w+)')
+_POLICIES = {k.lower(): v for k, v in QoSPolicyKind.__members__.items() if k != 'INVALID'}
+_RELIABILITY = QoSPolicyKind.RELIABILITY
 
 
 class _End:
@@ -38,7 +46,7 @@ class _End:
 
     def __init__(self, topic: str, profile: QoSProfile, publishes: bool = False):
         self.topic, self.publishes = topic, publishes
-        self.profile = copy.copy(profile)  # which a subscription may adapt
+        self.profile = copy.copy(profile)  # rclpy writes overrides into it
         self.text: Said | str = ''
         self.looks = 0  # since a peer did not match
 
@@ -46,10 +54,19 @@ class _End:
 class NodeQoS:
     """Makes the publishers and subscriptions of `node`; `text` says which peers do not match."""
 
-    def __init__(self, node: 'EolNode'):
+    def __init__(self, node: 'EolNode', overrides: dict[str, Any]):
         self._node = node
         self._unmatched: list[_End] = []  # or perhaps so: see `look`
         self._replaced: dict[Subscription, Subscription] = {}
+        self._overrides = [name for name in overrides if name.startswith(OVERRIDES)]
+        self._overridden: dict[tuple[str, str], list[QoSPolicyKind]] = {}
+        for name in self._overrides:
+            if found := _OVERRIDE.fullmatch(name):
+                topic, end, policy = found.groups()
+                if policy not in _POLICIES:
+                    hint = nearest(policy, _POLICIES)
+                    raise ConfigError(f'parameter {name}: no such policy. {hint}')
+                self._overridden.setdefault((topic, end), []).append(_POLICIES[policy])
 
     def publisher(self, topic: str, depth: int | None) -> Publisher:
         """Return a publisher of a topic of the table."""
@@ -58,9 +75,10 @@ class NodeQoS:
         callbacks = PublisherEventCallbacks(
             incompatible_qos=lambda _event: self._differs(end), use_default_callbacks=False
         )
-        return self._node.create_publisher(
-            message_class(row.type_name), topic, end.profile, event_callbacks=callbacks
-        )
+        kind = message_class(row.type_name)
+        create = self._node.create_publisher
+        made: Publisher = self._make(end, callbacks, create, kind, topic)
+        return made
 
     def subscription(self, topic: str, callback: Callable[..., None]) -> Subscription:
         """Return a subscription to the CDR bytes of a topic of the table.
@@ -71,11 +89,12 @@ class NodeQoS:
         row = graph.TOPICS[topic]
         end = _End(topic, QOS[row.qos])
         kind = message_class(row.type_name)
+        overridden = self._overridden.get(self._key(end), ())
+        adapts = row.sensor and _RELIABILITY not in overridden
 
         def differs(event: Any) -> None:
             reliable = end.profile.reliability == ReliabilityPolicy.RELIABLE
-            kept_from = event.last_policy_kind == QoSPolicyKind.RELIABILITY
-            if row.sensor and reliable and kept_from:
+            if adapts and reliable and event.last_policy_kind == _RELIABILITY:
                 end.profile.reliability = ReliabilityPolicy.BEST_EFFORT
                 # later: the executor still holds the subscription that is replaced
                 executor = self._node.executor
@@ -90,9 +109,9 @@ class NodeQoS:
                 matched=lambda _event: self._differs(end),  # by its definition, maybe
                 use_default_callbacks=False,
             )
-            return self._node.create_subscription(
-                kind, topic, callback, end.profile, event_callbacks=callbacks, raw=True
-            )
+            create = self._node.create_subscription
+            new: Subscription = self._make(end, callbacks, create, kind, topic, callback, raw=True)
+            return new
 
         def replace() -> None:
             self._node.destroy_subscription(made)
@@ -127,15 +146,40 @@ class NodeQoS:
         """Whether a subscription of the node gets nothing from a publisher that does not match."""
         return any(end.text and not end.publishes for end in self._unmatched)
 
+    def unused(self) -> list[str]:
+        """Return the overrides that belong to no publisher or subscription made so far."""
+        return [name for name in self._overrides if not self._node.has_parameter(name)]
+
     def _differs(self, end: _End) -> None:
         end.looks = 0
         if end not in self._unmatched:
             end.text = ''
             self._unmatched.append(end)
 
+    def _key(self, end: _End) -> tuple[str, str]:
+        full = self._node.resolve_topic_name(end.topic)
+        return full, 'publisher' if end.publishes else 'subscription'
+
+    def _make(
+        self, end: _End, callbacks: Any, create: Callable[..., Any], *args: Any, **more: Any
+    ) -> Any:
+        policies = self._overridden.get(self._key(end))
+        if not policies:
+            return create(*args, qos_profile=end.profile, event_callbacks=callbacks, **more)
+        try:
+            return create(
+                *args,
+                qos_profile=end.profile,
+                event_callbacks=callbacks,
+                qos_overriding_options=QoSOverridingOptions(policies),
+                **more,
+            )
+        except (RuntimeError, TypeError, AssertionError, InvalidParameterTypeException) as error:
+            raise ConfigError(f'{OVERRIDES}{".".join(self._key(end))}: {error}') from None
+
     def _difference(self, end: _End) -> Said | str:
         """Return how a peer differs, '' where all match."""
-        full = self._node.resolve_topic_name(end.topic)
+        full = self._key(end)[0]
         if end.publishes:
             peers = self._node.get_subscriptions_info_by_topic(full)
         else:

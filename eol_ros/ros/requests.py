@@ -190,7 +190,7 @@ class RequestServer:
         code, args = code_and_args(reason)
         result = RequestResult(
             id=asked.id,
-            node=self._node.NAME,
+            node=self._node.answers_as,
             kind=asked.kind,
             values=parameter_messages(asked.values),
             accepted=accepted,

@@ -16,6 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from eol_ros.errors import EolError
 from eol_ros.ros.requests import Answers, RequestClient, RequestServer, expected_of
+from eol_ros.scene import machine_node
 from eol_ros.streams.graph import NODES
 from eol_ros.streams.requests import KINDS, Asked, Kind, no_request
 
@@ -71,6 +72,8 @@ class RequestServices:
         except EolError as error:
             reply(False, str(error))
             return
+        if expected == {'machine'}:
+            expected = {machine_node(name) for name in self._node.scene.machines}
         timers: list[Timer] = []
 
         def done(answers: Answers) -> None:

@@ -6,7 +6,7 @@ size is encoded once from the definition, and only stamp and pixels are written 
 read is looked into where it lies. What other cameras publish is converted to grey.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -88,3 +88,12 @@ class Codec:
             name = encoding.decode(errors='replace')
             pixels = grey(name, pixels, width, bool(big_endian))
         return Grey(seconds * NS + nanoseconds, pixels)
+
+
+def read_compressed(message: Any) -> Grey:
+    """Return a sensor_msgs/CompressedImage in grey; raises ValueError when it is no JPEG or PNG."""
+    from eol_ros.core.vision.encodings import grey_of_jpeg
+
+    stamp = message.header.stamp
+    pixels = grey_of_jpeg(np.frombuffer(message.data, np.uint8))
+    return Grey(stamp.sec * NS + stamp.nanosec, pixels)

@@ -133,7 +133,7 @@ class Kind:
 
     nodes: who heeds it. also: who follows it where a scene has them. takes: its values.
     answered_by: whose result is the last word, where that is another node. within_s: how long that
-    may take. internal: nodes ask it of each other. off: the kind that
+    may take. internal: nodes ask it of each other, or it is a service alone. off: the kind that
     undoes it; both are a service std_srvs/SetBool. triggered: it is a service std_srvs/Trigger.
     """
 
@@ -216,6 +216,10 @@ KINDS: dict[str, Kind] = {
              ' sound', ('grains',), (_GRAIN, Number('x', 0, 1), Number('y', 0, 1))),
         Kind('restore_grain', 'put a moved grain back to its place in the layout', ('grains',),
              (_GRAIN,)),
+        Kind('restart', 'restart all nodes of all machines; only with `network: secure`',
+             ('machine',), within_s=1.0, internal=True, triggered=True),
+        Kind('stop', 'end the run on all machines; only with `network: secure`',
+             ('machine',), within_s=1.0, internal=True, triggered=True),
         Kind('darkness', 'stamp until which the infrared light is off', ('tracker',), (_TIME,),
              within_s=15.0, internal=True),
         Kind('background', 'background model as PNG; empty: none',
@@ -231,9 +235,14 @@ KINDS: dict[str, Kind] = {
 def server_of(nodes: Collection[str]) -> str:
     """Return which of the nodes of a scene serves `eol_ros.ros.services`; '' where none can.
 
-    It is the last of those that give way most (`nice`), so that no image waits for a call.
+    It is the last of those that give way most (`nice`), so that no image waits for a call. Of
+    `machine` there are several.
     """
-    found = [n for n in NODES.values() if n.name in nodes and 'requests' in n.subscribes]
+    found = [
+        node
+        for node in NODES.values()
+        if node.name in nodes and 'requests' in node.subscribes and node.name != 'machine'
+    ]
     return max(reversed(found), key=lambda n: n.nice).name if found else ''
 
 

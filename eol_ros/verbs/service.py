@@ -52,7 +52,8 @@ WorkingDirectory={folder}
 # A camera that is not plugged in, a full disk: tried again for ever. A wrong scene is not.
 Restart=always
 RestartSec=5
-RestartPreventExitStatus=2 78
+RestartPreventExitStatus=2 3 78
+SuccessExitStatus=3
 # The first start after an upgrade compiles the loops, two minutes on two cores.
 TimeoutStartSec=15min
 WatchdogSec=30

@@ -150,20 +150,35 @@ def test_the_remapping_rule_of_ros_names_the_namespace(rule):
     assert read(scene, ()).scene == scene
 
 
-def test_parameters_become_settings_of_the_scene_or_reach_the_nodes():
-    words = '-r', '__ns:=/north', '-p', 'tracker:preview_hz:=5', '-p', 'seed:=5', '-p', 'mine:=[1]'
+PARAMETERS = """
+/**: {ros__parameters: {radius: 0.07, seed: 5, mine: 1, nested: {deep: [1, 2]}}}
+/north/*: {ros__parameters: {blink_period_s: 3}}
+grains: {ros__parameters: {radius: 0.08}}
+north: {motion: {ros__parameters: {qos_overrides: {/north/slips: {publisher: {depth: 9}}}}}}
+usb_cam: {ros__parameters: {framerate: 30.0}}
+/eol/sound: {ros__parameters: {gain_db: -9.0}}
+"""
+
+
+def test_parameters_become_settings_of_the_scene_or_reach_the_nodes(tmp_path):
+    path = tmp_path / 'p.yaml'
+    path.write_text(PARAMETERS)
+    words = '--params-file', str(path), '-r', '__ns:=/north', '-p', 'tracker:preview_hz:=5'
     others = '-r', 'slips:=slip_events', '-p', 'use_sim_time:=true', '--log-level', 'debug'
     base = scenes.load('rehearsal')
-    given = read(base, (*words, '-p', 'motion:own:=9', *others))
+    given = read(base, (*words, *others))
     nodes = given.scene.nodes
+    assert (nodes['grains'].radius, nodes['tracker'].blink_period_s) == (0.08, 3.0)
     assert (nodes['tracker'].preview_hz, nodes['sound']) == (5.0, base.nodes['sound'])
     assert nodes['twin'].seed == 5
     for process in plan.processes(given.scene, Path('s.yaml'), ros_args=given):
         said = process.command[process.command.index('--ros-args') :]
         assert said[1:5] == ('-r', 'slips:=slip_events', '--log-level', 'debug')
-        assert 'use_sim_time:=true' in said and 'mine:=[1]' in said
-        assert ('own:=9' in said) == ('motion' in process.nodes)
-        assert not any('preview_hz' in word for word in said)
+        assert 'use_sim_time:=true' in said and 'mine:=1' in said
+        assert 'nested.deep:=[1, 2]' in said
+        depth = 'qos_overrides./north/slips.publisher.depth:=9' in said
+        assert depth == ('motion' in process.nodes)
+        assert not any('radius' in word or 'framerate' in word for word in said)
 
 
 @pytest.mark.parametrize(
@@ -177,7 +192,7 @@ def test_parameters_become_settings_of_the_scene_or_reach_the_nodes():
         (('-p', 'radius=3'), 'NAME:=VALUE'),
         (('-p', 'a:=[1'), 'not YAML'),
         (('-p', 'grans:radius:=3'), 'no node grans'),
-        (('--params-file', 'a.yaml'), 'write the settings into a scene'),
+        (('--params-file', 'absent.yaml'), 'no such file'),
     ],
 )
 def test_arguments_that_ros_has_not_are_refused(words, why):
@@ -185,9 +200,14 @@ def test_arguments_that_ros_has_not_are_refused(words, why):
         read(scenes.load('lights'), words)
 
 
-def test_a_value_that_cannot_be_is_refused():
+def test_values_that_cannot_be_are_refused(tmp_path):
     with pytest.raises(ConfigError, match='^--ros-args: twin: fps: 1000 is out of range'):
         read(scenes.load('rehearsal'), ('-p', 'twin:fps:=1000'))
+    path = tmp_path / 'p.yaml'
+    for text, why in (('a: [', 'cannot be read'), ('a: {b: 1}', 'no parameters; NODE')):
+        path.write_text(text)
+        with pytest.raises(ConfigError, match=why):
+            read(scenes.load('rehearsal'), ('--params-file', str(path)))
 
 
 def test_two_replays_on_a_domain_keep_their_times_apart():

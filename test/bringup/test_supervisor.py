@@ -382,6 +382,33 @@ def test_all_are_started_again_where_the_network_asks_for_it(start):
     assert lines[-1].endswith(' 1 restarts')
 
 
+@pytest.mark.parametrize(('what', 'code', 'starts'), [('restart', 0, 2), ('stop', 3, 1)])
+def test_a_node_asks_for_all_to_be_started_again_or_to_end(start, tmp_path, what, code, starts):
+    marks = tmp_path / 'marks'
+    order = f"""
+first = not os.path.exists({str(marks)!r})
+open({str(marks)!r}, 'a').write('x')
+beat('machine'); time.sleep(0.5)
+while True:
+    beat('machine'); time.sleep(0.1)
+    if first:
+        os.write(fd, (json.dumps(dict(order={what!r})) + chr(10)).encode())
+"""
+    supervisor, lines = start(process('twin', STEADY), process('machine', BEAT + order))
+
+    def work():
+        wait_until(lambda: marks.exists() and len(marks.read_text()) == starts)
+        if what == 'restart':
+            wait_until(lambda: all(child.well() for child in supervisor.children))
+        else:
+            wait_until(lambda: supervisor._asked_to_stop)
+
+    assert attended(supervisor, work) == code
+    assert sum('the service' in line for line in lines) == 1
+    assert sum(line == 'twin | bye' for line in lines) == starts
+    assert not any(child.policy.restarts for child in supervisor.children)
+
+
 def test_a_killed_process_comes_back_alone_with_what_it_kept(start):
     """It is told that the others run."""
     supervisor, lines = start(process('twin', STEADY), process('tracker', KEEPING))

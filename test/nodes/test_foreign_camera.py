@@ -8,8 +8,10 @@ import os
 import subprocess
 import sys
 
+import cv2
 import numpy as np
 import pytest
+import yaml
 from support.paper import rest_lattice
 from support.spinning import Nodes
 from support.waiting import wait_until
@@ -17,9 +19,10 @@ from support.waiting import wait_until
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.devices.files import calibration_file
+from eol_ros.errors import ConfigError
 from eol_ros.nodes.tracker import TrackerNode
 from eol_ros.ros.node import EolNode
-from eol_ros.scene import Scene
+from eol_ros.scene import Scene, load
 from eol_ros.settings import TrackerSettings
 
 DRIVER = """\
@@ -29,15 +32,20 @@ import numpy as np
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CompressedImage, Image
 
-path, width, height = sys.argv[1:4]
+path, encoding, width, height = sys.argv[1:5]
 data = np.load(path)
 rclpy.init(args=sys.argv)
 node = Node('usb_cam', namespace='eol')
-images = node.create_publisher(Image, 'camera/image_raw', qos_profile_sensor_data)
-image = Image(encoding='rgb8', width=int(width), height=int(height), step=data.shape[1])
-image.data = data.tobytes()
+kind = CompressedImage if encoding == 'jpeg' else Image
+topic = 'camera/image_raw/compressed' if encoding == 'jpeg' else 'camera/image_raw'
+images = node.create_publisher(kind, topic, qos_profile_sensor_data)
+if encoding == 'jpeg':
+    image = CompressedImage(format='jpeg', data=data.tobytes())
+else:
+    image = Image(encoding=encoding, width=int(width), height=int(height), step=data.shape[1])
+    image.data = data.tobytes()
 
 def publish():
     image.header.stamp = node.get_clock().now().to_msg()
@@ -67,21 +75,27 @@ def calibrated(tmp_path):
     return path, camera
 
 
-def drive(tmp_path, camera):
+def drive(tmp_path, camera, encoding):
     """Start the driver with an image of blocks at rest."""
     rest = rest_lattice()
     image = Renderer(RenderOptions(), camera, 3).render(rest[:, 0], rest[:, 1], np.zeros(25), 0)
-    data = np.pad(np.repeat(image, 3, axis=1), ((0, 0), (0, 32)))
+    data = {
+        'rgb8': lambda: np.pad(np.repeat(image, 3, axis=1), ((0, 0), (0, 32))),
+        'jpeg': lambda: cv2.imencode('.jpg', image)[1],
+    }[encoding]()
     np.save(tmp_path / 'image.npy', data)
-    command = [sys.executable, '-c', DRIVER, str(tmp_path / 'image.npy'), '1280', '800']
+    command = [sys.executable, '-c', DRIVER, str(tmp_path / 'image.npy'), encoding, '1280', '800']
     return subprocess.Popen(command, env={**os.environ, 'PYTHONPATH': ''})
 
 
 @pytest.mark.slow
-def test_blocks_come_of_images_of_a_stock_driver(ros, tmp_path, calibrated):
+@pytest.mark.parametrize('encoding', ['rgb8', 'jpeg'])
+def test_blocks_come_of_images_of_a_stock_driver(ros, tmp_path, calibrated, encoding):
     path, camera = calibrated
-    node, listener = TrackerNode(TrackerSettings(calibration=str(path))), Listener()
-    driver = drive(tmp_path, camera)
+    transport = 'compressed' if encoding == 'jpeg' else 'raw'
+    settings = TrackerSettings(calibration=str(path), image_transport=transport)
+    node, listener = TrackerNode(settings), Listener()
+    driver = drive(tmp_path, camera, encoding)
     try:
         with Nodes(node, listener) as nodes:
             nodes.until(lambda: len(listener.blocks) > 25)
@@ -105,3 +119,14 @@ def test_a_stamp_of_the_start_of_exposure_is_moved_to_its_middle(ros):
     finally:
         node.close()
         node.destroy_node()
+
+
+def test_jpeg_images_are_for_other_drivers_only(tmp_path):
+    path = tmp_path / 'scene.yaml'
+    nodes = {'twin': {}, 'tracker': {'image_transport': 'compressed'}, 'recorder': 'off'}
+    path.write_text(yaml.safe_dump({'nodes': nodes}))
+    with pytest.raises(ConfigError, match='image_transport: must be raw: twin publishes no JPEG'):
+        load(path)
+    del nodes['twin']
+    path.write_text(yaml.safe_dump({'nodes': nodes, 'elsewhere': ['camera']}))
+    assert load(path).nodes['tracker'].image_transport == 'compressed'

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from eol_msgs.msg import Slip
+from eol_msgs.msg import NodeState, Slip
 from rclpy.parameter import Parameter
 from support.spinning import Nodes
 
@@ -18,9 +18,10 @@ from eol_ros.errors import ConfigError
 from eol_ros.nodes.leds import LedsNode
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
+from eol_ros.ros.requests import parameter_messages
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
-from eol_ros.scene import Scene
-from eol_ros.settings import LedsSettings, MotionSettings, TableSettings
+from eol_ros.scene import Machine, Scene
+from eol_ros.settings import CameraSettings, LedsSettings, MotionSettings, TableSettings
 from eol_ros.streams import blocks
 from eol_ros.streams.requests import Asked
 
@@ -101,6 +102,24 @@ def test_a_slip_is_light_on_the_wire_with_the_stamp_of_its_image(rig):
     assert arrived.stamp_us == stamp_ns // 1000 % 2**32
     assert arrived.sequence == command.sequence
     assert latency_s(arrived) > 0  # how long it takes is measured by `eol bench graph`
+
+
+def test_light_begins_now_where_the_clock_here_is_ahead_of_the_stamps(make_rig):
+    machines = {'show': Machine('10.0.0.1', ('camera',)), 'light': Machine('10.0.0.2', ('leds',))}
+    nodes = {'camera': CameraSettings(), 'leds': LedsSettings()}
+    rig = make_rig(Scene('two', nodes, network='lan', machines=machines), port='twin')
+    assert rig.until(lambda: rig.leds.lights.board.ready)
+    values = parameter_messages({'offset_ms': 400.0, 'offset_error_ms': 1.0})
+    rig.leds.main_clock.take(NodeState(node='machine_light', values=values))
+    began_ns = now_ns()
+    stamp_ns = rig.around.slip(7, ahead_s=-0.4)
+
+    assert rig.until(lambda: rig.around.commands)
+    rig.until(lambda: not rig.around.commands[-1].white[7])
+    assert to_ns(rig.around.commands[0].header.stamp) == stamp_ns
+    assert min(to_ns(c.sent) for c in rig.around.commands) >= began_ns
+    assert rig.leds.lights.frames.late == 0
+    assert rig.until(lambda: '400.0 ms of clock offset' in rig.leds.health.text)
 
 
 def test_light_has_a_level_for_each_place_of_the_table_of_the_scene(make_rig):

@@ -1,14 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node `machine` of the machine audio, which hears of show; walls has never been started."""
 
+from dataclasses import replace
+from unittest.mock import Mock
+
 import pytest
 from eol_msgs.msg import NodeState
 from rclpy.serialization import serialize_message
 
+from eol_ros.errors import EolError
+from eol_ros.nodes import machine
 from eol_ros.nodes.machine import MachineNode
 from eol_ros.ros.requests import parameter_messages
 from eol_ros.scene import Machine, Scene
 from eol_ros.settings import CameraSettings, MachineSettings, MontageSettings, SoundSettings
+from eol_ros.streams.requests import KINDS, Asked
 from eol_ros.streams.work_state import ERROR, OK, STARTING, WARN
 
 MS = 1_000_000
@@ -99,17 +105,53 @@ def test_another_scene_or_version_is_an_error_by_name(audio, other, text):
 
 
 @pytest.mark.parametrize(('ahead_ms', 'level'), [(0.5, OK), (8.0, WARN), (-300.0, ERROR)])
-def test_how_far_its_clock_is_from_the_main_one(audio, ahead_ms, level):
-    node, now, _, hear = audio
+def test_the_offset_of_its_clock_from_the_main_one(audio, ahead_ms, level):
+    node, _, _, hear = audio
     for name in ('machine_walls', 'montage', 'camera'):
         hear(name, **about(node))
-    hear('machine_show', ahead_ms + 50.0, **about(node))  # it was late
-    hear('machine_show', ahead_ms, **about(node))
+    hear('machine_show', ahead_ms, **about(node, from_audio_ms=1 - ahead_ms))
     node.look()
     assert node.health.level == level
-    assert node.health.values['offset_ms'] == pytest.approx(ahead_ms + 1)  # which it took
+    assert node.health.values['offset_ms'] == pytest.approx(ahead_ms)
+    assert node.health.values['offset_error_ms'] == pytest.approx(1.0)
     if level != OK:
-        assert f'clock is {ahead_ms + 1:.1f} ms ahead of that of show' in node.health.text
+        assert f'clock is {ahead_ms:.1f} ms ahead of that of show' in node.health.text
+
+
+def test_only_in_a_closed_network_all_are_restarted_or_stopped(audio, monkeypatch):
+    node, *_ = audio
+    with pytest.raises(EolError, match='restart needs `network: secure`'):
+        node.on_order(Asked('restart'))
+    monkeypatch.setattr(node, 'scene', replace(SCENE, network='secure'))
+    with pytest.raises(EolError, match='no bringup runs this node'):
+        node.on_order(Asked('stop'))
+    monkeypatch.setattr(type(node.health), 'supervised', True)
+    timers, orders = [], []
+    once = Mock()
+
+    def create_timer(*timer):
+        timers.append(timer)
+        return once
+
+    monkeypatch.setattr(node, 'create_timer', create_timer)
+    monkeypatch.setattr(node.health, 'order', orders.append)
+    assert node.on_order(Asked('stop')) == 'audio: stop in 2 s'
+    assert not orders  # the others answer first
+    assert node.answers_as == 'machine_audio'
+    timers[0][1]()
+    assert orders == ['stop']
+    once.cancel.assert_called_once_with()
+    assert KINDS['stop'].within_s < machine.ORDER_S  # the node that serves the call ends last
+
+
+def test_no_offset_is_told_while_the_main_machine_is_silent(audio):
+    node, now, _, hear = audio
+    hear('machine_show', 300.0, **about(node, from_audio_ms=-299.0))
+    node.look()
+    assert node.health.values['offset_ms'] == pytest.approx(300.0)
     now[0] = 3.5
     node.look()
-    assert node.health.values['offset_ms'] == 0.0
+    assert 'offset_ms' not in node.health.values
+    hear('machine_show', 2.0, **about(node, from_audio_ms=-1.0))
+    node.look()
+    assert 'offset_ms' in node.health.values

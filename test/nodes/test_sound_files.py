@@ -8,6 +8,7 @@ from support.spinning import Nodes
 
 from eol_ros.devices.corpus import corpus_file
 from eol_ros.nodes.sound_files import KEY, SoundFiles
+from eol_ros.ros.main_clock import MainClock
 from eol_ros.ros.node import EolNode
 from eol_ros.scene import Machine, Scene
 from eol_ros.settings import GrainsSettings, SoundSettings
@@ -80,6 +81,15 @@ def test_of_two_corpora_the_newer_counts(pair, tmp_path, monkeypatch):
     go.set()
     nodes.until(lambda: values[KEY])
     assert set('efgh') <= set(read) and not set('bcd') & set(read)
+
+
+def test_the_clock_and_the_files_share_one_subscription(pair, tmp_path):
+    nodes, there, here, _ = pair
+    sound, files = here._node, written(tmp_path, ['ice.wav'])
+    sound.main_clock = MainClock(sound)
+    assert [s.topic_name for s in sound.subscriptions].count('/eol/node_states') == 1
+    there.look(files)
+    nodes.until(lambda: here._there)
 
 
 def test_on_one_machine_nothing_is_read(ros, tmp_path):

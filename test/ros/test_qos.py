@@ -13,11 +13,12 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, Image
 from support.spinning import Nodes
 from support.waiting import wait_until
 
+from eol_ros.errors import ConfigError
 from eol_ros.ros import qos
 from eol_ros.ros.node import EolNode
 from eol_ros.scene import Scene
@@ -112,6 +113,40 @@ def test_a_publisher_with_another_definition_of_the_type_is_an_error(ros, monkey
         status = probe.health.status()
         assert status['level'] == 2
         assert 'stranger has another definition of eol_msgs/msg/Wall' in status['text']
+
+
+def test_overrides_are_honoured_or_told(ros):
+    best_effort = Parameter('qos_overrides./eol/slips.publisher.reliability', value='best_effort')
+    reliable = Parameter(
+        'qos_overrides./eol/camera/image_raw.subscription.reliability', value='reliable'
+    )
+    unused = Parameter('qos_overrides./eol/walls.subscription.depth', value=3)
+    probe, driver = Probe(best_effort, reliable, unused), Node('driver', namespace='eol')
+    slips = probe.publisher('slips')
+    probe.subscribe('camera/image_raw', print)
+    assert slips.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert slips.qos_profile.durability == DurabilityPolicy.VOLATILE
+    assert qos.PUBLISHER_QOS['stream'].reliability == ReliabilityPolicy.RELIABLE
+    assert probe.get_parameter(best_effort.name).value == 'best_effort'
+    assert probe.qos.unused() == [unused.name]
+    driver.create_publisher(Image, 'camera/image_raw', qos_profile_sensor_data)
+    with Nodes(probe, driver) as nodes:
+        nodes.until(lambda: 'driver offers best_effort' in probe.qos.text)
+
+
+@pytest.mark.parametrize(
+    ('policy', 'value', 'words'),
+    [
+        ('reliabilty', 'reliable', 'reliabilty: no such policy. Did you mean reliability'),
+        ('reliability', 'sometimes', '/eol/slips.publisher: .*sometimes'),
+        ('depth', 'many', '/eol/slips.publisher: .*depth'),
+        ('depth', -1, '/eol/slips.publisher: '),
+    ],
+)
+def test_an_override_that_cannot_be_is_refused(ros, policy, value, words):
+    with pytest.raises(ConfigError, match=words):
+        probe = Probe(Parameter(f'qos_overrides./eol/slips.publisher.{policy}', value=value))
+        probe.publisher('slips')
 
 
 def test_a_parameter_that_is_not_declared_is_a_warning_with_the_nearest_name(ros, capfd):

@@ -328,6 +328,8 @@ def test_a_row_names_the_topics_that_the_node_uses(name):
                 by = ast.unparse(part.func).rpartition('.')[2]
                 if by in ('publisher', 'subscribe', 'ImagePublisher'):
                     used |= {a.value for a in part.args if isinstance(a, ast.Constant)}
+                elif by in ('MainClock', 'on_states'):
+                    used.add('node_states')
                 elif by == 'on_results':
                     heard.add('request_results')
     node = NODES[name]

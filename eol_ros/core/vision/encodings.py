@@ -53,3 +53,17 @@ def grey(encoding: str, rows: np.ndarray, width: int, big_endian: bool = False) 
         raise ValueError(f'image is {encoding}, {width}x{len(rows)}: {error.err}') from None
     first = _YUV.get(encoding, int(not big_endian)) if channels == 2 else 0
     return np.ascontiguousarray(pixels[:, first::channels])
+
+
+def grey_of_jpeg(data: np.ndarray) -> np.ndarray:
+    """Return the image of a JPEG or PNG file, (n,) uint8, as (height, width) uint8.
+
+    Raises ValueError where it is none.
+    """
+    try:
+        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+    except cv2.error:
+        image = None
+    if image is None:
+        raise ValueError(f'{len(data)} bytes that are no JPEG or PNG image')
+    return np.asarray(image, np.uint8)

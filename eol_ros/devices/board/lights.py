@@ -295,17 +295,20 @@ class Lights:
             s.idle_period_s,
         )
 
-    def slip(self, block: int, stamp_ns: int, onset_ns: int) -> float | None:
+    def slip(self, block: int, stamp_ns: int, onset_ns: int, ahead_ns: int = 0) -> float | None:
         """Light `block` for a slip seen in the image of `stamp_ns`, unless it has felt it; not
         while asleep.
 
+        ahead_ns: how far the clock here, which the taps have, is ahead of that of stamp and onset.
         Returns how long after its onset it was lit, by itself or here, s; None where it was not.
         """
-        trigger, at_ns = self._settings.trigger, self._at_ns(stamp_ns)
-        self._still_ns = max(at_ns, self._still_ns)
-        felt = trigger == 'both' and onset_ns - FELT_NS < self._felt_ns[block] <= stamp_ns
+        trigger, here_ns = self._settings.trigger, stamp_ns + ahead_ns
+        onset_ns += ahead_ns
+        self._still_ns = max(self._at_ns(here_ns), self._still_ns)
+        felt = trigger == 'both' and onset_ns - FELT_NS < self._felt_ns[block] <= here_ns
         if not (self.dark or felt or trigger == 'blocks'):
-            began_ns = None if trigger == 'slips' else onset_ns + at_ns - stamp_ns
+            at_ns = self._at_ns(here_ns)
+            began_ns = None if trigger == 'slips' else onset_ns + at_ns - here_ns
             sent_ns = self._light(stamp_ns, block, at_ns=at_ns, onset_ns=began_ns)
             self._run_on(block, at_ns)
             return (sent_ns - onset_ns) * 1e-9 if sent_ns else None

@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from eol_ros.core.vision.encodings import KNOWN, grey
+from eol_ros.core.vision.encodings import KNOWN, grey, grey_of_jpeg
 
 SCENE = cv2.GaussianBlur(np.random.default_rng(4).integers(0, 256, (48, 64), np.uint8), (0, 0), 3)
 CHANNELS = {'rgb8': 3, 'bgr8': 3, '8UC3': 3, 'rgba8': 4, 'bgra8': 4, '8UC4': 4}
@@ -81,3 +81,11 @@ def test_an_image_too_small_for_its_pattern_is_no_fault(encoding, shape):
         assert grey(encoding, np.zeros(shape, np.uint8), shape[1]).shape == shape
     except ValueError:
         pass
+
+
+def test_jpeg():
+    done, jpeg = cv2.imencode('.jpg', SCENE, [cv2.IMWRITE_JPEG_QUALITY, 95])
+    assert done and np.abs(grey_of_jpeg(jpeg.ravel()).astype(int) - SCENE).max() < 8
+    for bad in (jpeg.ravel()[:0], jpeg.ravel()[:200], np.zeros(100, np.uint8)):
+        with pytest.raises(ValueError, match='no JPEG or PNG'):
+            grey_of_jpeg(bad)
