@@ -932,6 +932,27 @@ class MidiSettings:
     fastest_mps: float = setting(
         0.5, 'speed of a block at which its note has the greatest velocity', 'm/s', 0.01, 10
     )
+    pressure: bool = setting(False, "send each block's stress as poly pressure of its note")
+    clock: bool = setting(False, 'send MIDI clock at the tempo of grains.beat_period_s')
+
+
+@dataclass(frozen=True)
+class SacnSettings:
+    send_to: tuple[str, ...] = setting(
+        (), 'receivers of sACN, HOST or HOST:PORT; empty: all, by multicast'
+    )
+    send_from: str = setting(
+        '',
+        "IPv4 address of this machine's network card that sends sACN; empty: as the routing "
+        'table says',
+    )
+    universe: int = setting(1, 'DMX universe', '', 1, 63999)
+    first_channel: int = setting(
+        1, 'DMX channel of block 0; block n has the channel that is n higher', '', 1, 512
+    )
+    priority: int = setting(
+        100, 'priority over other sources of the universe (E1.31); the highest counts', '', 0, 200
+    )
 
 
 @dataclass(frozen=True)

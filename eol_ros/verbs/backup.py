@@ -16,7 +16,7 @@ from pathlib import Path
 from eol_ros import folders
 from eol_ros import scene as scenes
 from eol_ros.devices.bag.retention import KEPT
-from eol_ros.devices.files import sealed_file
+from eol_ros.devices.files import machine_id, sealed_file
 from eol_ros.disk import DISK, check_file
 from eol_ros.errors import ConfigError, DeviceMissing, writing
 from eol_ros.scene import Scene
@@ -154,5 +154,6 @@ def _kept(roots: dict[str, Path], secrets: bool) -> Iterator[Path]:
     keys = roots['config'].rglob('*') if secrets else ()
     for path in (*state, *roots['cache'].rglob(MOVED), *keys):
         private = path.name.startswith('staff-')  # addresses that gave the PIN
-        if path.is_file() and (secrets or not private):
+        ours = path.name == machine_id.FILE  # a second machine must not have it too
+        if path.is_file() and not ours and (secrets or not private):
             yield path.resolve()

@@ -176,6 +176,8 @@ def _settings(scene: Scene) -> Iterator[Check]:
     sound, hours = scene.nodes.get('sound'), scene.settings('hours')
     if sound and sound.midi_map:
         yield 'sound.midi_map', lambda: _midi_map(sound.midi_map, hours.cues)
+    if 'sacn' in scene.nodes:
+        yield from _sacn(scene)
     for name, words in scene.programs.items():
         yield f'programs.{name}', functools.partial(_program, words, scene.folder_of(name))
     if tracker and leds:
@@ -323,6 +325,20 @@ def _osc(settings: Any) -> Iterator[Check]:
     for name in ('send_to', 'tuio', 'tuio2'):
         for line in getattr(settings, name):
             yield f'osc.{name}', functools.partial(target, line)
+
+
+def _sacn(scene: Scene) -> Iterator[Check]:
+    from eol_ros.core.light.e131 import mistakes, target
+    from eol_ros.devices import address
+
+    settings, cells = scene.nodes['sacn'], scene.table.rows * scene.table.columns
+    for line in settings.send_to:
+        yield 'sacn.send_to', functools.partial(address.target, target(line))
+    yield 'sacn.send_from', lambda: address.own_address(settings.send_from)
+    leds, replayed = scene.nodes.get('leds'), 'replay' in scene.nodes
+    for name, what in mistakes(settings.first_channel, leds, cells, replayed):
+        where = name if name == 'sacn' else f'sacn.{name}'
+        yield where, functools.partial(_refuse, what)
 
 
 def _panel(settings: Any) -> Iterator[Check]:

@@ -210,7 +210,7 @@ def _reaches_out(scene: scenes.Scene) -> bool:
     from eol_ros.devices.address import target
     from eol_ros.web.guard import is_loopback
 
-    if scene.network != 'local' or scene.notify or 'projectors' in scene.nodes:
+    if scene.network != 'local' or scene.notify or {'projectors', 'sacn'} & set(scene.nodes):
         return True
     if scene.programs:  # of which nobody knows what they do
         return True

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+import math
+
 from eol_ros.core.sound.midi_notes import HELD_S, Notes
 
 
@@ -14,6 +16,14 @@ def test_slips_and_cascades_are_notes():
     assert notes.over(1.0 + HELD_S) == [(0x81, 60, 0)]
     assert notes.over(9.0) == [(0x81, 38, 0)] and notes.over(9.0) == []
     assert notes.silence() == [(0xB0, 123, 0), (0xB1, 123, 0)]
+
+
+def test_stress_is_poly_pressure_where_it_changes():
+    notes = Notes(36, 0.5, 25)
+    assert notes.stress([0.0, 0.5, math.nan, 7.0]) == [
+        (0xA0, 36, 0), (0xA0, 37, 64), (0xA0, 39, 127)
+    ]  # fmt: skip
+    assert notes.stress([0.003, 0.51, 0.0, math.nan]) == [(0xA0, 37, 65), (0xA0, 38, 0)]
 
 
 def test_every_block_of_the_largest_table_has_a_note():

@@ -52,6 +52,8 @@ def probe(python, folder, node):
     if 'panel' in nodes:
         nodes['panel']['port'] = 0
     nodes['recorder']['folder'] = str(folder)
+    if node == 'sacn':
+        nodes['leds']['flash_limit'] = 'field'
     nodes.setdefault(node, {'send_to': ['127.0.0.1:9']} if node == 'osc' else {})
     file = folder / 'scene.yaml'
     file.write_text(yaml.safe_dump(values))
@@ -79,6 +81,7 @@ ALL = (
     'montage',
     'osc',
     'midi',
+    'sacn',
     'panel',
     'recorder',
 )

@@ -121,6 +121,7 @@ def test_what_is_open_to_the_network_is_not_shut_in(tmp_path):
         ('', 'projectors: {addresses: [10.0.0.5]}'),
         ('', 'osc: {peers: [10.0.0.7]}'),
         ('', 'osc: {tuio: ["10.0.0.7:3333"]}'),
+        ('', 'sacn: {}, leds: {}, motion: {}, tracker: {}'),
     ):
         path.write_text(f'{head}\nnodes: {{twin: {{}}, {node}}}\n')
         units = service.units(scenes.load(path), 'museum', Path('/home/museum'), tmp_path)

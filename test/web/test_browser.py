@@ -911,7 +911,7 @@ def test_the_monitor_is_one_view_without_inner_scrolling(graph, browser, size):
         # of one machine, whose blocks the twin shows
         names = [name for name in NODES if name not in ('camera', 'replay', 'machine')]
         words = 'the card /dev/snd/by-path/pci-0000:00:1f.3 has gone; waiting'
-        for less in (('osc', 'midi'), ()):
+        for less in (('osc', 'midi', 'sacn'), ('osc', 'midi'), ()):
             some = [n for n in names if n not in less]
             out, lines, row = run(browser, CROWD, some, words)
             picture(browser, f'monitor-{size[0]}-crowd-{len(some)}')

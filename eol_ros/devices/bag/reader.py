@@ -199,7 +199,7 @@ class BagReader:
         --------
         >>> first = next(BagReader('bags/sample').messages(['/eol/slips']))
         >>> first.topic, len(first.data)
-        ('/eol/slips', 100)
+        ('/eol/slips', 97)
         """
         files, apart = self._files(start_ns, end_ns)
         streams = [f.messages(topics, start_ns, end_ns) for f in files]
