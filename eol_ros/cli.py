@@ -49,14 +49,14 @@ GROUPS = {
     },
     'record': {
         'replay': 'play a bag',
-        'bag': 'inspect, verify, repair, cut and merge bags',
+        'bag': 'inspect, verify, repair and cut bags',
         'report': 'compute figures and numbers from a bag',
         'render': 'render the grains of a bag or a list to a sound file',
     },
     'prepare': {
         'calibrate': 'calibrate the camera',
         'camera': 'measure focus, exposure and delay of a camera',
-        'board': 'list the blocks with battery and firmware; find, test and program them',
+        'board': 'list the blocks with battery and firmware; find and test them',
         'measure': 'measure springs and friction of your own table',
         'corpus': 'cut a sound into grains and describe them',
         'compile': 'compile the kernels that a first run would wait for',
@@ -230,7 +230,7 @@ def _run_verb(module: Any, prog: str, words: Sequence[str]) -> int:
     damage: list[str] = []
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-        if issubclass(category, BagDamaged):  # others say nothing to who typed the command
+        if issubclass(category, BagDamaged):  # other warnings concern developers
             damage.append(str(message))
             print(f'{prog}: {printable(str(message))}', file=sys.stderr)
 

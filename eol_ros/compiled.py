@@ -54,8 +54,8 @@ def cold(parts: Iterable[str]) -> list[str]:
 def alone(waiting: Callable[[], None]) -> Iterator[None]:
     """Exclude other `eol compile` on the same cache; call `waiting()` first if one runs.
 
-    The lock ends with the process, and only saves work: without a folder, or on a file system
-    without locks, none is taken.
+    The lock ends with the process. It only saves work, so a missing folder or a file system without
+    locks is no error.
     """
     with contextlib.ExitStack() as held:
         with contextlib.suppress(OSError, ConfigError):

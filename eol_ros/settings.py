@@ -392,8 +392,8 @@ class LedsSettings:
     )
     idle_by_stress: bool = live(
         False,
-        'idle light shows how near each block is to slipping, from the places of its neighbours: '
-        'dark where no spring pulls, brightest where friction is at its limit',
+        'idle light shows the stress of each block, from the positions of its neighbours: dark '
+        'without spring force, brightest at the limit of friction',
     )
     flash_limit: str = setting(
         'field_of_view',

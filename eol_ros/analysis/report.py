@@ -437,8 +437,8 @@ def _said_of_cascades(found: dict[str, Any]) -> list[str]:
         whole = f'{c["count"]} cascades, up to {c["largest"]} blocks: {c["sentence"]}'
     said = [whole]
     if (other := c.get('from_rest_to_rest')) is not None:
-        few = 'not fitted, as there are too few: cascades from rest to rest of the whole table'
-        few += f' ({other["count"]}) ({other.get("needed")} needed)'
+        few = f'not fitted, too few: {other["count"]} cascades from rest to rest of the whole table'
+        few += f', {other.get("needed")} needed'
         said.append(few if 'needed' in other else other['sentence'])
     return [*said, found['catalogue']['energy']['sentence']]
 

@@ -51,7 +51,7 @@ class Uncoupled:
 
     Each block is held by the springs to the rim that it has, or by one from above, and does not
     rotate. Slips, places and flashes are simulated; triggers and sound are those of `sounding`. The
-    first hour at most is simulated, when the first series is asked for.
+    first hour at most is simulated, when the first series is requested.
     """
 
     NAME = 'the same motion of the rim without coupling'

@@ -39,7 +39,7 @@ FINAL = (2, 69, 78)  # a node that ends so at the start lacks a device or a file
 ESSENTIAL = {*IMAGE_SOURCES, 'tracker'}  # without which nothing moves
 DRAIN_S = 0.3  # from the last image to all that it causes
 DUMP_S = 0.5  # a hung process may take this long to write down its stacks
-FAULT_S = 5.0  # a fault that lasts so long is not one of the start
+FAULT_S = 5.0  # a longer fault is not part of the start
 AWAY_S = 5.0  # bringup was stopped, or blocked, for longer: that is told
 LOOK_S = 1.0  # between two looks whether all nodes must be started again
 # Whose input never pauses while the node before it is well, and who that may be: a replay pauses.
@@ -135,7 +135,7 @@ class Supervisor:
     def _watch(self, seconds: float | None) -> int:
         """Look after the nodes until the run is over; return its exit code."""
         began_s = last_s = self._clock()
-        could_s = faulty_s = 0.0  # seconds in which all could have become ok, and those of a fault
+        could_s = faulty_s = 0.0  # time without starved nodes, and time of a fault, s
         while not self._asked_to_stop:
             thread_faults.check()
             now = self._clock()

@@ -56,7 +56,7 @@ def simulate(
     Raises
     ------
     UsageError
-        The path exact cannot solve this scene, or the tolerance is none of the path event.
+        Path `exact` cannot solve this scene, or path `event` does not accept the tolerance.
 
     References
     ----------
@@ -91,8 +91,8 @@ def simulate(
     tolerance = event.default_tolerance(scene) if tolerance is None else tolerance
     if not event.TIGHTEST <= tolerance <= event.LOOSEST:
         raise UsageError(
-            f'tolerance {tolerance:g}: {event.TIGHTEST:g} to {event.LOOSEST:g} is wanted; '
-            'looser, events would be lost'
+            f'tolerance {tolerance:g} is not within {event.TIGHTEST:g} to {event.LOOSEST:g}; '
+            'a larger one would lose events'
         )
     solve = event.solve
     if scene.rotation is not None:

@@ -98,7 +98,7 @@ class PanelNode(EolNode):
         self.server.hub.put('notices', notice, sticky=name)
 
     def ask(self, asked: Asked, done: Callable[[Answers], None]) -> Answers:
-        """What the web server wants of the graph, in its thread: so `give_up` and `rim`."""
+        """Send a request of the web server, in its thread, like `give_up` and `rim`."""
         expected = expected_of(asked.kind, asked.node, self.runs)
         return self.client.ask(asked, expected, done)
 

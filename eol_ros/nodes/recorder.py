@@ -94,10 +94,10 @@ class RecorderNode(EolNode):
             self._keep(item, now_ns, now_ns)
 
     def _wanted(self, topic: str) -> bool:
-        """What exists only because somebody subscribes is recorded only where asked for.
+        """Return whether to record a topic; those made on demand only where a setting requests it.
 
-        Frames follow from `calibration`, and `/diagnostics` from `node_states`; on both topics are
-        those of other graphs, too.
+        Frames derive from `calibration`, and `/diagnostics` from `node_states`. Both topics also
+        carry messages of other graphs.
         """
         if topic in (SAMPLES, MARKERS, POSES, FRAMES, READY, CLOCK, '/diagnostics'):
             return False

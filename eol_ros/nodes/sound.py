@@ -33,7 +33,7 @@ COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
 FILTER = ('filter', 'filter_hz', 'filter_q', 'filter_by', 'filter_octaves')
 FADES = ('mute', 'unmute', 'sleep', 'wake')
 TEST_IN_S = 0.1
-OLD_S = 1.0  # a grain so late is not played: a cable that is back brings many together
+OLD_S = 1.0  # later grains are dropped: after a cable is back, many arrive together
 DRIVER_S, DRIVER_HUNG_S = 10.0, 60.0  # time limits for a driver to open a card
 
 

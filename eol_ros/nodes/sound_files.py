@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
 
 KEY = 'files_sha256'  # in the state of `grains`: digests of the paths, and of the contents
-UNREAD = '-'  # a file cannot be read, and the node says so itself
+UNREAD = '-'  # a file cannot be read, which the node itself reports
 
 
 class SoundFiles:
@@ -43,7 +43,7 @@ class SoundFiles:
 
     @property
     def trouble(self) -> str:
-        """That files differ; '' while none does, or not all have been read."""
+        """Report of files that differ; '' while none does, or not all have been read."""
         here, there = self._here.split(), self._there.split()
         same_paths = here[:1] == there[:1]  # else of another corpus, or not read yet
         if not same_paths or here == there or UNREAD in (*here, *there):

@@ -9,9 +9,9 @@ from typing import Any
 HEALTH_FD = 'EOL_HEALTH_FD'
 """The descriptor of the pipe for heartbeats, and for the progress of the compiler."""
 KEPT = 'EOL_KEPT'
-"""JSON by node: what each kept in the process that bringup saw end."""
+"""JSON by node: state that each persisted in its last process."""
 AGAIN = 'EOL_AGAIN'
-"""Set where the others run already: they are met soon, or not at all."""
+"""Set when the other nodes already run, so that discovery takes little time, or fails."""
 
 
 class HealthPipe:

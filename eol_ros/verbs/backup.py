@@ -23,9 +23,9 @@ from eol_ros.scene import Scene
 
 HELP = (
     'Write one file with all that cannot be installed again. It holds the scene with its includes, '
-    'calibration, background, moved grains, and the names of the bags that are kept; and of the '
-    'state: learned covers, presets, corners of walls, counts of the day. It holds no sounds, '
-    'images or bags, and secrets only with --secrets, which encrypts the file with a password. '
+    'calibration, background, moved grains, and the names of the bags that are kept. It also holds '
+    'learned covers, presets, corners of walls and counts of the day. It holds no sounds, images '
+    'or bags, and secrets only with --secrets, which encrypts the file with a password. '
     'After a backup without secrets, `eol restore` names the files that need them.'
 )
 EXAMPLES = ['eol backup museum', 'eol backup my/scene.yaml --output /media/usb/eol.tar.gz']

@@ -35,7 +35,7 @@ def add_arguments(parser):
     parser.add_argument(
         'way',
         choices=['blocks', 'points', 'board', 'print'],
-        help='what the camera sees; `print` writes the image of a board (.png) for printing',
+        help='source of the calibration; `print` writes the image of a board (.png) for printing',
     )
     parser.add_argument(
         'sources',

@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
 def _measured(
     camera: Any, arrivals: 'Arrivals', meter: Any, seconds: float
 ) -> Iterator[dict[str, Any]]:
-    """Yield the figures of what has come every EVERY_S for `seconds`.
+    """Yield the figures of the received images, every EVERY_S for `seconds`.
 
     Ends where a video ends; DeviceMissing where the camera is lost. Says what is wrong with images.
     """

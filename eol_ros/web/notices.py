@@ -77,7 +77,7 @@ def work(state: Said) -> dict[str, Any]:
 
 
 class Roster:
-    """The nodes that have been heard of, and how they are; may be read from any thread."""
+    """The states of the nodes that have reported; may be read from any thread."""
 
     def __init__(self, scene: Iterable[str] = (), began_s: float = 0.0) -> None:
         self._all = States(scene, began_s)

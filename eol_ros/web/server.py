@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The server: one thread with one event loop beside the node's executor.
 
-It knows no ROS. What it wants from the graph goes through its `bridge`, from its own thread: `ask`,
-`give_up` and `rim`, as the panel node has them. What the graph has for viewers comes through
-`Hub.put`.
+It imports no ROS. Its requests to the graph go through its `bridge`, from its own thread: `ask`,
+`give_up` and `rim` of the panel node. Data of the graph for viewers comes through `Hub.put`.
 """
 
 import asyncio

@@ -91,8 +91,8 @@ def test_too_few_cascades_are_not_fitted(tmp_path):
     assert f'{why}; the largest had' in words
     lacks = [line for line in words.splitlines() if line.startswith('not fitted')]
     assert lacks == [
-        f'not fitted, as there are too few: cascades from rest to rest of the whole table '
-        f'({found["cascades"]["from_rest_to_rest"]["count"]}) (200 needed)'
+        f'not fitted, too few: {found["cascades"]["from_rest_to_rest"]["count"]} cascades '
+        'from rest to rest of the whole table, 200 needed'
     ]
     assert words.count('are needed') == 1
 

@@ -264,7 +264,7 @@ def test_the_death_of_a_worker_names_a_task_and_the_sweep_can_be_resumed(write, 
             if count == 2:
                 os.kill(next(iter(crew.executor._processes)), signal.SIGKILL)
 
-        with pytest.raises(EolError, match="a worker died .*'size': "):
+        with pytest.raises(EolError, match="a worker process died .*'size': "):
             computed(path, given, contextlib.nullcontext(crew), kill)
 
     assert len(path.read_text().splitlines()) < 25

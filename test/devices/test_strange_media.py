@@ -230,7 +230,7 @@ def test_a_wav_whose_header_was_never_finished_is_to_be_mended(tmp_path):
     np.testing.assert_allclose(heard.samples, tone(), atol=1e-4)
     struct.pack_into('<I', data, 40, 0)
     (tmp_path / 'a.wav').write_bytes(data)
-    with pytest.raises(EolError, match='0 samples .* mend its header: ffmpeg -i'):
+    with pytest.raises(EolError, match='0 samples .* repair its header: ffmpeg -i'):
         audio_file.read_mono(tmp_path / 'a.wav')
 
 

@@ -49,7 +49,7 @@ def test_a_file_with_another_content_is_told(pair, tmp_path):
     (tmp_path / 'ice.wav').write_bytes(b'as edited')
     here.look(files)
     nodes.until(lambda: here.trouble)
-    assert here.trouble == 'audio files are not those of show'
+    assert here.trouble == 'audio files differ from those on show'
     there.look(files)
     nodes.until(lambda: not here.trouble)
 

@@ -20,7 +20,7 @@ import numpy as np
 from eol_ros.core.serial_protocol import SHARES
 from eol_ros.core.table import Table
 
-APART_S = 0.08  # orders of one word have one level; a word is told again for at most 0.075 s
+APART_S = 0.08  # one word carries one level; it is repeated for at most 0.075 s
 STEPS = 8  # of stress
 REST_S = 1.0
 IDLE_SHARE = 0.25  # of the peak
@@ -85,10 +85,9 @@ def idle(look: Look, table: Table = Table()) -> list[tuple[float, int, float]]:
 
 
 def stressed(stress: np.ndarray) -> list[tuple[float, int, float]]:
-    """Return the blocks that shine while all is still, each by its stress, (cells,), as `spread`
-    does.
+    """Return the idle light of blocks by their `stress`, (cells,), in the form of `spread`.
 
-    From the most stressed on, one level of STEPS after the other. NaN is no stress.
+    The most stressed blocks come first, one of the STEPS levels after the other. NaN counts as 0.
 
     Examples
     --------

@@ -15,7 +15,7 @@ from eol_ros.core import elementary
 LEARN_S = 20.0  # memory of the noise, s (chosen)
 PRIOR_SAMPLES = 10.0  # weight of the tracker's first sigma (chosen)
 ROUND_SAMPLES = 300.0  # weight of the assumption that noise is the same both ways (chosen)
-MOST = 3.0  # noise over sigma, in that of the median block (sigma is right to 1.5 times)
+MOST = 3.0  # largest noise / sigma, over that of the median block (sigma errs by up to 1.5)
 OCCLUDED = 2.0  # inflation of sigma from which an error repeats in the next images (chosen)
 FLOOR_M = 1e-6  # least standard deviation of a position, m: no camera measures better
 
@@ -58,8 +58,8 @@ class NoiseModel:
     def inflation(self, sigma: np.ndarray | None, seen: np.ndarray) -> np.ndarray:
         """Return `sigma` (n,) m over its reference, >= 1: a block half under an arm has more.
 
-        The first sigma initialises the noise: a block that is first seen moving is not noisy. A
-        better one does so again, until images at rest count more.
+        The first sigma initialises the noise, since a block that moves when first seen is not
+        noisy. A smaller sigma initialises it again, until images at rest have more weight.
         """
         if sigma is None:
             return np.ones(len(self.rows))
@@ -105,7 +105,7 @@ class NoiseModel:
         if sigma is not None:  # a short occlusion does not change the reference
             unoccluded = np.minimum(sigma, OCCLUDED * rows['sigma_m'])
             rows['sigma_m'] += gain * (unoccluded - rows['sigma_m'])
-            # a block that comes into sight on its way must not take that for noise
+            # motion of a block that moves when first seen is not noise
             known = samples > 0
             ratio = rows['moments'][:, 0] / np.where(known, rows['sigma_m'], np.inf) ** 2
             over = ratio / (MOST**2 * np.median(ratio[known]))

@@ -209,7 +209,7 @@ def _begin(m, until):
 
 @njit(cache=True, nogil=True)
 def render(address, out):
-    """Make the next frames of the mixer at `address` into `out` (frames, channels) f4."""
+    """Render the next frames of the mixer at `address` into `out` (frames, channels) f4."""
     m = memory(address)
     s = m.state[0]
     _ingest(m)

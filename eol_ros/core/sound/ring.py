@@ -34,7 +34,7 @@ def parse(lines: Sequence[str]) -> list[Speaker]:
     Raises
     ------
     ConfigError
-        A line is not `NAME AZIMUTH`, a name or a place is there twice.
+        A line is not `NAME AZIMUTH`, or two lines have one name or one direction.
 
     Examples
     --------
@@ -50,7 +50,7 @@ def parse(lines: Sequence[str]) -> list[Speaker]:
             speaker = Speaker('', math.nan)
         if not math.isfinite(speaker.azimuth):
             what = 'NAME AZIMUTH, in degrees, such as: left 30'
-            raise ConfigError(f'{line!r} is no loudspeaker: {what}')
+            raise ConfigError(f'{line!r} is not a loudspeaker: {what}')
         for other in found:
             if other.name == speaker.name:
                 raise ConfigError(f'{line!r}: there is a loudspeaker {other.name} already')

@@ -8,7 +8,7 @@ TRIGGER = np.dtype(
         ('time_s', 'f8'),  # stamp of the image that caused it, seconds
         ('grain', 'i4'),  # index into the corpus
         ('gain', 'f4'),  # linear, 1 = as recorded
-        ('rate', 'f4'),  # speed of reading, 1 = as recorded, 2 = an octave up
+        ('rate', 'f4'),  # playback rate, 1 = as recorded, 2 = an octave up
         ('pan', 'f4'),  # -1 left, 0 middle, 1 right
         ('attack_s', 'f4'),  # rise of the envelope
         ('release_s', 'f4'),  # fall of the envelope

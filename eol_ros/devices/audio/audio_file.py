@@ -102,8 +102,8 @@ def read_mono(path, rate: int | None = None, guard: int = 0) -> Sound:
         )
     if count < SHORTEST_S * own_rate:
         why = f'give a sound of at least {SHORTEST_S * 1e3:.0f} ms'
-        if not whole:  # as the header of a recorder that was cut off says
-            why += ', or mend its header: ffmpeg -i IN.wav OUT.wav'
+        if not whole:  # the header of an interrupted recording
+            why += ', or repair its header: ffmpeg -i IN.wav OUT.wav'
         if notes:
             why = notes[0].removeprefix(f'{path}: ').partition(';')[0]
         raise ConfigError(

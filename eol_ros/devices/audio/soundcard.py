@@ -32,7 +32,7 @@ LOST_S = 0.5  # the same where the device is gone: there is nothing left to play
 
 
 class Card:
-    """An open PortAudio stream, silent until `play`; raises DeviceMissing if it cannot be had."""
+    """An open PortAudio stream, silent until `play`; raises DeviceMissing if none opens."""
 
     def __init__(self, mixer: Mixer, device: str, block_size: int):
         sd = portaudio()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags out of bags: a stretch of one, what can be read of a damaged one."""
+"""New bags from others: a time range of a bag, the readable part of a damaged one."""
 
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence

@@ -29,7 +29,7 @@ from eol_ros.streams.graph import FORMER_TYPES, TOPICS, full_name, namespace_of
 if TYPE_CHECKING:
     from eol_ros.devices.bag.batches import Batch
 
-LONGEST_NS = 366 * 86400 * 10**9  # of a recording: a year
+LONGEST_NS = 366 * 86400 * 10**9  # longest recording: a year
 MERGED = 4096  # messages of files that overlap in time, in memory at a time
 LOOK_BACK_NS = 60_000_000_000
 
@@ -59,7 +59,7 @@ class BagReader:
     DeviceMissing
         There is no such file.
     ConfigError
-        It is not a bag, or of more than a year.
+        It is not a bag, or spans more than a year.
 
     Examples
     --------
@@ -89,8 +89,8 @@ class BagReader:
         self.end_ns = max((f.end_ns for f in filled), default=0)
         if self.end_ns - self.start_ns > LONGEST_NS:
             raise ConfigError(
-                f'{self.path}: its messages lie more than a year apart, as where the clock of a '
-                'recorder is set: `mcap filter` with --start or --end leaves some out'
+                f'{self.path}: its messages lie more than a year apart, probably since the clock '
+                'was set while recording; select a part by `mcap filter` with --start or --end'
             )
 
     @property

@@ -136,7 +136,7 @@ NEWEST = _dotted(protocol.FIRMWARE)
 class Lights:
     """Slips in, packets out. `on_tap` and `on_state` are called from the board's thread.
 
-    `played` is given behind a replay. `stress` returns that of each place, NaN where not known. The
+    `played` is given behind a replay. `stress` returns that of each place, NaN where unknown. The
     methods that send return what they sent, nothing while there is no board to send to.
     """
 

@@ -20,7 +20,7 @@ COLOUR_LEVELS = 12  # channels further apart are colour; JPEG of a grey image st
 COLOUR_SHARE = 1e-3  # of the pixels
 MANUAL_EXPOSURE = 1  # V4L2_EXPOSURE_MANUAL
 EXPOSURE_UNIT_US = 100  # of V4L2_CID_EXPOSURE_ABSOLUTE
-CLOCK_TRUST_S = 1.0  # a driver's stamp further from now than this is of another clock
+CLOCK_TRUST_S = 1.0  # a driver's stamp that differs from now by more is of another clock
 
 
 class Picture(NamedTuple):
@@ -34,7 +34,7 @@ class Picture(NamedTuple):
 
 
 class SourceLost(OSError):
-    """The camera gives no more images: unplugged, or its driver gave up."""
+    """The camera sends no more images: it is unplugged, or its driver gave up."""
 
 
 def is_file(device: str) -> bool:

@@ -19,7 +19,7 @@ from eol_ros.errors import ConfigError
 LARGEST_PX = 20000
 FOCAL = 0.05, 100.0  # plausible focal lengths, in widths of the image
 MOST_K = 1e4  # plausible size of a coefficient of distortion
-SKEW_PX = 0.1  # of a camera matrix, at most
+SKEW_PX = 0.1  # largest skew of a camera matrix
 _NAMES = {  # ours, and those of other programs
     'image_width': ('width', 'imageWidth'),
     'image_height': ('height', 'imageHeight'),

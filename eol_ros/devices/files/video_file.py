@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a video file is one that a browser plays: whole, its codec known, its first image good.
+"""Check that a browser can play a video file: complete, known codec, first image decodable.
 
 ISO/IEC 14496-12 (boxes of MP4), RFC 8794 and RFC 9559 (elements of WebM, which is Matroska).
 """
@@ -12,7 +12,7 @@ from typing import BinaryIO
 CODECS = ('H264', 'AVC1', 'VP80', 'VP90')  # as FFmpeg names them: H.264, VP8, VP9
 AV1 = b'av01', b'V_AV1'  # in the head or the end of MP4, in the head of WebM
 _PLAYED = 'browsers play H.264, VP8, VP9 and AV1'
-_HEAD = 1 << 20  # bytes in which the name of the codec stands
+_HEAD = 1 << 20  # bytes at either end in which the codec is named
 _EBML, _SEGMENT = b'\x1a\x45\xdf\xa3', b'\x18\x53\x80\x67'
 
 

@@ -141,8 +141,8 @@ class Result:
     """What comes of a task. None: not known, or no such thing in this model."""
 
     status: str = dataclasses.field(metadata={'doc': 'ok, or why there are no figures'})
-    cascades: int | None = setting(None, 'number of cascades that count')
-    slips: int | None = setting(None, 'number of slips in them, or of topplings')
+    cascades: int | None = setting(None, 'number of cascades after the skipped ones')
+    slips: int | None = setting(None, 'number of slips, or of topplings, in these cascades')
     mean_area: float | None = setting(None, 'mean area of a cascade', 'blocks')
     greatest_area: int | None = setting(None, 'greatest area of a cascade', 'blocks')
     system_wide: float | None = setting(None, 'share of cascades of at least half of all blocks')
@@ -173,8 +173,8 @@ def key(model: str, parameters: Mapping[str, Any]) -> str:
 def compute(model: str, parameters: Mapping[str, Any]) -> Result:
     """Run a model and return the law of its cascades.
 
-    `parameters` has a value for each field of `MODELS[model]`. What cannot be simulated says so in
-    `status`.
+    `parameters` has a value for each field of `MODELS[model]`. `status` gives the reason if a task
+    cannot be simulated.
     """
     task = MODELS[model](**parameters)
     try:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who computes: processes of this machine, or the workers of a Dask cluster.
 
-Both are executors of `concurrent.futures`. The scheduler of a cluster gives what a dead worker had
-in hand to another one; a dead process of this machine ends the work, which can be resumed.
+Both are executors of `concurrent.futures`. The scheduler of a cluster assigns the
+tasks of a dead worker to another one. A dead process of this machine ends the sweep, which can be
+resumed.
 """
 
 import contextlib
@@ -34,7 +35,7 @@ R = TypeVar('R')
 
 @dataclass
 class Crew:
-    """An executor with the number of its workers now; and whether these can be reached."""
+    """An executor, its present number of workers, and whether they can be reached."""
 
     executor: Executor
     size: Callable[[], int]
@@ -44,9 +45,9 @@ class Crew:
     def work_through(
         self, do: Callable[[T], R], items: Iterable[T], ahead: int
     ) -> Iterator[tuple[R, float]]:
-        """Yield what `do` makes of each item and its seconds, in the order in which they are done.
+        """Yield the result of `do` for each item and its seconds, in the order of completion.
 
-        An item is taken only when some worker is about to need it: each has `ahead` to come.
+        Items are submitted as workers need them: `ahead` items for each worker.
         """
         given: dict[Future[tuple[R, float]], T] = {}
         for item in items:
@@ -57,10 +58,10 @@ class Crew:
             yield from self._done(given)
 
     def _done(self, given: dict[Future[tuple[R, float]], T]) -> Iterator[tuple[R, float]]:
-        """Wait, and yield what is done: nothing after POLL_S."""
+        """Wait up to POLL_S, and yield what has been completed."""
         ready, _ = wait(given, POLL_S, FIRST_COMPLETED)
         if not ready and not self.reached():
-            raise DeviceMissing('--scheduler: it has gone')
+            raise DeviceMissing('--scheduler: connection lost')
         for future in ready:
             item = given.pop(future)
             try:
@@ -68,10 +69,10 @@ class Crew:
             except EolError:
                 raise
             except CancelledError:
-                raise DeviceMissing('--scheduler: it has gone') from None
+                raise DeviceMissing('--scheduler: connection lost') from None
             except Exception as error:  # of the executor
                 raise EolError(
-                    f'a worker died (out of memory?) with this in hand or in its queue: '
+                    f'a worker process died (out of memory?); its running or queued task: '
                     f'{item} ({error})'
                 ) from None
             yield found
@@ -79,14 +80,14 @@ class Crew:
 
 @contextlib.contextmanager
 def local(workers: int) -> Iterator[Crew]:
-    """Yield processes of this machine, which leave it to this one what Ctrl-C means."""
+    """Yield worker processes of this machine; this process alone handles Ctrl-C."""
     os.environ.setdefault(work.THREADS, '1')  # the workers inherit it
     # not forked: this process may have threads, and numba's caches are quick to load
     context = multiprocessing.get_context('spawn')
     pool = ProcessPoolExecutor(workers, context, _begin, (os.getpid(),))
     try:
         yield Crew(pool, lambda: workers)
-    finally:  # what they have in hand may take minutes, and is lost
+    finally:  # running tasks may take minutes, and are lost
         processes = list((pool._processes or {}).values())
         pool.shutdown(wait=False, cancel_futures=True)
         for process in processes:
@@ -123,7 +124,7 @@ def cluster(address: str) -> Iterator[Crew]:
         )  # fmt: skip
     finally:
         if client.status == 'running':
-            executor.shutdown(wait=False)  # takes back what is not computed
+            executor.shutdown(wait=False)  # cancels queued tasks
         client.close()
 
 

@@ -74,10 +74,10 @@ def test_a_grain_sounds_where_it_lies_on_the_table():
 @pytest.mark.parametrize(
     ('lines', 'what'),
     [
-        (['left'], 'is no loudspeaker: NAME AZIMUTH'),
-        (['left x'], 'is no loudspeaker'),
-        (['left nan'], 'is no loudspeaker'),
-        (['left 30 2'], 'is no loudspeaker'),
+        (['left'], 'is not a loudspeaker: NAME AZIMUTH'),
+        (['left x'], 'is not a loudspeaker'),
+        (['left nan'], 'is not a loudspeaker'),
+        (['left 30 2'], 'is not a loudspeaker'),
         (['left 30', 'left -30'], 'there is a loudspeaker left already'),
         (['left 30', 'right 390'], 'left stands in that direction already'),
     ],
