@@ -40,6 +40,8 @@ _DO = 'set NUMBA_CACHE_DIR to a folder that can be written, where compiled loops
 _FLAGS = 'avx2', 'bmi1', 'bmi2', 'f16c', 'fma', 'fsgsbase', 'invpcid', 'abm', 'movbe', 'rdrand'
 _MACHINE = ('model name', 'flags', 'Features', 'CPU implementer', 'CPU part')
 
+WAIT_S, POLL_S = 600.0, 0.2  # for another `eol compile`; at a lock
+
 _used: set[str] = set()  # objects that this process has loaded or stored
 _unstored: list[str] = []  # why objects of this process are not in the cache
 
@@ -55,7 +57,7 @@ def alone(waiting: Callable[[], None]) -> Iterator[None]:
     """Exclude other `eol compile` on the same cache; call `waiting()` first if one runs.
 
     The lock ends with the process. It only saves work, so a missing folder or a file system without
-    locks is no error.
+    locks is no error, and nobody waits for more than WAIT_S.
     """
     with contextlib.ExitStack() as held:
         with contextlib.suppress(OSError, ConfigError):
@@ -64,7 +66,12 @@ def alone(waiting: Callable[[], None]) -> Iterator[None]:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 waiting()
-                fcntl.flock(lock, fcntl.LOCK_EX)
+                end_s = time.monotonic() + WAIT_S
+                while time.monotonic() < end_s:
+                    with contextlib.suppress(BlockingIOError):
+                        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                        break
+                    time.sleep(POLL_S)
         yield
 
 

@@ -75,6 +75,8 @@ def simulate(
     >>> abs(run.energy.residual_J) < 1e-12
     True
     """
+    if path not in ('auto', 'exact', 'event'):
+        raise UsageError(f'path {path!r}: choose auto, exact or event')
     limits = limits or Limits()
     given = scene, sample_times(scene.duration_s, sample_s), limits, ledger
     if (choose_path(scene) if path == 'auto' else path) == 'exact':

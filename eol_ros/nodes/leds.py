@@ -166,6 +166,7 @@ class LedsNode(EolNode):
         self.fade()
 
     def on_second(self) -> None:
+        self.lights.follow_firmware()
         self.await_idle()
         self.relearn()
         self.health.values.update(self.lights.values(), asleep=self.lights.asleep)

@@ -8,8 +8,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
+from eol_msgs.msg import Calibration
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 
 from eol_ros.core.table import Table, check_same
@@ -17,6 +19,7 @@ from eol_ros.devices.bag.player import BagPlayer, Played, choose, complete
 from eol_ros.devices.bag.reader import BagMessage, BagReader, table_in
 from eol_ros.devices.bag.requests import heeded
 from eol_ros.devices.carrier_thread import carrier_thread
+from eol_ros.devices.files import calibration_file
 from eol_ros.devices.rounds import Rounds
 from eol_ros.errors import ConfigError
 from eol_ros.ros.definitions import is_installed
@@ -28,8 +31,8 @@ from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.ros.startup_barrier import StartupBarrier
 from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS, UNKNOWN_NODE, message_class, with_depth
 from eol_ros.said import said
-from eol_ros.streams import tables
-from eol_ros.streams.graph import TOPICS, relative_name
+from eol_ros.streams import calibrations, tables
+from eol_ros.streams.graph import FORMER_TYPES, TOPICS, relative_name
 from eol_ros.streams.requests import Asked, ahead, meanwhile
 
 READY_S = 1.0  # from the last reader found to the first message
@@ -138,7 +141,7 @@ class ReplayNode(EolNode):
         name = relative_name(recorded.name, self.bag.namespace)
         depth = FAST_DEPTH if self.settings.fast else None
         ours = TOPICS.get(name)
-        if ours and ours.type_name == recorded.type:
+        if ours and recorded.type in (ours.type_name, FORMER_TYPES.get(name)):
             return self.publisher(name, depth)
         qos = with_depth(QOS['latched' if recorded.latched else 'stream'], depth)
         return self.create_publisher(kind, name, qos)
@@ -166,7 +169,7 @@ class ReplayNode(EolNode):
         """Tell what holds when a round begins, and ask what must be known before."""
         start_ns = self.player.first_ns
         for message in self.bag.latched(self.names, start_ns):
-            self.publishers_of[message.topic].publish(message.data)
+            self.publishers_of[message.topic].publish(self._as_now(message))
         for asked in self._ahead:
             self.ask(asked)
 
@@ -176,6 +179,16 @@ class ReplayNode(EolNode):
     def tick(self) -> None:
         self.clock.publish(Clock(clock=to_msg(self.player.now_ns())))
 
+    def _as_now(self, message: BagMessage) -> Any:
+        """Return what to publish: the recorded bytes, or a message of today for an old type."""
+        recorded = self.bag.topics[message.topic]
+        if recorded.type != FORMER_TYPES.get(relative_name(recorded.name, self.bag.namespace)):
+            return message.data
+        text = deserialize_message(message.data, message_class(recorded.type)).data
+        found = calibration_file.loads(text, f'{self.bag.path}: {recorded.name}')
+        row = calibrations.of(message.log_ns, found)
+        return calibrations.RECORD.fill(Calibration(), row, self.frame_prefix)
+
     def give(self, message: BagMessage) -> None:
         if message.topic in self._asked_on:
             asked = self._then.get(message.log_ns)
@@ -183,7 +196,7 @@ class ReplayNode(EolNode):
                 self.ask(asked)
             return
         publisher = self.publishers_of[message.topic]
-        publisher.publish(message.data)
+        publisher.publish(self._as_now(message))
         self._keep_pace(publisher)
         self.health.tick()
         self.rounds.done()

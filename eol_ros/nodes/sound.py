@@ -260,12 +260,12 @@ class SoundNode(EolNode):
         mixed_s = self.mixer.time_of(int(self.mixer.state['frame'][0]))
         spare_s = since_ns * 1e-9 + latency_s - LOOK_AHEAD_S - mixed_s
         live = not (by_hand or self.sim_time)
-        if live:
-            arrivals = self.arrivals['tap_latency_s' if felt else 'latency_s']
-            arrivals.add(time.monotonic(), latency_s - spare_s)
         if live and spare_s < -OLD_S:
             self.unheard += 1
             return
+        if live:
+            arrivals = self.arrivals['tap_latency_s' if felt else 'latency_s']
+            arrivals.add(time.monotonic(), latency_s - spare_s)
         self.mixer.play(np.array([trigger], TRIGGER), bank, self.voicing)
         if not live:
             return

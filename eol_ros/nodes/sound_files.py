@@ -37,7 +37,7 @@ class SoundFiles:
 
     def look(self, files: Sequence[str]) -> None:
         """Begin to read the files of a corpus, in a thread, if the nodes are on two machines."""
-        if self._apart:
+        if self._apart and list(files) != self._wanted:
             self._wanted = list(files)
             threading.Thread(target=self._read, args=(self._wanted,), daemon=True).start()
 
@@ -62,6 +62,8 @@ class SoundFiles:
                 unread = True
             if files is not self._wanted:
                 return
+        if files is not self._wanted:  # of no files
+            return
         self._here = f'{paths[:8]} {UNREAD if unread else content.hexdigest()[:8]}'
         if self._node.NAME == 'grains':
             self._node.health.values[KEY] = self._here

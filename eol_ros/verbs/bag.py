@@ -163,7 +163,7 @@ def _recover(args) -> int:
     from eol_ros.devices.bag.recover import repair, rewrite_metadata
     from eol_ros.devices.bag.verify import metadata_faults, verify
 
-    bag = BagReader(args.bag)
+    bag = BagReader(args.bag, any_span=True)
     if args.output:
         about, gaps = {**bag.about, edit.FROM: str(bag.path)}, dict(bag.gaps)
         gaps['recovered'] = f'from {bag.path.name}'
@@ -234,7 +234,7 @@ def _keep(args) -> int:
     from eol_ros.devices.bag.reader import BagReader
     from eol_ros.devices.bag.retention import mark
 
-    path = BagReader(args.bag).path
+    path = BagReader(args.bag, any_span=True).path
     if not path.is_dir():
         raise UsageError(f'{path}: is a file; the folder of a bag is marked')
     with writing(path):

@@ -242,10 +242,16 @@ def test_the_board_of_the_twin_drives_any_table(make_lights):
     wait_until(lambda: lights.board.rejected == 1)  # there is no block
 
 
-def test_the_bridge_is_told_of_another_table(fake, make_lights):
-    make_lights(port=fake.port, table=Table(rows=3, columns=4))
+@pytest.mark.parametrize(
+    ('version', 'limit'), [((2, 4), 'field'), (protocol.FIRMWARE, 'field_of_view')]
+)
+def test_the_bridge_is_told_of_another_table(fake, make_lights, version, limit):
+    fake.firmware = version
+    lights = make_lights(port=fake.port, table=Table(rows=3, columns=4))
     told = protocol.Lattice(4, 3, 12)
-    wait_until(lambda: (fake.bridge.limit, fake.lattice) == ('field_of_view', told))
+    wait_until(lambda: (fake.bridge.limit, fake.lattice) == ('field', told))
+    lights.follow_firmware()
+    wait_until(lambda: fake.bridge.limit == limit)
 
 
 def test_a_table_within_the_numbers_of_the_board_has_no_other_blocks(fake, make_lights):

@@ -12,7 +12,7 @@ import types
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from eol_msgs.msg import Blocks, BlockTap, Corpus, RequestResult, Slip, Wall
+from eol_msgs.msg import Blocks, BlockTap, Calibration, Corpus, RequestResult, Slip, Wall
 from eol_msgs.msg import Table as TableMessage
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
@@ -22,9 +22,11 @@ from support.bag_samples import bag_of
 from support.spinning import Nodes
 from support.waiting import wait_until
 
+from eol_ros.analysis.bag import open_bag
 from eol_ros.core.table import Table
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
+from eol_ros.devices.files import calibration_file
 from eol_ros.errors import ConfigError, DeviceMissing
 from eol_ros.nodes.replay import ReplayNode
 from eol_ros.ros.definitions import describe
@@ -33,7 +35,7 @@ from eol_ros.ros.played import played
 from eol_ros.ros.qos import NO_HASH
 from eol_ros.ros.requests import request_from_msg, request_to_msg
 from eol_ros.ros.stamps import to_msg, to_ns
-from eol_ros.ros.topics import CLOCK, CLOCK_QOS
+from eol_ros.ros.topics import CLOCK, CLOCK_QOS, QOS
 from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings, ReplaySettings
 from eol_ros.streams import tables
@@ -133,6 +135,19 @@ def test_the_recorded_bytes_come_at_their_time(nodes, listener, bag):
     assert times[-1] > T0 + 99 * STEP_NS
     going = {t for t in times if T0 < t < T0 + 99 * STEP_NS}
     assert len(going - {T0 + i * STEP_NS for i in range(100)}) > 10  # between the messages too
+
+
+def test_a_calibration_that_an_old_bag_has_as_text_is_played_as_its_message(nodes, ros):
+    """As in the sample that ships; the panel and own nodes subscribe to the message."""
+    heard, reader = [], nodes.add(ros.create_node('reader', namespace='/eol'))
+    reader.create_subscription(Calibration, 'calibration', heard.append, QOS['latched'])
+    settings = ReplaySettings(bag='bags/sample', topics=('calibration',), wait_s=0.0)
+    nodes.add(ReplayNode(settings))
+    assert nodes.until(lambda: heard, 20.0)
+    text = str(open_bag('bags/sample').table('calibration')['data'][0])
+    expected = calibration_file.loads(text, 'bags/sample')
+    assert (heard[0].width, heard[0].digest) == (expected.image_width, expected.digest)
+    assert heard[0].homography.tolist() == expected.homography.ravel().tolist()
 
 
 @pytest.mark.slow

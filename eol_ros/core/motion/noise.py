@@ -103,6 +103,7 @@ class NoiseModel:
         scale = 1.0 / (2.0 * variance)  # two axes
         rows['moments'] += gain[:, None] * (scale[:, None] * moments - rows['moments'])
         if sigma is not None:  # a short occlusion does not change the reference
+            sigma = np.where(quiet, sigma, rows['sigma_m'])  # may be NaN of a block not seen
             unoccluded = np.minimum(sigma, OCCLUDED * rows['sigma_m'])
             rows['sigma_m'] += gain * (unoccluded - rows['sigma_m'])
             # motion of a block that moves when first seen is not noise

@@ -53,13 +53,15 @@ class BagReader:
         A bag folder, an .mcap file, or a folder that holds bags. This stands for the newest run in
         it, or for the sample that ships where there is no run; recordings of a replay count only
         where they are named themselves.
+    any_span : bool
+        Accept a bag that spans more than a year, to keep or to repair it.
 
     Raises
     ------
     DeviceMissing
         There is no such file.
     ConfigError
-        It is not a bag, or spans more than a year.
+        It is not a bag, or spans more than a year without `any_span`.
 
     Examples
     --------
@@ -68,7 +70,7 @@ class BagReader:
     'eol_msgs/msg/Slip'
     """
 
-    def __init__(self, path: str | Path):
+    def __init__(self, path: str | Path, any_span: bool = False):
         self.path = _newest(Path(path))
         paths, self.notes = files_of(self.path)
         self.files, left_out = open_files(paths)
@@ -87,7 +89,7 @@ class BagReader:
         filled = [f for f in self.files if f.places]
         self.start_ns = min((f.start_ns for f in filled), default=0)
         self.end_ns = max((f.end_ns for f in filled), default=0)
-        if self.end_ns - self.start_ns > LONGEST_NS:
+        if self.end_ns - self.start_ns > LONGEST_NS and not any_span:
             raise ConfigError(
                 f'{self.path}: its messages lie more than a year apart, probably since the clock '
                 'was set while recording; select a part by `mcap filter` with --start or --end'

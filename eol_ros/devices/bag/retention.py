@@ -146,7 +146,7 @@ class Folder:
         if stored.path in self._without:
             return False
         try:
-            bag = BagReader(stored.path)
+            bag = BagReader(stored.path, any_span=True)
             if bag.count(self._images) and all(f.indexed for f in bag.files):
                 return not bag.damage
         except EolError:
@@ -157,7 +157,7 @@ class Folder:
     def remove_pictures(self, stored: Stored) -> None:
         """Rewrite the files of a bag without images; each takes its name when it is complete."""
         self._without.add(stored.path)
-        for file in BagReader(stored.path).files:
+        for file in BagReader(stored.path, any_span=True).files:
             thin = file.path.with_name(file.path.name + THIN)
             self._thin(BagReader(file.path), thin)
         rewrite_metadata(stored.path)

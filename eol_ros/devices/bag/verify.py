@@ -33,7 +33,7 @@ def verify(
     """
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', BagDamaged)
-        bag = BagReader(path)
+        bag = BagReader(path, any_span=True)
         found = [line for file in through(bag.files) for line in _faults(file)]
     cut = [line for line in bag.cut_short if line not in bag.notes]
     found = [*cut, *bag.damage, *found]

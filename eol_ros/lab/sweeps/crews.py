@@ -13,6 +13,7 @@ import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
+    BrokenExecutor,
     CancelledError,
     Executor,
     Future,
@@ -51,7 +52,12 @@ class Crew:
         """
         given: dict[Future[tuple[R, float]], T] = {}
         for item in items:
-            given[self.executor.submit(work.compute, do, item, work.version())] = item
+            try:
+                future = self.executor.submit(work.compute, do, item, work.version())
+            except BrokenExecutor as error:  # a worker died between two tasks
+                future = Future()
+                future.set_exception(error)
+            given[future] = item
             while len(given) >= ahead * max(self.size(), 1):
                 yield from self._done(given)
         while given:
@@ -71,10 +77,10 @@ class Crew:
             except CancelledError:
                 raise DeviceMissing('--scheduler: connection lost') from None
             except Exception as error:  # of the executor
-                raise EolError(
-                    f'a worker process died (out of memory?); its running or queued task: '
-                    f'{item} ({error})'
-                ) from None
+                what = 'a worker process died (out of memory?); its running or queued task'
+                if not isinstance(error, BrokenExecutor):
+                    what = f'a task failed ({type(error).__name__})'
+                raise EolError(f'{what}: {item} ({error})') from None
             yield found
 
 

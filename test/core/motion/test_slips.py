@@ -377,3 +377,17 @@ def test_an_uncertain_first_place_does_not_hide_small_slips():
     k = np.arange(240)
     found, noise_m = starts_of_block_7(3e-4 * (k > 99), np.where(k < 3, 2e-4, 2e-5), k >= 0)
     assert found == [100] and noise_m == pytest.approx(2e-5, rel=0.3)
+
+
+def test_a_sigma_that_is_no_number_while_a_block_is_hidden_silences_no_block():
+    """Other trackers send NaN for the numbers of a block that is not seen."""
+    random, detector, found = np.random.default_rng(2), SlipDetector(MotionSettings()), []
+    for k in range(240):
+        mask, sigmas = SEEN.copy(), np.full(N_BLOCKS, 2e-5)
+        if k > 99:
+            mask[3], sigmas[3] = False, np.nan
+        place = rest_lattice() + random.normal(0, 2e-5, (N_BLOCKS, 2))
+        place[7, 0] += 3e-3 * (k > 199)
+        events = detector.update(k / 60, place[:, 0], place[:, 1], mask, sigmas)
+        found += [k for e in events if (e.kind, e.block) == (START, 7)]
+    assert found == [200]
