@@ -52,13 +52,8 @@ def add_arguments(parser):
     add('--overlap', type=within(0, 0.9), nargs='?', const=0.5, default=0.0, metavar='SHARE',
         help='share of a grain that the next repeats (0.5 if no number is given)')  # fmt: skip
     add('--labels', metavar='FILE', default='', help='Audacity label track to cut at')
-    add(
-        '--onset',
-        type=within(0.1, 60),
-        default=4.0,
-        metavar='DB',
-        help='rise in level that begins a grain',
-    )
+    add('--onset', type=within(0.1, 60), default=4.0, metavar='DB',
+        help='rise in level that begins a grain')  # fmt: skip
     add(
         '--gate-on',
         type=within(-120, 0),

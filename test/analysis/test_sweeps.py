@@ -116,7 +116,10 @@ def one_thread(monkeypatch):
 
 
 @pytest.mark.parametrize('suffix', ['.csv', '\udcff.csv'])
-def test_a_table_is_resumed_and_added_to_and_the_same_to_the_bit(write, tmp_path, suffix):
+def test_a_table_is_resumed_and_added_to_and_the_same_to_the_bit(
+    write, tmp_path, suffix, monkeypatch
+):
+    monkeypatch.setattr('eol_ros.lab.sweeps.run.BATCH_S', 0.0)  # a batch is one task
     given = spec.load(write(AUTOMATA))
     whole = computed(tmp_path / f'whole{suffix}', given, here())
 

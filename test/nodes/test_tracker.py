@@ -6,7 +6,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-import yaml
 from eol_msgs.msg import Blocks
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
@@ -21,7 +20,6 @@ from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.requests import Outcome
 from eol_ros.core.vision.tracker import Tracker
-from eol_ros.devices.files import calibration_file
 from eol_ros.devices.files.tracker_files import TrackerFiles
 from eol_ros.nodes.tracker import TrackerNode
 from eol_ros.ros.images import ImagePublisher
@@ -30,7 +28,7 @@ from eol_ros.ros.requests import request_from_msg, request_to_msg
 from eol_ros.ros.stamps import to_ns
 from eol_ros.scene import Scene
 from eol_ros.settings import TrackerSettings
-from eol_ros.streams import images
+from eol_ros.streams import calibrations, images
 from eol_ros.streams.requests import Asked
 
 START_NS = 1_700_000_000_123_456_789
@@ -84,11 +82,10 @@ def test_images_become_blocks_as_offline_to_the_bit(graph, table):
         nodes.until(lambda k=k: len(probe.blocks) > k)
     nodes.until(lambda: probe.pictures and probe.calibrations)
     assert len(probe.blocks) == 12
-    (text,) = probe.calibrations
-    found = yaml.safe_load(text.data)
-    loaded = calibration_file.loads(text.data, 'topic')
+    (message,) = probe.calibrations
+    loaded = calibrations.to_core(message, table)
     assert (loaded.packed() == ideal.packed()).all() and loaded.table == table
-    assert found['digest'] == ideal.digest
+    assert message.digest == ideal.digest
     for k, (message, (stamp_ns, tracked)) in enumerate(zip(probe.blocks, wanted, strict=True)):
         assert to_ns(message.header.stamp) == stamp_ns
         assert (message.state, message.image) == (Blocks.STATE_TRACKING, k)
