@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Audio files of the corpus on the machines of `grains` and of `sound`, compared by content."""
 
+import contextlib
 import hashlib
 import os
 import threading
@@ -21,6 +22,14 @@ KEY = 'files_sha256'  # in the state of `grains`: digests of the paths, and of t
 UNREAD = '-'  # a file cannot be read, which the node itself reports
 
 
+def _mark(file: str) -> tuple[int, ...]:
+    """Return what changes with the content of `file`."""
+    with contextlib.suppress(OSError):
+        found = os.stat(file)
+        return found.st_mtime_ns, found.st_size
+    return ()
+
+
 class SoundFiles:
     """`grains` publishes digests of its files in its state; `sound` on another machine compares."""
 
@@ -29,6 +38,7 @@ class SoundFiles:
         self._machine = scene.machine_of('grains')
         self._apart = self._machine != scene.machine_of('sound')
         self._wanted: list[str] = []
+        self._marks: list[tuple] = []  # of the files that were read last
         self._here = self._there = ''
         if self._apart and node.NAME == 'grains':
             node.health.values[KEY] = ''  # here: a thread may not insert what others iterate over
@@ -37,8 +47,8 @@ class SoundFiles:
 
     def look(self, files: Sequence[str]) -> None:
         """Begin to read the files of a corpus, in a thread, if the nodes are on two machines."""
-        if self._apart and list(files) != self._wanted:
-            self._wanted = list(files)
+        if self._apart and (marks := [(file, *_mark(file)) for file in files]) != self._marks:
+            self._marks, self._wanted = marks, list(files)
             threading.Thread(target=self._read, args=(self._wanted,), daemon=True).start()
 
     @property

@@ -29,7 +29,7 @@ def scene(folder):
         'sound': {'device': 'wav', 'wav': str(folder / 'live.wav'), 'latency_s': 1.0,
                   'fade_in_s': 0.0, 'fade_out_s': 0.0, 'gain_db': 6.0, 'governor_db': 0.0,
                   'rate_scaling': 0.5, 'corner_hz': 6000, 'dynamics_db': 4, 'onset_duck_db': 4,
-                  'sub_db': -6, 'room_s': 2, 'speakers': ['left 30 2', 'right -30 2.5']},
+                  'sub_db': -6, 'room_s': 2, 'speakers': ['left 30', 'right -30']},
         'recorder': {'images': 'none', 'display_period_s': 0.0},
     }  # fmt: skip
     path = folder / 'scene.yaml'
