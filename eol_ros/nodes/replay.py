@@ -57,6 +57,7 @@ class ReplayNode(EolNode):
         self.names = choose(self.bag, s.topics, usual)
         # Requests are asked again, by today's definition; topics asked for by name go as they are.
         self._asked_on = () if s.topics else (recorded(REQUESTS),)
+        self._former: set[str] = set()  # topics whose messages are converted
         self.publishers_of = self._make_publishers()
         self._given: Counter[Publisher] = Counter()  # since its readers said that they have all
         self._unanswered: set[Publisher] = set()  # a reader of theirs did not say so in time
@@ -138,10 +139,12 @@ class ReplayNode(EolNode):
                 f'{self.bag.path}: {name} was recorded with another definition of {recorded.type} '
                 'than the installed one; it can be analysed, and not be played'
             )
-        name = relative_name(recorded.name, self.bag.namespace)
+        topic, name = name, relative_name(recorded.name, self.bag.namespace)
         depth = FAST_DEPTH if self.settings.fast else None
         ours = TOPICS.get(name)
-        if ours and recorded.type in (ours.type_name, FORMER_TYPES.get(name)):
+        if former := recorded.type == FORMER_TYPES.get(name):
+            self._former.add(topic)
+        if ours and (former or ours.type_name == recorded.type):
             return self.publisher(name, depth)
         qos = with_depth(QOS['latched' if recorded.latched else 'stream'], depth)
         return self.create_publisher(kind, name, qos)
@@ -181,9 +184,9 @@ class ReplayNode(EolNode):
 
     def _as_now(self, message: BagMessage) -> Any:
         """Return what to publish: the recorded bytes, or a message of today for an old type."""
-        recorded = self.bag.topics[message.topic]
-        if recorded.type != FORMER_TYPES.get(relative_name(recorded.name, self.bag.namespace)):
+        if message.topic not in self._former:
             return message.data
+        recorded = self.bag.topics[message.topic]
         text = deserialize_message(message.data, message_class(recorded.type)).data
         found = calibration_file.loads(text, f'{self.bag.path}: {recorded.name}')
         row = calibrations.of(message.log_ns, found)

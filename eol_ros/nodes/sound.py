@@ -263,12 +263,11 @@ class SoundNode(EolNode):
         if live and spare_s < -OLD_S:
             self.unheard += 1
             return
-        if live:
-            arrivals = self.arrivals['tap_latency_s' if felt else 'latency_s']
-            arrivals.add(time.monotonic(), latency_s - spare_s)
         self.mixer.play(np.array([trigger], TRIGGER), bank, self.voicing)
         if not live:
             return
+        arrivals = self.arrivals['tap_latency_s' if felt else 'latency_s']
+        arrivals.add(time.monotonic(), latency_s - spare_s)
         kind = 'stamp_to_tap_trigger' if felt else 'stamp_to_trigger'
         self.health.took(kind, (came_ns - self.epoch_ns - since_ns) * 1e-9)
         if self.sounding and not (self.muted or self.asleep):

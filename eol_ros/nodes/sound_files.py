@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Audio files of the corpus on the machines of `grains` and of `sound`, compared by content."""
 
-import contextlib
 import hashlib
 import os
 import threading
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from eol_msgs.msg import NodeState
 
+from eol_ros.devices.files.names import stamp
 from eol_ros.errors import DeviceMissing
 from eol_ros.said import said
 from eol_ros.streams.requests import values_of
@@ -20,14 +20,6 @@ if TYPE_CHECKING:
 
 KEY = 'files_sha256'  # in the state of `grains`: digests of the paths, and of the contents
 UNREAD = '-'  # a file cannot be read, which the node itself reports
-
-
-def _mark(file: str) -> tuple[int, ...]:
-    """Return what changes with the content of `file`."""
-    with contextlib.suppress(OSError):
-        found = os.stat(file)
-        return found.st_mtime_ns, found.st_size
-    return ()
 
 
 class SoundFiles:
@@ -47,7 +39,7 @@ class SoundFiles:
 
     def look(self, files: Sequence[str]) -> None:
         """Begin to read the files of a corpus, in a thread, if the nodes are on two machines."""
-        if self._apart and (marks := [(file, *_mark(file)) for file in files]) != self._marks:
+        if self._apart and (marks := [(file, *stamp(file)) for file in files]) != self._marks:
             self._marks, self._wanted = marks, list(files)
             threading.Thread(target=self._read, args=(self._wanted,), daemon=True).start()
 

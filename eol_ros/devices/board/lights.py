@@ -180,8 +180,6 @@ class Lights:
         line = self.twin.fake.open_line if self.twin else None
         port = self.twin.port if self.twin else s.port
         self.board = Board(port, self._tap, on_state, s.baud, line=line)
-        # Whether the bridge limits fields of view of this table.
-        self._knows_table = self.twin is not None or self._lattice == DEFAULT_LATTICE
         self._configure()
 
     def start(self) -> None:
@@ -439,21 +437,24 @@ class Lights:
         return wrong + faults({n: b for n, b in dict(self.board.blocks).items() if n in known})
 
     def follow_firmware(self) -> None:
-        """Let the bridge limit the whole field until it is known to know this table.
-
-        A bridge of firmware 2.3 or 2.4 limits fields of view of the default table on any other.
-        """
-        bridge = self.board.blocks.get(protocol.BRIDGE)
-        new = bridge is not None and (bridge.major, bridge.minor) >= protocol.FIRMWARE
-        knows = self.twin is not None or self._lattice == DEFAULT_LATTICE or new
-        if knows != self._knows_table:
-            self._knows_table = knows
+        """Change the limit when the bridge is found to know this table, or not to know it."""
+        if self._bridge_knows_table() != self._configured_for_table:
             self._configure()
+
+    def _bridge_knows_table(self) -> bool:
+        """Whether the bridge can limit fields of view: old firmware takes any table for 5 x 5."""
+        if self.twin is not None or self._lattice == DEFAULT_LATTICE:
+            return True
+        bridge = self.board.blocks.get(protocol.BRIDGE)
+        return bridge is not None and (bridge.major, bridge.minor) >= protocol.FIRMWARE
 
     def _configure(self) -> None:
         s = self._settings
+        self._configured_for_table = self._bridge_knows_table()
         flags = protocol.LIMITED * (s.flash_limit != OFF)
-        flags |= protocol.EACH_FIELD * (s.flash_limit == FIELD_OF_VIEW and self._knows_table)
+        flags |= protocol.EACH_FIELD * (
+            s.flash_limit == FIELD_OF_VIEW and self._configured_for_table
+        )
         if s.trigger != 'slips' and not self.dark and self._played is None:
             flags |= protocol.BY_ITSELF
         self.board.configure(

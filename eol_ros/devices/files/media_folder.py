@@ -17,7 +17,6 @@ import contextlib
 import gzip
 import io
 import math
-import os
 import re
 import threading
 import time
@@ -29,7 +28,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from eol_ros.devices.files import text_table, video_file
-from eol_ros.devices.files.names import find
+from eol_ros.devices.files.names import find, stamp
 from eol_ros.errors import ConfigError, DeviceMissing, printable
 
 LIST = 'pairs.csv'
@@ -127,7 +126,7 @@ class MediaFolder:
     def _state(self, listed: list[Pair]) -> tuple:
         """Return time and size of the list and of everything it names, to notice a change by."""
         all_ = {LIST, *(n for p in listed for n in p.files)}
-        return tuple(sorted((name, *_stamp(find(self.path, name))) for name in all_))
+        return tuple(sorted((name, *stamp(find(self.path, name))) for name in all_))
 
     def _read(self, listed: list[Pair]) -> tuple[list[Pair], list[str]]:
         pairs, skipped = [], []
@@ -149,7 +148,7 @@ class MediaFolder:
             return f'{said}: {why}'
         if not path.is_file():
             return f'{said}: missing'
-        key = (name, placed, *_stamp(path))
+        key = (name, placed, *stamp(path))
         if key not in self._good:
             self._good[key] = _broken(path, placed)
         return f'{said}: {self._good[key]}' if self._good[key] else ''
@@ -308,14 +307,6 @@ def _forbidden(folder: Path, name: str) -> str:
     if not path.resolve().is_relative_to(folder.resolve()):
         return 'outside the folder'
     return '' if path.suffix.lower() in KINDS else f'not one of {" ".join(KINDS)}'
-
-
-def _stamp(path: str | Path) -> tuple[int, int]:
-    try:
-        status = os.stat(path)
-    except OSError:
-        return 0, -1
-    return status.st_mtime_ns, status.st_size
 
 
 def _broken(path: Path, placed: bool) -> str:

@@ -76,3 +76,12 @@ def _keys(name: str) -> Iterator[str]:
 
 def _key(name: str) -> str:
     return unicodedata.normalize('NFC', unicodedata.normalize('NFC', name).casefold())
+
+
+def stamp(path: str | Path) -> tuple[int, int]:
+    """Return time (ns) and size of a file, which change with its content; (0, -1) of no file."""
+    try:
+        status = os.stat(path)
+    except OSError:
+        return 0, -1
+    return status.st_mtime_ns, status.st_size
