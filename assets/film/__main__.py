@@ -35,7 +35,7 @@ from eol_ros.analysis import sound
 from eol_ros.analysis.bag import Bag, open_bag
 from eol_ros.analysis.recorded_settings import recorded_table
 from eol_ros.core import terrain
-from eol_ros.core.physics.twin.play import Play
+from eol_ros.core.physics.twin.hands import Visitors
 from eol_ros.devices.bag.reader import BagMessage
 from eol_ros.devices.files.media_folder import Pictures
 from eol_ros.errors import EolError
@@ -139,8 +139,8 @@ class Teller:
 class Arms:
     """The visitors' hands on the rim, for who looks: the twin tells the rim alone.
 
-    Their gestures follow from the seed, so the play is played again; where on the rim a hand holds
-    is left open by it: here it holds the bar to or from which it wants the rim, on the near side.
+    Their gestures follow from the seed and the recorded rim; where on the rim a hand holds
+    is left open by both: here it holds the bar to or from which it wants the rim, on the near side.
     """
 
     BAR_M = 0.49
@@ -149,25 +149,21 @@ class Arms:
         scene = yaml.safe_load(bag.about['settings'])['nodes']['twin']
         self._truth = bag.table('truth')
         self._stamps = self._truth['stamp'].astype('i8')
-        self._play = Play(scene.get('seed', 1))
-        self._play.advance(1e-4)  # as the twin does before its clock runs
-        self._at = 0
+        self._visitors = Visitors(scene.get('seed', 1), recorded_table(bag))
+        self._at, self._time_s = 0, 0.0
         self._grips: dict[int, list[complex]] = {}
 
     def until(self, now_ns: int) -> list[dict[str, Any]]:
         """Return the hands of the newest image, as `static/hands.js` has its fingers."""
         while self._at < len(self._stamps) and self._stamps[self._at] <= now_ns:
-            i = self._at
-            span_s = (self._stamps[i] - self._stamps[i - 1]) * 1e-9 if i else 1 / 60
-            self._play.advance(min(max(span_s, 1e-4), 0.1))
+            self._time_s = float(self._stamps[self._at] - self._stamps[0]) * 1e-9 + 1 / 60
+            pose = [self._truth[key][self._at] for key in ('rim_x', 'rim_y', 'rim_yaw')]
+            self._visitors.hands(self._time_s, np.array(pose))
             self._at += 1
-        pose = self._play.table.rim_pose
-        if self._at and not np.allclose(pose[0], self._truth['rim_x'][self._at - 1], atol=1e-6):
-            raise EolError('the rehearsal went another way than its seed says')
-        return [one for reach in self._play.visitors.reaches for one in self._fingers(reach)]
+        return [one for reach in self._visitors.reaches for one in self._fingers(reach)]
 
     def _fingers(self, reach: Any) -> Iterator[dict[str, Any]]:
-        place = reach.place(self._play.time_s)
+        place = reach.place(self._time_s)
         if place is None:
             return
         if id(reach) not in self._grips:
