@@ -15,7 +15,7 @@ EXAMPLES = [
     'eol bench sound --parts live --seconds 600',
     'eol bench sound --parts rehearsal --seconds 60',
 ]
-PARTS = ('engine', 'live', 'rehearsal')
+PARTS = ('engine', 'live', 'rehearsal', 'instrument')
 BLOCKS = (64, 128, 256, 512)
 OVERLAPS = (100, 400)
 ERROR_S = 2.0  # of the score that errors are measured on: the reference is slow
@@ -46,7 +46,7 @@ def run(args) -> int:
         sound = source()
         result['engine'] = _engine(sound, args.seconds, args.grains, args.repeats)
         result['blocks_identical'] = _identical(sound)
-    for part in ('live', 'rehearsal'):
+    for part in PARTS[1:]:
         if part in args.parts:
             result[part] = list(_running(part, args.seconds))
     tell(result, args.json, _lines)
@@ -69,20 +69,20 @@ def _some(known: tuple) -> Callable[[str], tuple]:
 def _running(part: str, seconds: float):
     from benchmarks import sound_live, sound_rehearsal
 
-    measure, cases = {
-        'live': (lambda case: {**case, **sound_live.measure(case, seconds)}, sound_live.CASES),
-        'rehearsal': (lambda case: sound_rehearsal.measure(seconds, case), ('jack', 'wav')),
-    }[part]
+    cases = sound_live.CASES if part == 'live' else ('jack', 'wav')
     for case in cases:
         print(f'{part}: {case}', file=sys.stderr)
-        yield measure(case)
+        if part == 'live':
+            yield {**case, **sound_live.measure(case, seconds)}
+        else:
+            yield sound_rehearsal.measure(seconds, case, part)
 
 
 def _lines(result: dict) -> str:
     found = _engines(result)
     if 'blocks_identical' in result:
         found.append(f'the same bits at any block size: {result["blocks_identical"]}')
-    for part in ('live', 'rehearsal'):
+    for part in PARTS[1:]:
         found += [f'{part}: {", ".join(_figures(row))}' for row in result.get(part, ())]
     return '\n'.join(found)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the true onset of a slip to the first sample of its sound, in a running rehearsal.
+"""From the true onset of a slip to the first sample of its sound, in a running scene.
 
 The twin is led by its seed and the stamps of its images alone, so it is simulated a second time
 from what `truth` says, which must agree to the last bit, and gives the instants at which blocks
@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from support.jack import FS, PERIOD, Jack
+from support.jack import FS, Jack
 from support.running import Graph
 
 from eol_ros import scene as scenes
@@ -37,9 +37,10 @@ KNOCK = ('block_taps', 'felt_slips', 'felt_triggers')  # where a knock is told, 
 TOPICS = ('sound_samples', 'truth', 'block_taps', 'felt_slips', 'grain_triggers', 'felt_triggers')
 
 
-def measure(seconds: float, device: str) -> dict[str, Any]:
-    """Run the shipped rehearsal with `device` wav or jack; return latencies in ms."""
-    jack = Jack(f'eol-rehearsal-{os.getpid()}') if device == 'jack' else None
+def measure(seconds: float, device: str, name: str = 'rehearsal') -> dict[str, Any]:
+    """Run the shipped scene `name` with `device` wav or jack; return latencies in ms."""
+    block = scenes.load(name).settings('sound').block_size
+    jack = Jack(f'eol-rehearsal-{os.getpid()}', block) if device == 'jack' else None
     kept = dict(os.environ)
     try:
         with tempfile.TemporaryDirectory(prefix='eol-bench-') as place:
@@ -47,7 +48,7 @@ def measure(seconds: float, device: str) -> dict[str, Any]:
                 jack.start()
                 os.environ.update(jack.environment)
             folder = Path(place)
-            scene = _scene(folder, 'system' if jack else 'wav')
+            scene = _scene(name, folder, 'system' if jack else 'wav')
             with Graph(scene, folder / 'bags', watched=TOPICS, keep=TOPICS) as graph:
                 graph.wait_until_ok()
                 time.sleep(2.0)
@@ -149,7 +150,7 @@ def _played(watch, sound) -> tuple[list[tuple[int, int, int, bool]], int]:
     played, late, first = [], 0, FirstSense()
     for arrival, stamp, due, message, felt in sorted(came, key=lambda one: one[0]):
         if first.plays(stamp / NS, message.block, message.grain, felt):
-            ready = arrival + round((LOOK_AHEAD_S + PERIOD / FS) * NS)
+            ready = arrival + round((LOOK_AHEAD_S + sound.block_size / FS) * NS)
             late += ready > due
             played.append((max(due, ready), stamp, message.block, felt))
     return played, late
@@ -222,11 +223,16 @@ def _seen(watch, due: list[int]) -> list[float]:
     return found
 
 
-def _scene(folder: Path, device: str) -> Path:
-    values = scenes.plain(scenes.load('rehearsal'))
-    values['nodes']['sound'].update(device=device, wav=str(folder / 'sound.wav'))
-    values['nodes']['panel']['port'] = 0
-    path = folder / 'rehearsal.yaml'
+def _scene(name: str, folder: Path, device: str) -> Path:
+    """Write the shipped scene, on the twin in place of a camera and a board."""
+    values = scenes.plain(scenes.load(name))
+    nodes = values['nodes']
+    if nodes.pop('camera', None) is not None:
+        nodes['twin'], nodes['leds']['port'] = {}, 'twin'
+    nodes['sound'].update(device=device, wav=str(folder / 'sound.wav'))
+    if 'panel' in nodes:
+        nodes['panel']['port'] = 0
+    path = folder / f'{name}.yaml'
     path.write_text(yaml.safe_dump(values, sort_keys=False))
     return path
 
