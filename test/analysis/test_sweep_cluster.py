@@ -29,7 +29,7 @@ fixed: {events: 100000, warmup: 2000, bootstrap: 20}
 vary:
   size: [8, 12]
   alpha: [0.15, 0.2]
-  seed: {from: 1, to: 8}
+  seed: {from: 1, to: 4}
 """
 DASK = [sys.executable, '-m', 'dask']
 
@@ -109,7 +109,7 @@ def test_the_command_uses_the_cluster(cluster, given, tmp_path, capsys):
     words = ['sweep', str(tmp_path / 'sweep.yaml'), '--output', str(tmp_path / 'out.csv'), '--json']
 
     assert cli.main([*words, '--scheduler', cluster.address]) == 0
-    assert json.loads(capsys.readouterr().out)['computed'] == 32
+    assert json.loads(capsys.readouterr().out)['computed'] == 16
 
 
 def test_many_bags_are_read_on_the_cluster(cluster, given, tmp_path, capsys):

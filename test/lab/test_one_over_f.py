@@ -11,6 +11,11 @@ NOT = [name for name, (right, _) in SERIES.items() if right == 'no']
 IS = [name for name, (right, _) in SERIES.items() if right == 'yes']
 
 
+def seeds(name):
+    """The realisations that are asked; one of the twin, which takes as long as all others."""
+    return range(1 if name.endswith('of the twin') else 3)
+
+
 def ask_of(values, others=None, **how):
     """The verdict on values at 20/s, up to 5 Hz."""
     series = one_over_f.Series('x', values, 20.0, 5.0, **how)
@@ -24,21 +29,21 @@ def test_what_only_looks_like_it_is_never_called_so(name):
     seconds = {'sum of two relaxations': 1200.0, 'sum of three relaxations': 14400.0}.get(
         name, 600.0
     )
-    assert [ask(name, seconds, seed).answer for seed in range(3)] == ['no'] * 3
+    assert {ask(name, seconds, seed).answer for seed in seeds(name)} == {'no'}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', IS)
 def test_what_is_is_called_so(name):
     """Four hours: most are, as bench counts; so one of three at least."""
-    assert [ask(name, 14400.0, seed).answer for seed in range(3)].count('yes') >= 1
+    assert any(ask(name, 14400.0, seed).answer == 'yes' for seed in range(3))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', NOT)
 def test_a_short_series_is_no_reason_to_say_yes(name):
     """160 s are just two decades: it may be undecided."""
-    assert 'yes' not in [ask(name, 160.0, seed).answer for seed in range(3)]
+    assert 'yes' not in [ask(name, 160.0, seed).answer for seed in seeds(name)]
 
 
 @pytest.mark.slow
