@@ -65,18 +65,13 @@ def machines(tmp_path_factory):
 
 @contextlib.contextmanager
 def running(machines, scene, *names):
-    """Run the scene on these machines; yield a function that returns the rows of one by node."""
+    """Run the scene on these machines; yield what returns the rows of one by node."""
     ups = [
         machines.run(name, sys.executable, '-m', 'eol_ros.bringup', str(scene)) for name in names
     ]
 
-    def rows(name):
-        child = machines.run(name, sys.executable, '-m', 'eol_ros', 'status', '--json')
-        out, _ = child.communicate(timeout=60)
-        return {row['node']: row for row in json.loads(out)['nodes']} if out else {}
-
     try:
-        yield rows
+        yield machines.status
     finally:
         for up in ups:
             up.send_signal(signal.SIGINT)

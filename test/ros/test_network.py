@@ -87,10 +87,8 @@ def test_a_machine_with_other_addresses_starts_all_again_with_the_first_that_is(
     bringup = machines.run('work', sys.executable, '-m', 'eol_ros.bringup', str(scene))
 
     def pids():
-        child = machines.run('work', sys.executable, '-m', 'eol_ros', 'status', '--json')
-        out, _ = child.communicate(timeout=30)
-        rows = json.loads(out)['nodes'] if out else []
-        return {r['node']: r['pid'] for r in rows if r['level'] == 0 and r['pid']}
+        rows = machines.status('work')
+        return {n: r['pid'] for n, r in rows.items() if r['level'] == 0 and r['pid']}
 
     try:
         wait_until(lambda: len(pids()) == 2)

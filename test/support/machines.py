@@ -6,6 +6,7 @@ own.
 """
 
 import contextlib
+import ctypes
 import os
 import re
 import shutil
@@ -13,10 +14,13 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any, TextIO
 
 import pytest
 
 from eol_ros import folders, parent_death
+from eol_ros.bringup import status
+from eol_ros.errors import EolError
 from support import native
 
 DOMAIN = '61'
@@ -113,6 +117,18 @@ class Machines:
     def eol(self, machine: str, *words: str) -> str:
         """Return what `eol` says there."""
         return answer(self.run(machine, sys.executable, '-m', 'eol_ros', *words))
+
+    def status(self, machine: str) -> dict[str, dict[str, Any]]:
+        """Return what the bringup of a machine says of each node; nothing if none answers."""
+        network = f'/run/netns/{self.names[machine]}'
+        with open('/proc/thread-self/ns/net') as ours, open(network) as at:
+            try:
+                _enter(at)  # the socket of the status is of this network
+                return {row['node']: row for row in status.ask(int(DOMAIN))['nodes']}
+            except EolError:
+                return {}
+            finally:
+                _enter(ours)
 
     @contextlib.contextmanager
     def losing(self, percent: int) -> Iterator[Callable[[], int]]:
@@ -223,6 +239,12 @@ class Machines:
         """Bring the tunnel up on a machine."""
         config = f'{self.variables[machine]["EOL_CONFIG"]}/eol0.conf'
         answer(self.run(machine, 'wg-quick', 'up', config))
+
+
+def _enter(network: TextIO) -> None:
+    """Let this thread be of another network namespace (`os.setns` is Python 3.12's)."""
+    if ctypes.CDLL(None, use_errno=True).setns(network.fileno(), 0):
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
 
 
 def require(programs: Iterable[str]) -> None:
