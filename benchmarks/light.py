@@ -20,7 +20,8 @@ field, under that of each 10 degree field with each look, and under none; `recor
     cost      run time for each slip and each frame
 
 With `--seeds N` the lightings are those of N rehearsals of the twin, each with another seed: a
-block is lit KNOCK_S after each true onset. `--look` chooses the look.
+block is lit KNOCK_S after each true onset, and `20 lit` is a share of the time in which the rim
+moves. `--look` chooses the look.
 """
 
 import argparse
@@ -121,16 +122,16 @@ def lightings(bag: Bag) -> list[tuple[float, int, bool]]:
     return sorted(((t - bag.start_ns) * 1e-9, block, long) for (t, block), long in found.items())
 
 
-def rehearsed(seed: int, seconds: float) -> list[tuple[float, int, bool]]:
-    """Return `lightings` of the twin under visitors that follow from `seed`."""
+def rehearsed(seed: int, seconds: float) -> tuple[list[tuple[float, int, bool]], float]:
+    """Return `lightings` of the twin under visitors that follow from `seed`, and for how many
+    seconds its rim moved.
+    """
     fps = 60.0
-    twin = Rehearsal(seed, fps)
-    places = np.stack(
-        [
-            np.stack([twin.play.table.x, twin.play.table.y], axis=1)
-            for _ in twin.images(round(seconds * fps))
-        ]
-    )
+    twin, placed, pushed = Rehearsal(seed, fps), [], 0
+    for _ in twin.images(round(seconds * fps)):
+        placed.append(np.stack([twin.play.table.x, twin.play.table.y], axis=1))
+        pushed += bool(twin.play.rim.velocity.any())
+    places = np.stack(placed)
 
     def place(at_s: float) -> np.ndarray:  # the image at the end of that time
         return places[min(max(math.ceil(at_s * fps) - 1, 0), len(places) - 1)]
@@ -143,7 +144,7 @@ def rehearsed(seed: int, seconds: float) -> list[tuple[float, int, bool]]:
         )
         far_m = float(np.hypot(*(after - before)[slip.block]))
         lit.append((slip.onset_s + KNOCK_S, slip.block, far_m > LONG_M))
-    return lit
+    return lit, pushed / fps
 
 
 class Play:
@@ -220,7 +221,9 @@ def measure(
         one = (at_s >= begin_s) & (at_s <= end_s) & (rise >= light.FLASH / 255)
         return at_s[one], block[one]
 
+    many = (levels > light.LIT).sum(axis=1) >= light.MANY * N_BLOCKS
     found = figures(levels) | {
+        'many_s': float(many.sum() / RATE_HZ),
         'limit': limit, 'decay_s': play.look.decay_s,
         'raised': float(np.mean(own >= RAISED)) if len(own) else None,
         'long_slips': len(own), 'held': int(play.field.lengthened), 'cost_us': cost_us,
@@ -341,9 +344,10 @@ def run(args: argparse.Namespace) -> int:
         def rehearsals(first: int) -> dict[str, Any]:
             rows = []
             for seed in track(range(first, first + args.seeds), 'rehearsals', args.seeds):
-                lit = rehearsed(seed, args.seconds)
+                lit, pushed_s = rehearsed(seed, args.seconds)
                 row = measure(lit, args.seconds, f'field of view, {args.look}')
-                rows.append(row | {'limit': f'twin, seed {seed}', 'optimum': optimum(lit)})
+                row |= {'limit': f'twin, seed {seed}', 'optimum': optimum(lit)}
+                rows.append(row | {'many_lit': row.pop('many_s') / pushed_s if pushed_s else None})
             return {'seconds': args.seconds, 'limits': rows}
 
         held_out.measure(args.seeds_from_time, args.first_seed, rehearsals, args.json, table)
