@@ -1,12 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hard videos: covers are found among sparkling grains, lamps and arms."""
+"""Hard videos: their truth is what they show, and what is said of the tracker can be wrong."""
 
 import json
 
+import numpy as np
 import pytest
+from support.paper import N_BLOCKS
 
+from benchmarks import vision_hard
 from benchmarks.vision_scenes import OURS
 from eol_ros import cli
+
+
+def test_figures_tell_what_lies_far_off_and_what_is_reported_though_hidden():
+    tally = vision_hard.HardTally()
+    left, visible = np.zeros((N_BLOCKS, 2)), np.ones(N_BLOCKS)
+    left[3], visible[3] = [3.0, 0.0], 0.7
+    left[4], visible[4] = [np.nan, np.nan], 0.6
+    visible[5], visible[6] = 0.0, 0.0
+    left[6] = np.nan
+    tally.add(1.0, left, visible, 0)
+    found = tally.figures()
+
+    assert found['coverage_partly'] == 0.5 and found['partly_beyond_2px'] == 1
+    assert found['hidden'] == 2 and found['hidden_reported'] == 1
+    assert found['coverage'] == 1.0 and found['whole_beyond_2px'] == 0
 
 
 @pytest.mark.slow

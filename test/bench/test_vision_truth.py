@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A film with its truth, from its folder to its figures, and folders that are refused."""
+"""Films with their truth: figures of answers made by hand, and a film from file to table."""
 
 import json
 
@@ -7,10 +7,49 @@ import numpy as np
 import pytest
 from support.paper import rest_lattice
 
+from benchmarks import vision_truth
 from eol_ros import cli
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.devices.files import calibration_file
+
+AT = Calibration.ideal().to_pixels(rest_lattice())
+
+
+def scored(change, images=4):
+    seen, px = np.ones((images, 25), bool), np.repeat(AT[None], images, axis=0)
+    visible = np.ones((images, 25))
+    change(seen, px, visible)
+    return vision_truth.score(seen, px, np.repeat(AT[None], images, axis=0), visible)
+
+
+def test_a_perfect_answer():
+    assert scored(lambda *_: None) == {
+        'whole': 1.0, 'rms_px': 0.0, 'partly': None, 'rms_partly_px': None, 'hidden_reported': 0,
+        'hidden': 0, 'wrong_place': 0, 'switches': 0,
+    }  # fmt: skip
+
+
+def test_each_kind_of_fault_is_counted():
+    def change(seen, px, visible):
+        seen[0, 3] = False  # one whole block of 100 - 3 is missed
+        px[:, :, 0] += 0.3  # the rms of one coordinate of two
+        visible[1, 7], visible[2, 8], visible[3, 9] = 0.1, 0.7, 0.1
+        seen[3, 9] = False
+        px[2, 1] += 40.0
+
+    figures = scored(change)
+    assert figures['whole'] == pytest.approx(96 / 97)
+    assert figures['rms_px'] == pytest.approx(0.3 / np.sqrt(2))
+    assert figures['partly'] == 1.0
+    assert (figures['hidden_reported'], figures['hidden'], figures['wrong_place']) == (1, 2, 1)
+
+
+def test_two_blocks_that_exchange_names_are_two_switches():
+    def change(seen, px, visible):
+        px[2:, [4, 5]] = px[2:, [5, 4]]
+
+    assert scored(change)['switches'] == 2
 
 
 def film(folder, images=14):
