@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The repository as a user gets it, for the tests of packages and workspaces."""
 
+import functools
 import shutil
 import subprocess
 from pathlib import Path
@@ -21,6 +22,7 @@ def checkout(folder: Path) -> Path:
     return folder
 
 
+@functools.cache
 def tracked(folder: Path) -> set[str]:
     """Return the files of `checkout(folder)`, as paths within it; links count as files."""
     if not GIT:
