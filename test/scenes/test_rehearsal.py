@@ -15,7 +15,6 @@ from support.bags import counted_losses
 from support.running import Graph, stand_in
 from support.waiting import wait_until
 
-from eol_ros import cli
 from eol_ros import scene as scenes
 from eol_ros.analysis import open_bag
 from eol_ros.devices.bag.reader import BagReader
@@ -118,30 +117,6 @@ def test_the_stamp_of_the_image_passes_unchanged(run):
     assert run['led_stamps'] <= wire
 
 
-def test_the_bag_holds_everything(run):
-    bag = open_bag(run['bag'])
-    topics = set(bag.topics)
-
-    for topic in (
-        'blocks',
-        'slips',
-        'truth',
-        'grain_triggers',
-        'led_commands',
-        'corpus',
-        'camera/image_raw',
-        'calibration',
-    ):
-        assert f'/eol/{topic}' in topics
-    images, lenses = (
-        [stamp_ns(m.data) for m in bag.messages([bag.name(topic)])]
-        for topic in ('camera/image_raw', 'camera/camera_info')
-    )
-    assert images and set(images) <= set(lenses)  # a busy recorder drops images first
-    seen = {stamp for stamp, _ in run['graph'].watch.seen['blocks']}
-    assert len(bag.table('blocks')) >= len(seen)
-
-
 RETRACK = """
 import json, sys
 from eol_ros.analysis import open_bag
@@ -211,42 +186,6 @@ def test_kill_each_node_in_turn(tmp_path):
         assert graph.stop() == 0
     for bag in (p for p in (tmp_path / 'bags').iterdir() if p.is_dir()):
         assert '/eol/blocks' in open_bag(bag).topics
-
-
-def test_lights_start_and_import_only_what_they_need(tmp_path):
-    path = stand_in('lights', tmp_path, film=_film(tmp_path), bag=None)
-    with Graph(path) as graph:
-        graph.wait_until_ok()
-        pids = graph.pids()
-        libraries = {}
-        for pid, names in pids.items():
-            libraries['+'.join(names)] = Path(f'/proc/{pid}/maps').read_text()
-        # It names no recorder, and is recorded.
-        wait_until(lambda: graph.node('recorder')['values'].get('messages', 0) > 0, 30)
-        count = len(graph.watch.seen['blocks'])
-        wait_until(lambda: len(graph.watch.seen['blocks']) > count + 180, 30)
-        assert graph.stop() == 0
-
-    [bag] = (tmp_path / 'lights.bags').iterdir()
-    out = tmp_path / 'report'
-    assert cli.main(['report', str(bag), '--output', str(out)]) == 0
-    found = json.loads((out / 'report.json').read_text())
-    assert found['messages']['/eol/blocks'] > 120
-    assert found['messages']['/eol/led_commands'] > 0
-    assert found['messages'].get('/eol/camera/image_raw', 0) == 0
-    assert len(pids) <= 5
-    for name, maps in libraries.items():
-        for library in ('portaudio', 'sndfile', 'aiohttp'):
-            assert library not in maps.lower(), f'{name} has {library}'
-        assert name == 'tracker' or 'llvmlite' not in maps, f'{name} has a compiler'
-        if name not in ('tracker', 'camera'):
-            assert '/cv2/' not in maps, f'{name} has OpenCV'
-
-
-def _film(folder):
-    from support.running import Film
-
-    return Film(folder, seconds=2.0)
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
