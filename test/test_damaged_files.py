@@ -37,7 +37,6 @@ DAMAGE = {
     'empty': lambda data: b'',
     'half': lambda data: data[: len(data) // 2],
     'zeros': lambda data: bytes(len(data)),
-    'half zeros': lambda data: data[: len(data) // 2] + bytes(len(data) - len(data) // 2),
 }
 OPTIONS = corpus_file.Options(grain_s=0.25, segment='labels', more_sounds=())
 

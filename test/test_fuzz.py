@@ -25,7 +25,7 @@ def test_seeds_are_good(name, tmp_path):
 @pytest.mark.parametrize('name', fuzz.names())
 def test_bent_inputs(name, tmp_path):
     found = fuzz.target(name, tmp_path)
-    for data in fuzz.mutations(found.seeds, 200, 1):
+    for data in fuzz.mutations(found.seeds, 120, 1):
         try:
             fuzz.tell(found.feed, data)
         except Exception as error:
@@ -35,19 +35,19 @@ def test_bent_inputs(name, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize('name', fuzz.names())
 def test_readers_keep_nothing_of_what_they_have_read(name, tmp_path):
-    """It is read for months: what 100 inputs leave in memory, the next 150 may not add to."""
+    """It is read for months: what 60 inputs leave in memory, the next 90 may not add to."""
     found = fuzz.target(name, tmp_path)
-    inputs = list(fuzz.mutations(found.seeds, 250, 2))
+    inputs = list(fuzz.mutations(found.seeds, 150, 2))
 
     def feed(some):
         for data in some:
             fuzz.tell(found.feed, data)
         gc.collect()
 
-    feed(inputs[:100])  # what is loaded and cached at first use
+    feed(inputs[:60])  # what is loaded and cached at first use
     tracemalloc.start()
     try:
-        feed(inputs[100:])
+        feed(inputs[60:])
         kept, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

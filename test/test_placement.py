@@ -77,7 +77,7 @@ def places(monkeypatch):
 
     def digests(work):
         scatter, seen = Scatter(monkeypatch), set()
-        for seed in range(9):
+        for seed in range(5):
             if seed:  # the first time as it comes, so that all is compiled
                 scatter.deal(seed)
             digest = hashlib.sha256()
@@ -125,7 +125,7 @@ def test_rendering_and_the_live_table(places):
     assert len(places(film)) == 1
 
 
-@pytest.mark.parametrize('name', ['S1', 'S2', 'S3L', 'S3G', 'S4L', 'S4G', 'S5'])
+@pytest.mark.parametrize('name', ['S3L', 'S3G', 'S4L'])
 def test_simulation(places, name):
     scene = from_mapping({**presets.scene(name), 'T': 3.0})
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Damage costs what it hit, and is said: a thousand flipped bits, a thousand cuts."""
+"""Damage costs what it hit, and is said: hundreds of flipped bits and cuts."""
 
 import os
 import re
@@ -100,7 +100,7 @@ def test_a_flipped_bit_costs_its_chunk_at_most_and_is_said(tmp_path, whole):
     about = clean.about
     rng = np.random.default_rng(3 if whole else 4)
     hit = 0
-    for bit in rng.integers(0, 8 * len(truth.data), 500):
+    for bit in rng.integers(0, 8 * len(truth.data), 250):
         at = int(bit) // 8
         data = bytearray(truth.data)
         data[at] ^= 1 << (int(bit) % 8)
@@ -119,7 +119,7 @@ def test_a_flipped_bit_costs_its_chunk_at_most_and_is_said(tmp_path, whole):
         assert bag.gaps == clean.gaps or bag.damage, at
         if missing or bag.about != about:
             assert verify(path)[1], at
-    assert hit > 50
+    assert hit > 15
 
 
 @pytest.mark.slow
@@ -130,7 +130,7 @@ def test_a_cut_costs_what_is_behind_it_at_most_and_is_said(tmp_path, whole):
     path.unlink()
     path = path.with_name('run_0.mcap.part')
     rng = np.random.default_rng(5)
-    for size in rng.integers(0, len(truth.data), 500):
+    for size in rng.integers(0, len(truth.data), 200):
         path.write_bytes(truth.data[:size])
         bag, got, spans = read(path)
         assert got == set().union(*(r for _, end, r in truth.chunks if end <= size)), size

@@ -89,7 +89,7 @@ def started(killed, port, limit, folder):
 @pytest.mark.parametrize(
     'kills',
     [
-        pytest.param(3, marks=pytest.mark.slow),
+        pytest.param(2, marks=pytest.mark.slow),
         pytest.param(200, marks=[pytest.mark.soak, pytest.mark.timeout(3600)]),
     ],
 )

@@ -65,11 +65,11 @@ def test_a_bag_renders_to_the_samples_of_the_live_run(tmp_path):
         change(graph.domain, 'twin', hands='visitors')
         seen = graph.watch.seen['grain_triggers']
         # hands that pull hard cause so many within a second, which is too short to compare
-        wait_until(lambda: len(seen) >= 150 and seen[-1][0] - seen[0][0] > 3e9)
+        wait_until(lambda: len(seen) >= 60 and seen[-1][0] - seen[0][0] > 3e9)
         time.sleep(1.5)  # the last of them sound
         values, lost = graph.node('sound')['values'], graph.node('recorder')['values']['lost']
     assert lost == 0, 'the bag has not all triggers'
-    assert values['triggers'] >= 150
+    assert values['triggers'] >= 60
     assert (values['late'], values['dropped'], values['unheard']) == (0, 0, 0), values
     assert values['underruns'] == 0, 'the machine stood still for half a second'
     bag = next((tmp_path / 'bags').iterdir())

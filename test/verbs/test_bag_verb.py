@@ -353,7 +353,7 @@ def test_verify_finds_what_was_changed_in_metadata_yaml(tmp_path):
     text = path.read_bytes()
     assert verify(tmp_path / 'run')[1] == []
     before, missed, changed = yaml.safe_load(text), [], 0
-    for at in range(0, len(text), 5):
+    for at in range(0, len(text), 17):
         data = bytearray(text)
         data[at] ^= 1 << at % 7
         path.write_bytes(data)
@@ -368,7 +368,7 @@ def test_verify_finds_what_was_changed_in_metadata_yaml(tmp_path):
         changed += not same
         if not found and not same:
             missed.append((at, bytes(data[at - 20 : at + 20])))
-    assert not missed and changed > 200
+    assert not missed and changed > 50
     path.write_bytes(text.replace(b'gain_db: -6.0', b'gain_db: -9.0'))
     [line] = verify(tmp_path / 'run')[1]
     assert line.startswith('metadata.yaml: custom_data is not what the files say')

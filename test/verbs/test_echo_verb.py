@@ -136,9 +136,9 @@ def test_topics_are_the_same_each_time(graph):
     until = time.monotonic() + 60
     while readers_of_played(json.loads(end(eol('topics', '--json'))[1])):
         assert time.monotonic() < until, 'readers of the tests before do not go away'
-    looks = [end(eol('topics', '--json')) for _ in range(3)]
-    assert [code for code, _, _ in looks] == [0, 0, 0]
-    assert looks[0][1] == looks[1][1] == looks[2][1]
+    looks = [end(eol('topics', '--json')) for _ in range(2)]
+    assert [code for code, _, _ in looks] == [0, 0]
+    assert looks[0][1] == looks[1][1]
     rows = {row['topic']: row for row in json.loads(looks[0][1])}
     assert rows['/eol/slips']['type'] == 'eol_msgs/msg/Slip'
     assert rows['/eol/slips']['publishers'] == 1

@@ -157,6 +157,8 @@ def test_dropped_images_leave_no_trace_where_stamps_are_given(dropped, tmp_path,
     assert onset['speed_mps'] == pytest.approx(speed_mps, rel=0.03)
     for k, world, seen in zip(left, answer['world'], answer['visible'], strict=True):
         assert np.allclose(world[seen, :2], truth(k)[seen], atol=2e-4)
+    if start_ns:
+        return
 
     answer = tracked(path, '--fps', '60')  # as if no image were missing
     (onset,) = answer['slips']
