@@ -12,6 +12,7 @@ import numpy as np
 from eol_ros.errors import ConfigError
 
 LARGEST = 1e50  # of any number of a scene, and of 1 / mass: k u / m can still be squared
+CLOSEST = 1e-13  # of the time: what lies between closer poses is lost in its rounding
 NONE, VELOCITY, CIRCLE, POSES = range(4)
 KINDS = {'none': NONE, 'constant_velocity': VELOCITY, 'circle_and_rotation': CIRCLE, 'poses': POSES}
 PARAMETERS = {
@@ -111,8 +112,11 @@ class Drive(NamedTuple):
         if kind == 'poses':
             if values.ndim != 2 or values.shape[1] != 4 or len(values) < 2:
                 raise ConfigError('drive par of poses wants two or more rows t, x, y, phi')
-            if np.any(np.diff(values[:, 0]) <= 0):
-                raise ConfigError('drive par of poses wants rising times')
+            t = values[:, 0]
+            if np.any(np.diff(t) <= CLOSEST * np.abs(t[1:])):
+                raise ConfigError(
+                    f'drive par of poses wants rising times, each by {CLOSEST:g} of itself or more'
+                )
             return cls.through(values)
         names = PARAMETERS[kind]
         if values.shape != (len(names),):

@@ -334,7 +334,8 @@ def run(u, v, t_end, order, small, at, rim, grid, log, max_steps, energy, ledger
     # blocks are set back together, by a time that is a power of two, and `base` remembers
     t, rest, base, back = 0.0, 0.0, 0.0, np.inf
     if speed != 0.0:
-        back = 2.0 ** math.ceil(math.log2(max(FAR * small / abs(speed), 1e-9)))
+        far_s = min(max(FAR * small / abs(speed), 1e-9), 1e300)
+        back = 2.0 ** math.ceil(math.log2(far_s))
     end = t_end
     events = steps = sampled = since = 0
     m = begin(v, sign, at, la)

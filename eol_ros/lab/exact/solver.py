@@ -5,7 +5,7 @@ import numpy as np
 
 from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.kernel_args import Grid, empty_log
-from eol_ros.core.physics.numerics import energy_ledger, length_scale
+from eol_ros.core.physics.numerics import keep_ledger, length_scale
 from eol_ros.core.physics.result import Limits, Run, in_time
 from eol_ros.core.physics.scene import Scene
 from eol_ros.core.physics.status import WORDS
@@ -48,5 +48,5 @@ def solve(scene: Scene, times: np.ndarray, limits: Limits, ledger: bool, order: 
     v_out = np.stack([grid.v, np.zeros_like(grid.v)], axis=2)
     run = Run('exact', WORDS[status], times, u_out, v_out, *in_time(log, events), steps, t)
     if ledger:
-        run.energy = energy_ledger(scene, end, np.column_stack([v, 0 * v]), t, work_and_heat)
+        keep_ledger(run, scene, end, np.column_stack([v, 0 * v]), work_and_heat)
     return run

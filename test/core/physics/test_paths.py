@@ -118,6 +118,35 @@ def test_the_energy_ledger_closes(name):
     assert energy.friction_J > 0
 
 
+@pytest.mark.parametrize('mu_k', [0.0, 0.2])
+def test_the_ledger_closes_where_springs_leave_the_line_of_a_rail(mu_k):
+    """The rim works against them aside, too."""
+    scene = builders.table(
+        presets.CIRCLE, 4.0, 2, 2, geometric=True, dim1=True, mu_s=0.4, mu_k=mu_k
+    )
+    run = solve(scene)
+    assert len(run.event_t) > 10
+    assert not run.u[:, :, 1].any()
+    assert abs(run.energy.residual_J) < 1e-9
+
+
+def test_a_ledger_that_is_far_off_is_told():
+    """Where nothing can move a step is as long as the run, and its work is guessed."""
+    drive = {'kind': 'circle_and_rotation', 'par': [0.2, 6.0, 1.5, 7.0]}
+    run = solve(builders.table(drive, 2.0, geometric=True, mass=1e30, rotation={'side': 0.084}))
+    assert run.status == 'ok' and not run.u.any()
+    assert abs(run.energy.residual_J) > 1e-3 * abs(run.energy.work_J)
+    assert any('energy ledger misses' in note for note in run.notes)
+
+
+@pytest.mark.parametrize('speed', [5e-324, 1e-300, 1e-30])
+def test_a_rim_may_be_as_slow_as_numbers_are(speed):
+    slow = {'kind': 'constant_velocity', 'par': [speed, 0.0]}
+    run, rests = (solve(builders.train(drive, 3.0, n=3)) for drive in (slow, NONE))
+    assert run.status == 'ok'
+    assert np.abs(run.u - rests.u).max() < 1e-25
+
+
 def test_no_friction_keeps_its_energy_for_ever():
     offsets = builders.offsets(25, 0.01, 1, along_x=True)
     scene = from_mapping(builders.table(NONE, 1e8, mu_s=0.0, mu_k=0.0, u0=offsets, dim1=True))

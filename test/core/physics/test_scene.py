@@ -33,6 +33,12 @@ MISTAKES = [
     (lambda s: s.update(drive={'kind': 'tug', 'par': []}), "drive kind 'tug'"),
     (lambda s: s.update(drive={'kind': 'constant_velocity', 'par': [1]}), 'wants vx, vy'),
     (lambda s: s.update(drive={'kind': 'poses', 'par': [[0, 0, 0, 0], [0, 1, 0, 0]]}), 'rising'),
+    (
+        lambda s: s.update(
+            drive={'kind': 'poses', 'par': [[0, 0, 0, 0], [0.5, 0, 0, 0], [0.5 + 1e-15, 1, 0, 0]]}
+        ),
+        'each by 1e-13 of itself',
+    ),
     (lambda s: s['springs_between_blocks'][7].update(j=25), 'springs_between_blocks[7].j is 25'),
     (lambda s: s['springs_between_blocks'][7].update(j=0, i=0), 'ties block 0 to itself'),
     (lambda s: s['springs_to_frame'][3].pop('anchor'), "frame[3] lacks the key 'anchor'"),

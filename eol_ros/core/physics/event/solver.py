@@ -5,14 +5,13 @@ import numpy as np
 
 from eol_ros.core.physics.event import kernel
 from eol_ros.core.physics.kernel_args import Grid, empty_log
-from eol_ros.core.physics.numerics import energy_ledger, length_scale
+from eol_ros.core.physics.numerics import keep_ledger, length_scale
 from eol_ros.core.physics.result import Limits, Run, in_time
 from eol_ros.core.physics.scene import Scene
 from eol_ros.core.physics.status import WORDS
 
 TIGHTEST, LOOSEST = 1e-15, 1e-3
 SMALL = 0.01  # of tolerance and length scale: the error in place that a step may make
-MISSED = 1e-4  # of the work and the heat: more than any tolerance leaves open
 CAPTURE_MPS = 2e-2  # slower than this, the closed form of a stop is tried
 
 
@@ -99,12 +98,5 @@ def solve(scene: Scene, times: np.ndarray, limits: Limits, ledger: bool, toleran
             'model knows no contact'
         )
     if ledger:
-        run.energy = energy_ledger(scene, u, v, t, work_and_heat)
-        if abs(run.energy.residual_J) > MISSED * max(
-            1.0, abs(work_and_heat[0]), abs(work_and_heat[1])
-        ):
-            run.notes.append(
-                f'the energy ledger misses {run.energy.residual_J:.2g} J: a finer tolerance (--tol)'
-                ' may tell whether that counts'
-            )
+        keep_ledger(run, scene, u, v, work_and_heat)
     return run

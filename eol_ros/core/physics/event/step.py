@@ -471,6 +471,6 @@ def planar_ledger(order, m, u, at, pl, cx, cy, cc, cs, used, h, energy, here, ra
                     if at.natural[e] > 0.0:
                         pull *= 1.0 - at.natural[e] / math.sqrt(dx * dx + dy * dy)
                 power = pull * dx * (xr + cor * bx - sir * by)
-                if not at.rail:
+                if at.geometric or not at.rail:  # a rail takes the force, and the spring stretches
                     power += pull * dy * (yr + sir * bx + cor * by)
                 energy[0] += weight * power

@@ -5,7 +5,7 @@ import numpy as np
 
 from eol_ros.core.physics.event.solver import order_for, rules_for
 from eol_ros.core.physics.kernel_args import Grid, empty_log
-from eol_ros.core.physics.numerics import energy_ledger, length_scale
+from eol_ros.core.physics.numerics import keep_ledger, length_scale
 from eol_ros.core.physics.result import Limits, Run, in_time
 from eol_ros.core.physics.rotation import kernel
 from eol_ros.core.physics.rotation.taylor import LEVER, RotationArgs
@@ -66,7 +66,6 @@ def solve(scene: Scene, times: np.ndarray, limits: Limits, ledger: bool, toleran
     run = Run('event', WORDS[status], times, u, w, *in_time(log, events), steps, t)
     run.yaw, run.spin = grid.u[:, :, 2] / ra.lever, grid.v[:, :, 2] / ra.lever
     if ledger:
-        run.energy = energy_ledger(
-            scene, q[:, :2], v[:, :2], t, work_and_heat, q[:, 2] / ra.lever, v[:, 2] / ra.lever
-        )
+        yaw, spin = q[:, 2] / ra.lever, v[:, 2] / ra.lever
+        keep_ledger(run, scene, q[:, :2], v[:, :2], work_and_heat, yaw, spin)
     return run
