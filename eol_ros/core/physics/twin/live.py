@@ -137,8 +137,7 @@ class LiveTable:
         self._arms = (springs.anchor - springs.rest).view(complex)[:, 0] - self._centres
         self._inward = -side.view(complex)[:, 0]
         self._u, self._v = scene.u0.copy(), scene.v0.copy()
-        self._work_and_heat, self._counts = np.zeros(2), np.zeros(3, np.int64)
-        self._log = empty_log(MOST_EVENTS)
+        self._ledger = Ledger(empty_log(MOST_EVENTS), np.zeros(2), np.zeros(3, np.int64))
         self._rotating: Rotating | None = None
         if coupling.rotate:
             from eol_ros.core.physics.twin import rotating
@@ -151,7 +150,7 @@ class LiveTable:
         self._path = np.zeros(samples + 1), np.zeros(rows), np.zeros(rows)
         self._grid = Grid(*(part[1:] for part in self._path))
         self.trace: Trace | None = None
-        self._par, self._knots, self._cubics = np.zeros(4), np.zeros(2), np.zeros((1, 3, 4))
+        self._drive = Drive(POSES, np.zeros(4), np.zeros(2), np.zeros((1, 3, 4)))
         # of the blocks that there are, in order of their ids
         self._rim_rate, self._yaw = np.zeros(3), np.zeros(table.count)
         self._moving = np.zeros(table.count, bool)
@@ -163,7 +162,7 @@ class LiveTable:
         self.pull(self.rim_pose)
         self.clearance_m(self.rim_pose)
         self._solve(self._u.copy(), self._v.copy(), self._moving.copy(), 0.0)
-        self._work_and_heat[:] = self._counts[:] = 0
+        self._ledger.work_and_heat[:] = self._ledger.counts[:] = 0
 
     def advance(self, start_s: float, stop_s: float, pose: np.ndarray, rate: np.ndarray) -> None:
         """Move from `start_s` to `stop_s`; the rim goes to `pose` (3,), arriving at `rate` (3,).
@@ -180,10 +179,10 @@ class LiveTable:
         leaves, arrives = self._rim_rate.tolist(), rate.tolist()
         if not (begin != end or any(arrives) or any(leaves) or self._moving.any()):
             return  # all is still: nothing to work out
-        for c, p, q, a, b in zip(self._cubics[0], begin, end, leaves, arrives, strict=True):
+        for c, p, q, a, b in zip(self._drive.cubics[0], begin, end, leaves, arrives, strict=True):
             mean = (q - p) / span
             c[:] = p, a, (3 * mean - 2 * a - b) / span, (a + b - 2 * mean) / span**2
-        self._knots[1] = span
+        self._drive.knots[1] = span
         t, u, v = self._path
         if len(t) > 1:
             t[:], u[0], v[0] = span * self._sampled, self._u, self._v
@@ -195,7 +194,7 @@ class LiveTable:
                 self._rotating.stop()
             self._moving[:] = False
         elif status == OK and len(t) > 1:
-            when, which, starts = (column[:events] for column in self._log)
+            when, which, starts = (column[:events] for column in self._ledger.log)
             if self.table.absent:
                 which = self.table.ids[which]
             self.trace = Trace(t, self._by_id(u, 1), self._by_id(v, 1), when, which, starts)
@@ -268,9 +267,8 @@ class LiveTable:
     def _solve(
         self, u: np.ndarray, v: np.ndarray, moving: np.ndarray, span: float
     ) -> tuple[int, int]:
-        rim = Drive(POSES, self._par, self._knots, self._cubics)
+        rim, ledger = self._drive, self._ledger
         if self._rotating:
-            ledger = Ledger(self._log, self._work_and_heat, self._counts)
             return self._rotating.solve(u, v, moving, span, rim, self._grid, ledger, MOST_STEPS)
         status, _, events, _ = run(
             u,
@@ -281,11 +279,11 @@ class LiveTable:
             self._scene.lattice,
             rim,
             self._grid,
-            self._log,
+            ledger.log,
             MOST_STEPS,
-            self._work_and_heat,
+            ledger.work_and_heat,
             True,
-            self._counts,
+            ledger.counts,
             self._workspace,
         )
         return int(status), int(events)
@@ -293,14 +291,13 @@ class LiveTable:
     @property
     def slips(self) -> int:
         """Slips begun since the start."""
-        return int(self._counts[0])
+        return int(self._ledger.counts[0])
 
     @property
     def energy_residual(self) -> float:
         """Drive work less friction heat less the change of energy (J) since the start."""
-        return float(
-            self._work_and_heat[0] - self._work_and_heat[1] - (self._energy() - self._energy0)
-        )
+        work, heat = self._ledger.work_and_heat.tolist()
+        return work - heat - (self._energy() - self._energy0)
 
     def _energy(self) -> float:
         m = self._scene.lattice
