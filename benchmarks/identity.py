@@ -18,12 +18,12 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-from numba import njit
 from scipy import stats
 from support.paper import N_BLOCKS
 from support.stick_slip import Detections, Moment, Onlooker, Table
 
 from benchmarks import held_out
+from eol_ros.core.compiled import njit
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.clutter import LEVELS
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions

@@ -13,7 +13,8 @@ cache here (`eol_ros/compiled.py`) names each object by everything that it was m
 
 The target is one processor, x86-64 with AVX2 and FMA, on every machine that can run its code. The
 vector width determines the order in which a loop adds, so code for each machine's own processor
-differs in the last bits. Other machines (older x86-64, Arm) get code for their own processor.
+differs in the last bits. Other machines (older x86-64, Arm) get code for their own processor, as
+does a process that has used numba before it imports this module.
 
 Use `njit` and `cfunc` of this module in place of numba's.
 """
@@ -295,11 +296,12 @@ class _Cache:
         function = self._function
         files, constants = made_from(function)
         args, returned = sigutils.normalize_signature(sig)
+        target = codegen.magic_tuple()[1:]  # more features if numba was used before this module
         key = (
             *(function.__module__, function.__qualname__, function.__code__.co_firstlineno),
             *(sha256(function.__code__.co_code).hexdigest(), self._options, constants),
             *([_described(kind) for kind in args], str(returned)),
-            TARGET if FIXED else codegen.magic_tuple(),
+            TARGET if target == (TARGET, '') else codegen.magic_tuple(),
             sorted(files.values()),
         )
         where = function.__module__.rpartition('.')[2]

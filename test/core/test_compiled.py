@@ -14,13 +14,39 @@ from numba.core import config as settings
 from numba.core.dispatcher import Dispatcher
 
 from eol_ros.core import motion, sound, vision
-from eol_ros.core.compiled import NEEDED, TARGET, _read_by, fix_target
+from eol_ros.core.compiled import FIXED, NEEDED, TARGET, _read_by, fix_target
 
 
 @pytest.fixture
 def own_cache(tmp_path, monkeypatch):
     """Give started processes a cache of this test alone: equal sources are the same objects."""
     monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path / 'cache'))
+
+
+FIRST = """
+import sys
+if len(sys.argv) > 1:
+    import numba
+    numba.njit(lambda x: x)
+from eol_ros.core.physics.series import add_exactly as function
+from numba import float64
+from numba.core.registry import cpu_target
+cache = function._cache
+print(cache._named((float64, float64, float64), cpu_target.target_context.codegen())[0])
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not FIXED, reason='code for this processor is for it alone anyway')
+def test_code_made_for_this_processor_is_not_taken_for_that_of_all(own_cache):
+    """numba keeps the target of its first use: librosa, imported before, would decide it."""
+    usual, other = (
+        subprocess.run([sys.executable, '-c', FIRST, *more], capture_output=True, text=True,
+                       check=True).stdout
+        for more in ([], ['numba first'])
+    )  # fmt: skip
+    assert usual.startswith('series.add_exactly-') and other.startswith('series.add_exactly-')
+    assert usual != other
 
 
 CALLS = """

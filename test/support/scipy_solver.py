@@ -4,8 +4,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.physics.drive import VELOCITY
 from eol_ros.core.physics.scene import Scene
 from support.stepping import place_anchors, rim_pose, spring_forces

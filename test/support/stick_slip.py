@@ -10,8 +10,8 @@ small step.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from eol_ros.core.compiled import njit
 from support.paper import BLOCK_MASS_KG, COLS, N_BLOCKS, PITCH_M, ROWS, rest_lattice
 
 SPRING_N_PER_M = 40.0
