@@ -31,7 +31,7 @@ from eol_ros.verbs.progress import track
 HELP = 'error, run time and status of stiff and extreme cases, with a peer beside each'
 EXAMPLES = [
     'eol bench extremes',
-    'eol bench extremes --case "mu_s = mu_k" --no-peers',
+    'eol bench extremes --case "mu_s = mu_k"',
     'eol bench extremes --json > extremes.json',
     'eol bench extremes --with extremes.json --markdown > docs/explanation/numerics/extremes.md',
 ]
@@ -61,9 +61,6 @@ brackets."""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--case', default='', metavar='TEXT', help='only rows whose name has TEXT')
-    parser.add_argument('--where', choices=('line', 'plane', 'live'), help='only these rows')
-    parser.add_argument('--no-peers', action='store_true', help='no peers')
-    parser.add_argument('--no-errors', action='store_true', help='no references, the longest part')
     parser.add_argument('--hours', type=float, default=24.0, help='of the live clock (24)')
     parser.add_argument('--markdown', action='store_true', help='as extremes.md of the docs')
     parser.add_argument(
@@ -113,7 +110,7 @@ def ended(case: Case, ledger: bool = False) -> tuple[Run, list[str]]:
     return run, wrong
 
 
-def row(case: Case, errors: bool, with_peers: bool) -> dict[str, Any]:
+def row(case: Case) -> dict[str, Any]:
     """Return the row of a spring-block scene."""
     run, wrong = ended(case, ledger=True)
     assert run.energy is not None
@@ -132,8 +129,8 @@ def row(case: Case, errors: bool, with_peers: bool) -> dict[str, Any]:
         'of_J': scale,
         'notes': '; '.join(filter(None, [case.holds, *run.notes])),
     }
-    if errors and case.oracle:
-        found |= _measured(case, with_peers)
+    if case.oracle:
+        found |= _measured(case)
     return found
 
 
@@ -144,7 +141,7 @@ def _least_ms(case: Case) -> float:
     return min(timed)
 
 
-def _measured(case: Case, with_peers: bool) -> dict[str, Any]:
+def _measured(case: Case) -> dict[str, Any]:
     """Return error on a stretch against what shares no code, and that of a peer."""
     given = case.build()
     stretch = case.stretch_s or given['T']
@@ -166,7 +163,7 @@ def _measured(case: Case, with_peers: bool) -> dict[str, Any]:
     run, own_ms = ours(), min(_cpu_ms(ours) for _ in range(3))
     u = run.u[-1:] if oracle is modes_of_mpmath else run.u
     found |= {'error_m': _error(u, truth), 'own_ms': own_ms}
-    if not with_peers or not case.peer:
+    if not case.peer:
         return found
     name, module, solve = PEERS[case.peer]
     if importlib.util.find_spec(module) is None:
@@ -231,21 +228,12 @@ def run(args: argparse.Namespace) -> int:
         merged['rows'] = list(itertools.chain.from_iterable(r['rows'] for r in results))
         tell(merged, args.json, markdown if args.markdown else table)
         return 0
-    scenes = [
-        case for case in cases() if args.case in case.name and args.where in (None, case.where)
-    ]
-    parts = {
-        name: part
-        for name, part in extreme_parts.PARTS.items()
-        if args.where in (None, 'live') and args.case in name
-    }
+    scenes = [case for case in cases() if args.case in case.name]
+    parts = {name: part for name, part in extreme_parts.PARTS.items() if args.case in name}
     if not scenes and not parts:
         raise UsageError(f'--case {args.case!r}: no row has that in its name')
     ordinary = [_least_ms(ORDINARY)]
-    rows = [
-        row(case, not args.no_errors, not args.no_peers)
-        for case in track(scenes, 'scenes', total=len(scenes))
-    ]
+    rows = [row(case) for case in track(scenes, 'scenes')]
     ordinary.append(_least_ms(ORDINARY))
     for found in rows:
         found['times_ordinary'] = found['ms'] / min(ordinary)

@@ -43,6 +43,7 @@ class Curve:
         default: the label of what runs.
         limit: what is known of the best that can be.
         breaks: where it does not hold.
+        every: show all points in the table, not only the default.
     """
 
     method: str
@@ -55,6 +56,7 @@ class Curve:
     points: list[tuple] = dataclasses.field(default_factory=list)
     peers: list[tuple] = dataclasses.field(default_factory=list)
     n: int = 1
+    every: bool = False
 
 
 def milliseconds(work: Callable[[], Any], repeat: int = 5) -> float:

@@ -83,7 +83,7 @@ def board_clock(seed: int, seconds: float = 600.0) -> Curve:
         'board clock', 'simulation: 40 ppm, drift 20 ppm, delays from 0.1 ms',
         'µs RMS', 'exchange', 'window 64',
         'half the shortest round trip: 100 µs',
-        'constant asymmetry of the delays',
+        'constant asymmetry of the delays', every=True,
     )  # fmt: skip
     for window in (2, 4, 16, 64, 256):
         took = milliseconds(lambda w=window: ours(w), 2) / len(sent)
@@ -471,7 +471,7 @@ def tone_loudness() -> Curve:
     curve = Curve(
         'loudness', 'formula: ITU-R BS.1770, 997 Hz', 'LU',
         'second of sound', '44100 Hz', 'recommendation: 0.1 LU',
-        'frequencies near half the sample rate: warped filter',
+        'frequencies near half the sample rate: warped filter', every=True,
     )  # fmt: skip
     for rate in (8_000, 22_050, 44_100, 48_000, 96_000, 192_000):
         tone = 0.1 * np.sin(2 * np.pi * 997 * np.arange(10 * rate) / rate)
@@ -577,7 +577,10 @@ def table(result: dict[str, Any]) -> str:
 
 
 def markdown(result: dict[str, Any]) -> str:
-    """Return the rows of the table of docs/explanation/numerics/README.md: what runs, best peer."""
+    """Return the rows of the table of docs/explanation/numerics/README.md: what runs, best peer.
+
+    A curve of which every point is shown has what runs in bold.
+    """
     lines = []
     for name, curve in result.items():
         default = curve['default']
@@ -588,10 +591,15 @@ def markdown(result: dict[str, Any]) -> str:
             or curve['peers']
         )
         best = min(peers, key=lambda row: row[2], default=None)
+        shown = f'{_error(ours)} {curve["unit"]} ({default})'
+        if curve['every']:
+            points = [f'{_error(row)} ({row[0]})' for row in curve['points']]
+            points[curve['points'].index(ours)] = f'**{shown}**'
+            shown = ', '.join(points)
         picture = f'../../img/method_{name.replace("-", "_")}.png'
         lines.append(
             f'| [`{name}`]({picture}) | {curve["reference"]} | {curve["n"]} |'
-            f' {_error(ours)} {curve["unit"]} ({default}) | {ours[1]:.2g} ms per {curve["per"]} |'
+            f' {shown} | {ours[1]:.2g} ms per {curve["per"]} |'
             f' {f"{best[0]}: {_error(best)}, {best[1]:.2g} ms" if best else "none"} |'
             f' {curve["limit"]} | {curve["breaks"]} |'
         )

@@ -87,11 +87,9 @@ def _draw(rows: list[dict[str, Any]], folder: Path) -> None:
     panels: dict[str, plots.Curves] = {}
     for row in rows:
         curves = panels.setdefault(f'{row["fps"]:g} images/s', {})
-        for key, name in (('onset_rms', 'onset RMS, told at rest'),
-                          ('start_rms', 'onset RMS, told at the start'),
-                          ('latency_p50', 'latency, median')):  # fmt: skip
-            of = curves.setdefault(name.replace(',', ''), [])
-            of.append((row['noise_um'], row[key], 0.0, ''))
+        for key, name in (('onset_rms', 'onset error RMS'), ('onset_median', 'onset error median'),
+                          ('latency_p50', 'latency median')):  # fmt: skip
+            curves.setdefault(name, []).append((row['noise_um'], row[key], 0.0, ''))
     plots.draw(folder / 'slips.png', panels, 'noise, µm', 'ms')
 
 

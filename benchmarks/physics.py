@@ -32,7 +32,7 @@ from eol_ros.verbs.progress import track
 HELP = 'error against run time of the spring-block solvers and their peers'
 EXAMPLES = [
     'eol bench physics --json > physics.json',
-    'eol bench physics --quick',
+    'eol bench physics --part own',
     'eol bench physics --plots docs/img',
 ]
 PEER_S = 2.5  # slow peers run this far; we are timed on the same stretch beside them
@@ -46,12 +46,10 @@ RANDOM_SCENES = 500
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='everything as JSON')
-    parser.add_argument('--quick', action='store_true', help='no peers, fewer random scenes')
     parser.add_argument('--plots', metavar='DIR', help='draw the results there')
     parser.add_argument(
         '--part', choices=PARTS, action='append', help='only this part; may be given again'
     )
-    parser.add_argument('--peer', default='', metavar='TEXT', help='only peers whose row has TEXT')
 
 
 def cpu_s(work: Callable, repeat: int) -> tuple[Any, float]:
@@ -95,7 +93,7 @@ def _row(
     }
 
 
-def own_rows(name: str, quick: bool) -> list[dict]:
+def own_rows(name: str) -> list[dict]:
     """Return the rows of one named scene on every path of ours."""
     scene = from_mapping(presets.scene(name))
     times = sample_times(scene.duration_s, 0.1)
@@ -119,7 +117,7 @@ def own_rows(name: str, quick: bool) -> list[dict]:
             lambda tol=tolerance: event.solve(scene, times, LIMITS, False, tol),
             5,
         )
-    for step_s in (1e-3, 1e-4) if quick else (1e-3, 1e-4, 1e-5):
+    for step_s in (1e-3, 1e-4, 1e-5):
         if np.sqrt(8 * scene.lattice.k.max() / scene.mass.min()) * step_s < 1.8:
             add(
                 f'stepping {step_s:g}',
@@ -160,7 +158,7 @@ def peer_row(name: str, method: str, solve: Callable, seconds: float) -> dict:
     }
 
 
-def peer_rows(only: str) -> list[dict]:
+def peer_rows() -> list[dict]:
     """Return the rows of the peers, each on scenes that it can take."""
     with_events = (('S3G', PEER_S), ('S4L', 1.0))
     smooth = (('S1', 10.0), ('S3L', 3.0), ('S4L', 0.6))
@@ -183,8 +181,7 @@ def peer_rows(only: str) -> list[dict]:
     for name in ('S3E', 'S5 equal', 'S4L equal'):
         solve = functools.partial(peers.pymunk, step_s=1e-3)
         work.append((name, 'pymunk 0.001', solve, 5.0))
-    wanted = [row for row in work if only in f'{row[0]} {row[1]}']
-    return [peer_row(*row) for row in track(wanted, 'peers')]
+    return [peer_row(*row) for row in track(work, 'peers')]
 
 
 def rotation_rows() -> list[dict]:
@@ -263,9 +260,9 @@ def _order(settings: list[float], errors: list[float]) -> float:
     return float(np.polyfit(np.log(x[used]), np.log(y[used]), 1)[0])
 
 
-def tolerance_rows(scenes: int) -> list[dict]:
+def tolerance_rows() -> list[dict]:
     """Return, for each path, errors of random scenes in units of the tolerance asked for."""
-    found = [random_scenes.judge(seed) for seed in track(range(scenes), 'random scenes', scenes)]
+    found = [random_scenes.judge(seed) for seed in track(range(RANDOM_SCENES), 'random scenes')]
     rows = []
     for path in sorted({one.path for one in found}):
         of_path = [one for one in found if one.path == path]
@@ -309,19 +306,19 @@ def live_row(seconds: int = 60, rate_hz: int = 60, repeats: int = 5) -> dict:
 
 
 def run(args: argparse.Namespace) -> int:
-    parts = args.part or [part for part in PARTS if part != 'peers' or not args.quick]
+    parts = args.part or PARTS
     result = {part: [] for part in PARTS}
     if 'own' in parts:
         for name in track(list(presets.NAMED), 'scenes'):
-            result['own'] += own_rows(name, args.quick)
+            result['own'] += own_rows(name)
     if 'convergence' in parts:
         result['convergence'] = convergence_rows()
     if 'rotation' in parts:
         result['rotation'] = rotation_rows()
     if 'peers' in parts:
-        result['peers'] = peer_rows(args.peer)
+        result['peers'] = peer_rows()
     if 'tolerance' in parts:
-        result['tolerance'] = tolerance_rows(RANDOM_SCENES // 10 if args.quick else RANDOM_SCENES)
+        result['tolerance'] = tolerance_rows()
     if 'live' in parts:
         result['live'] = [live_row()]
     if args.plots:

@@ -47,6 +47,7 @@ def draw(
                     label, where, (3, 3), textcoords='offset points', fontsize=7,
                     rotation=0 if where[1] else 40,
                 )  # fmt: skip
+        axis.tick_params(axis='x', which='minor', labelsize=6, labelrotation=40)
         axis.margins(0.25 if any(p[3] for rows in curves.values() for p in rows) else 0.05)
         axis.grid(alpha=0.3)
         if len(curves) > 1:
