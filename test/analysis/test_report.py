@@ -55,9 +55,13 @@ def big(tmp_path_factory):
     return made(tmp_path_factory.mktemp('big') / 'run', 2000)
 
 
-def test_numbers(big):
-    bag, areas = big
-    found = report.numbers(bag)
+@pytest.fixture(scope='module')
+def found(big):
+    return report.numbers(big[0])
+
+
+def test_numbers(big, found):
+    _, areas = big
     assert found['slips']['count'] == 2000
     assert found['slips']['median_distance_mm'] == 4.0
     assert found['slips']['per_block'] == [400] * 5 + [0] * 20
@@ -129,14 +133,14 @@ def test_an_empty_or_foreign_bag_says_what_it_cannot_say(tmp_path, capsys, topic
     assert len(whys) == len(set(whys)) < 5  # each said once
 
 
-def test_moment_and_energy_need_what_was_measured(big, tmp_path):
+def test_moment_and_energy_need_what_was_measured(big, found):
     bag, _ = big
     told = bag.table('cascades')
     table = TwinSettings(stiffness=50.0, stiffness_error=2.0, mu_kinetic=0.5, block_kg=0.3)
     known = report.numbers(bag, measured=table)['catalogue']['energy']['sentence']
     rows = catalogue_file.of(bag, told, table)
 
-    assert 'not known' in report.numbers(bag)['catalogue']['energy']['sentence']
+    assert 'not known' in found['catalogue']['energy']['sentence']
     assert np.isnan(catalogue_file.of(bag, told)['energy_j']).all()
     np.testing.assert_allclose(rows['energy_j'], 0.5 * 0.3 * 9.81 * told['distance'])
     np.testing.assert_allclose(rows['moment_nm'], 50.0 * 0.174 * told['distance'])
@@ -144,10 +148,9 @@ def test_moment_and_energy_need_what_was_measured(big, tmp_path):
     assert f'friction took {rows["energy_j"].sum():.3g} J' in known
 
 
-def test_the_same_slips_from_rest_to_rest(big):
+def test_the_same_slips_from_rest_to_rest(found):
     """In this bag every slip is over before the next: each is a cascade of one block."""
-    bag, _ = big
-    other = report.numbers(bag)['cascades']['from_rest_to_rest']
+    other = found['cascades']['from_rest_to_rest']
     assert other['count'] == 2000 and other['largest'] == 1
     assert other['at_least'] == [2000] + [0] * 24
     assert other['sentence'].startswith('the same slips from rest to rest of the whole table')
