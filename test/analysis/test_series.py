@@ -3,7 +3,6 @@
 
 import functools
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from support.bag_samples import T0, bag_of
 
 from eol_ros.analysis import bag as bag_module
 from eol_ros.analysis import report, series, uncoupled
-from eol_ros.analysis.bag import open_bag
 from eol_ros.core.physics.result import Limits
 from eol_ros.lab import choose
 from eol_ros.lab.science import spectra
@@ -20,7 +18,6 @@ from eol_ros.ros.stamps import to_msg
 from eol_ros.settings import TwinSettings
 
 S = 1_000_000_000
-SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
 
 
 def trigger(at_s):
@@ -166,19 +163,6 @@ def test_a_bag_of_one_message_each_has_a_report(tmp_path):
     assert words.count('undecided: the bag is of 0.0 s') == 1
     assert f'{", ".join(series.NAMES)}: 1/f is undecided: the bag' in words
     assert '1 cascade is too few for a power law of areas: 200 are needed' in words
-
-
-@pytest.mark.slow
-def test_the_bag_that_ships_is_too_short(tmp_path):
-    """It renders all the same: 55 s of ice."""
-    made = dict(zip(('triggers', 'light', 'energy', 'power', 'loudness'),
-                    series.of(open_bag(SAMPLE)), strict=True))  # fmt: skip
-    level = made['loudness'].values
-
-    assert level.min() >= -70 and -50 < level.max() < 0
-    assert made['energy'].values.max() > 1e-4 and made['light'].values.max() > 0.01
-    for one in made.values():
-        assert 'are too short' in series.ask(one).sentence
 
 
 SMALL = 'table: {rows: 3, columns: 4, absent: [5]}\n'

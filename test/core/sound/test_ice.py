@@ -16,10 +16,9 @@ def test_same_arguments_same_sound():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('seed', 'grain_s'), [(1, 0.25), (2, 0.1)])
-def test_grains_spread_over_the_space(seed, grain_s):
-    sound = ice(60.0, 48000, seed)
-    cuts = segments.chop(len(sound), 48000, grain_s)
+def test_grains_spread_over_the_space():
+    sound = ice(60.0, 48000, 1)
+    cuts = segments.chop(len(sound), 48000, 0.25)
     grains, silent = analyse(sound, 48000, cuts)
     assert not silent.any()
     centroid, periodicity = grains['centroid_mean_hz'], grains['periodicity_mean']

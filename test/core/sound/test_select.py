@@ -275,7 +275,7 @@ def compare(seed, images, n_grains, further=False):
     [
         (range(16), 25, 12, False, 80),
         (range(500, 524), 20, 8, True, 80),
-        pytest.param(range(1000, 1320), 6, 4, False, 400, marks=pytest.mark.slow),
+        pytest.param(range(1000, 1160), 6, 4, False, 200, marks=pytest.mark.slow),
         pytest.param(range(1000, 9000), 6, 4, False, 10_000, marks=pytest.mark.soak),
     ],
 )
