@@ -368,7 +368,7 @@ def restamped(topic, raw, now_s):
 
 
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize('count', [300, pytest.param(10_000, marks=pytest.mark.soak)])
+@pytest.mark.parametrize('count', [160, pytest.param(10_000, marks=pytest.mark.soak)])
 def test_nodes_live_on_and_count_true(live, count):
     nodes, *made = live(*settings(Path()))
     nodes.run(1.0)
