@@ -202,22 +202,6 @@ def test_what_the_blocks_of_the_twin_feel_is_published(rig):
     assert 0 < tap.sigma < 0.03
 
 
-def test_the_light_of_a_block_by_itself_is_told_with_the_stamp_of_its_tap(make_rig):
-    """Here the fake board's; what the twin's blocks do by themselves comes by radio."""
-    with FakeBoard() as fake:
-        rig = make_rig(port=fake.port)
-        assert rig.until(lambda: rig.leds.lights.board.sync.ready)
-        fake.knock(11, 2.45, ago_s=0.004, lit_s=0.0015)
-        assert rig.until(lambda: len(rig.around.commands) > 2)
-        (tap,) = rig.around.taps
-        lit, *fades = rig.around.commands
-        assert to_ns(lit.header.stamp) == to_ns(tap.header.stamp)
-        assert to_ns(lit.sent) - to_ns(lit.header.stamp) == pytest.approx(1.5e6, abs=1)
-        assert np.flatnonzero(lit.white).tolist() == [11]
-        assert all(to_ns(c.header.stamp) == 0 for c in fades)
-        assert not [a for a in fake.log if a.kind == 'Light']
-
-
 def test_a_battery_that_is_low_is_a_warning_and_the_rest_goes_on(make_rig):
     with FakeBoard() as fake:
         rig = make_rig(port=fake.port)
