@@ -31,7 +31,6 @@ YEARS = range(2000, 2200)  # years of dates; the days before and after each date
 CLOCK_SET_S = 1_767_225_600.0  # 2026: a clock that shows a time before has not been set
 SLEEP, WAKE = 'sleep', 'wake'
 DAY = datetime.timedelta(days=1)
-_NEAR = 12 * DAY  # where to look first
 _DATES = re.compile(r'(\d{4}-\d\d-\d\d)(?:-(\d{4}-\d\d-\d\d))?')
 _TIMES = re.compile(r'(\d{1,2}):([0-5]\d)-(\d{1,2}):([0-5]\d)')
 _LIKE = "such as 'Tue-Sun 10:00-18:00', '2026-12-24 closed'"
@@ -158,17 +157,9 @@ class OpeningHours:
 
     def state(self, at: datetime.datetime) -> State:
         """Return how it is at an instant (with its zone), with the changes around it in UTC."""
-        for reach in (_NEAR, HORIZON):
-            found = self._state(at, reach)
-            if found.since and found.until:
-                break
-        return found
-
-    def _state(self, at: datetime.datetime, reach: datetime.timedelta) -> State:
-        """Return how it is, with the changes within `reach`, as far as they are sure."""
         day = at.astimezone(self.zone).date()
-        sure = reach - 3 * DAY  # what is open at the ends may go on beyond
-        times = self._times(day - reach, day + reach)
+        sure = HORIZON - 3 * DAY  # what is open at the ends may go on beyond
+        times = self._times(day - HORIZON, day + HORIZON)
         edges = [edge for span in times for edge in span]
         after = bisect.bisect_right(edges, at)
         since, until = edges[:after][-1:], edges[after : after + 1]
