@@ -20,7 +20,8 @@ import numpy as np
 
 from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
-from eol_ros.core.sound.lanes import WIDTH, convolve, fma, load, splat, store, total
+from eol_ros.core.lanes import added
+from eol_ros.core.sound.lanes import WIDTH, convolve, fma, load, splat, store
 
 LEAST_HZ = 20.0
 MOST = 0.45  # of the sample rate
@@ -91,8 +92,8 @@ def run(out, row, count, table):
         own = convolve(row + 4 * k, at + 4 * _RESPONSE)
         store(out + 4 * k, fma(read1, state1, fma(read2, state2, own)))
         if k + WIDTH <= count:
-            next1 = fma(p, state1, fma(q, state2, total(feed1 * x)))
-            state2 = _settled(fma(r, state1, fma(s, state2, total(feed2 * x))))
+            next1 = fma(p, state1, fma(q, state2, splat(added(feed1 * x))))
+            state2 = _settled(fma(r, state1, fma(s, state2, splat(added(feed2 * x)))))
             state1 = _settled(next1)
     store(at + 4 * _STATE1, state1)
     store(at + 4 * _STATE2, state2)

@@ -131,19 +131,6 @@ def butterfly(typing_context, x, stride):
 
 
 @njit_intrinsic
-def total(typing_context, x):
-    """Return the sum of all lanes, in each of them."""
-
-    def codegen(context, builder, sig, args):
-        x = args[0]
-        for step in (8, 4, 2, 1):
-            x = builder.fadd(x, shuffle(builder, x, x, [j ^ step for j in range(WIDTH)]))
-        return x
-
-    return sixteen(sixteen), codegen
-
-
-@njit_intrinsic
 def convolve(typing_context, row, response):
     """Return what sixteen float32 from address `row` make of a response at rest, cut to sixteen.
 
