@@ -18,7 +18,6 @@ from eol_ros import scene as scenes
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest, printable
 from eol_ros.ros import installed, network
 from eol_ros.scene import Scene
-from eol_ros.settings import TableSettings
 from eol_ros.yaml_text import Mistake
 
 HELP = (
@@ -32,7 +31,8 @@ EXAMPLES = [
     'eol check config/museum.yaml --json',
 ]
 
-Check = tuple[str, Callable[[], object]]  # the setting that is meant, and what raises EolError
+# The setting that is meant, and what raises EolError, or a mistake that is known already.
+Check = tuple[str, Callable[[], object] | str]
 
 
 def add_arguments(parser):
@@ -143,6 +143,8 @@ def _refused(scene: Scene, checks: Iterator[Check]) -> list[Mistake]:
     found = []
     for where, check in checks:
         try:
+            if isinstance(check, str):
+                raise ConfigError(check)
             check()
         except EolError as error:
             node, _, key = where.partition('.')
@@ -158,17 +160,13 @@ def _refused(scene: Scene, checks: Iterator[Check]) -> list[Mistake]:
 def _settings(scene: Scene) -> Iterator[Check]:
     """Yield what the nodes check when they start, without any device or graph."""
     for name, settings in scene.nodes.items():
-        if name == 'hours':
-            yield from _hours(settings, {*scene.nodes, *scene.elsewhere})
-        elif name in _SEEING:
-            yield from _SEEING[name](settings, scene.table)
-        elif name in _NODES:
-            yield from _NODES[name](settings)
+        if name in _NODES:
+            yield from _NODES[name](settings, scene)
     if scene.notify:
         from eol_ros.bringup import notify
 
         for name, what in notify.mistakes(scene.notify):
-            yield f'notify.{name}', functools.partial(_refuse, what)
+            yield f'notify.{name}', what
     cameras = [(n, scene.nodes[n]) for n in ('twin', 'camera') if n in scene.nodes]
     tracker, leds = scene.nodes.get('tracker'), scene.nodes.get('leds')
     if tracker and cameras and tracker.calibration:
@@ -176,8 +174,6 @@ def _settings(scene: Scene) -> Iterator[Check]:
     sound, hours = scene.nodes.get('sound'), scene.settings('hours')
     if sound and sound.midi_map:
         yield 'sound.midi_map', lambda: _midi_map(sound.midi_map, hours.cues)
-    if 'sacn' in scene.nodes:
-        yield from _sacn(scene)
     for name, words in scene.programs.items():
         yield f'programs.{name}', functools.partial(_program, words, scene.folder_of(name))
     if tracker and leds:
@@ -200,67 +196,68 @@ def _program(words: tuple[str, ...], folder: Path | None) -> None:
         raise ConfigError(f'{script}: no such file; name it by its path from the scene file')
 
 
-def _refuse(what: str) -> None:
-    raise ConfigError(what)
-
-
-def _calibration(settings: Any, name: str, table: TableSettings) -> Iterator[Check]:
+def _calibration(settings: Any, name: str, scene: Scene) -> Iterator[Check]:
     if path := settings.calibration:
         from eol_ros.core.table import Table
         from eol_ros.devices.files import calibration_file
 
         mirror = getattr(settings, 'mirror', False)
-        yield f'{name}.calibration', lambda: calibration_file.load(path, mirror, Table.of(table))
+        yield (
+            f'{name}.calibration',
+            lambda: calibration_file.load(path, mirror, Table.of(scene.table)),
+        )
 
 
-def _twin(settings: Any, table: TableSettings) -> Iterator[Check]:
+def _twin(settings: Any, scene: Scene) -> Iterator[Check]:
     static, kinetic = settings.mu_static, settings.mu_kinetic
     if kinetic > static:
         what = f'is {kinetic:g}, mu_static is {static:g}: kinetic friction cannot exceed static'
-        yield 'twin.mu_kinetic', functools.partial(_refuse, what)
+        yield 'twin.mu_kinetic', what
     if settings.calibration:
         from eol_ros.core.table import Table
         from eol_ros.devices.files.twin_camera import twin_camera
 
-        yield 'twin.calibration', lambda: twin_camera(settings, Table.of(table))
+        yield 'twin.calibration', lambda: twin_camera(settings, Table.of(scene.table))
 
 
-def _camera(settings: Any, table: TableSettings) -> Iterator[Check]:
+def _camera(settings: Any, scene: Scene) -> Iterator[Check]:
     from eol_ros.devices.camera.sources import VideoFile, is_file
 
-    yield from _calibration(settings, 'camera', table)
+    yield from _calibration(settings, 'camera', scene)
     if is_file(settings.device):
         yield 'camera.device', lambda: VideoFile(settings).open()
 
 
-def _tracker(settings: Any, table: TableSettings) -> Iterator[Check]:
-    yield from _calibration(settings, 'tracker', table)
+def _tracker(settings: Any, scene: Scene) -> Iterator[Check]:
+    yield from _calibration(settings, 'tracker', scene)
     if settings.background:
         from eol_ros.devices.files import background_file
 
         yield 'tracker.background', lambda: background_file.load(settings.background)
 
 
-def _leds(settings: Any) -> Iterator[Check]:
+def _leds(settings: Any, scene: Scene) -> Iterator[Check]:
     from eol_ros.devices.board.lights import check_settings
 
     yield 'leds.flash_limit', lambda: check_settings(settings)
 
 
-def _grains(settings: Any) -> Iterator[Check]:
+def _grains(settings: Any, scene: Scene) -> Iterator[Check]:
     from eol_ros.devices.corpus import corpus_build
     from eol_ros.devices.corpus.loader import corpus_spec
 
     yield 'grains.sound', lambda: corpus_build.apart(*corpus_spec(settings))
 
 
-def _sound(settings: Any) -> Iterator[Check]:
+def _sound(settings: Any, scene: Scene) -> Iterator[Check]:
     from eol_ros.core.sound import ring
 
     for name, what in ring.mistakes(settings):
-        yield f'sound.{name}', functools.partial(_refuse, what)
+        yield f'sound.{name}', what
     if settings.midi:
-        yield 'sound.midi', lambda: _midi(settings.midi)
+        from eol_ros.devices.audio.midi import MidiIn
+
+        yield 'sound.midi', lambda: MidiIn(settings.midi).close()
     if settings.wav:
         yield 'sound.wav', lambda: _writable(Path(settings.wav).parent)
 
@@ -274,51 +271,46 @@ def _midi_map(lines: tuple[str, ...], cues: tuple[str, ...]) -> None:
             raise ConfigError(f'{line!r}: no such cue in hours.cues. {nearest(name, known)}')
 
 
-def _midi(wanted: str) -> None:
-    from eol_ros.devices.audio.midi import MidiIn
-
-    MidiIn(wanted).close()
-
-
-def _montage(settings: Any) -> Iterator[Check]:
+def _montage(settings: Any, scene: Scene) -> Iterator[Check]:
     from eol_ros.devices.files.media_folder import MediaFolder
 
     yield 'montage.pairs', lambda: MediaFolder(settings.pairs)
 
 
-def _hours(settings: Any, there: set[str]) -> Iterator[Check]:
+def _hours(settings: Any, scene: Scene) -> Iterator[Check]:
     from eol_ros.core import opening_hours
     from eol_ros.devices.files import time_zone
     from eol_ros.ros import cues
 
     yield 'hours.time_zone', lambda: time_zone.load(settings.time_zone)
     for what in opening_hours.mistakes(settings.open):
-        yield 'hours.open', functools.partial(_refuse, what)
+        yield 'hours.open', what
+    there = {*scene.nodes, *scene.elsewhere}
     for name, what in cues.mistakes(settings.cues, settings.cue_times, there):
-        yield f'hours.{name}', functools.partial(_refuse, what)
+        yield f'hours.{name}', what
 
 
-def _projectors(settings: Any) -> Iterator[Check]:
+def _projectors(settings: Any, scene: Scene) -> Iterator[Check]:
     from eol_ros.devices.projector.pjlink import host_and_port
 
     if not settings.addresses:
-        yield 'projectors.addresses', lambda: _refuse('names no projector')
+        yield 'projectors.addresses', 'names no projector'
     for address in settings.addresses:
         yield 'projectors.addresses', functools.partial(host_and_port, address)
 
 
-def _midi_out(settings: Any) -> Iterator[Check]:
+def _midi(settings: Any, scene: Scene) -> Iterator[Check]:
     from eol_ros.devices.audio.midi import MidiOut
 
     yield 'midi.output', lambda: MidiOut(settings.output).close()
 
 
-def _osc(settings: Any) -> Iterator[Check]:
+def _osc(settings: Any, scene: Scene) -> Iterator[Check]:
     from eol_ros.devices.address import networks, own_address, target
     from eol_ros.streams.osc import IDLE, addresses
 
     if not (settings.send_to or settings.port or settings.tuio or settings.tuio2):
-        yield 'osc', functools.partial(_refuse, IDLE)
+        yield 'osc', IDLE
     yield 'osc.addresses', lambda: addresses(settings.send, settings.addresses, '')
     yield 'osc.peers', lambda: networks(settings.peers)
     yield 'osc.send_from', lambda: own_address(settings.send_from)
@@ -327,21 +319,21 @@ def _osc(settings: Any) -> Iterator[Check]:
             yield f'osc.{name}', functools.partial(target, line)
 
 
-def _sacn(scene: Scene) -> Iterator[Check]:
+def _sacn(settings: Any, scene: Scene) -> Iterator[Check]:
     from eol_ros.core.light.e131 import mistakes, target
     from eol_ros.devices import address
 
-    settings, cells = scene.nodes['sacn'], scene.table.rows * scene.table.columns
+    cells = scene.table.rows * scene.table.columns
     for line in settings.send_to:
         yield 'sacn.send_to', functools.partial(address.target, target(line))
     yield 'sacn.send_from', lambda: address.own_address(settings.send_from)
     leds, replayed = scene.nodes.get('leds'), 'replay' in scene.nodes
     for name, what in mistakes(settings.first_channel, leds, cells, replayed):
         where = name if name == 'sacn' else f'sacn.{name}'
-        yield where, functools.partial(_refuse, what)
+        yield where, what
 
 
-def _panel(settings: Any) -> Iterator[Check]:
+def _panel(settings: Any, scene: Scene) -> Iterator[Check]:
     from eol_ros.web import guard
 
     yield 'panel.host', lambda: guard.check_settings(settings.host, settings.pin)
@@ -351,7 +343,7 @@ def _panel(settings: Any) -> Iterator[Check]:
         yield 'panel.certificate', lambda: certificate.context(settings.certificate)
 
 
-def _replay(settings: Any) -> Iterator[Check]:
+def _replay(settings: Any, scene: Scene) -> Iterator[Check]:
     if settings.bag:  # else the newest one, which is looked for when the run begins
         from eol_ros.devices.bag.player import choose
         from eol_ros.devices.bag.reader import BagReader
@@ -361,24 +353,23 @@ def _replay(settings: Any) -> Iterator[Check]:
             yield 'replay.topics', lambda: choose(BagReader(settings.bag), settings.topics, [])
 
 
-def _recorder(settings: Any) -> Iterator[Check]:
+def _recorder(settings: Any, scene: Scene) -> Iterator[Check]:
     yield 'recorder.folder', lambda: _writable(Path(settings.folder))
 
 
-# Of those that have a calibration, which is of one table
-_SEEING: dict[str, Callable[[Any, TableSettings], Iterator[Check]]] = {
+_NODES: dict[str, Callable[[Any, Scene], Iterator[Check]]] = {
     'twin': _twin,
     'camera': _camera,
     'tracker': _tracker,
-}
-_NODES: dict[str, Callable[[Any], Iterator[Check]]] = {
     'leds': _leds,
     'grains': _grains,
     'sound': _sound,
     'montage': _montage,
+    'hours': _hours,
     'projectors': _projectors,
     'osc': _osc,
-    'midi': _midi_out,
+    'sacn': _sacn,
+    'midi': _midi,
     'panel': _panel,
     'replay': _replay,
     'recorder': _recorder,
