@@ -175,7 +175,7 @@ class Bag(BagReader):
                 calls.setdefault((name, fields), []).append(one.add)
         for (name, fields), called in calls.items():
             wanted['each', name, fields] = _Each(self._rows(name, fields, 0), called)
-            wanted['stamps', name] = _Stamps()
+            wanted['stamps', name] = self._rows(name, ('stamp',))
         self._kept |= self._collect(wanted)
 
     def gathered(self, kind: type[Gathers]) -> Gathers:
@@ -226,19 +226,12 @@ class Bag(BagReader):
                 yield name, joined(batches)
 
     def stamps(self, topic: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return reception and stamp of each message, two (n,) datetime64[ns], nothing decoded.
-
-        The message begins with a header, as all of the graph do that have a stamp.
-        """
+        """Return reception and stamp of each message, two (n,) datetime64[ns], no more decoded."""
         name = self.find(topic)
-        if ('table', name) in self._kept:
-            table = self._kept['table', name]
-            return table['log_time'], table['stamp']
-        key = 'stamps', name
+        key = ('table' if ('table', name) in self._kept else 'stamps'), name
         if key not in self._kept:
-            self._kept |= self._collect({key: _Stamps()})
-        received_at, stamp = self._kept[key]
-        return received_at, stamp
+            self._kept |= self._collect({key: self._rows(name, ('stamp',))})
+        return self._kept[key]['log_time'], self._kept[key]['stamp']
 
     def decoder(self, name: str, only: Collection[str] = ()) -> Decoder:
         """Return the decoder of the full topic name; see `Decoder` for `only`."""
@@ -334,34 +327,6 @@ class _Each:
             call(table)
 
     def found(self) -> None: ...
-
-
-class _Stamps:
-    """Collects reception times and stamps: two (n,) datetime64[ns]."""
-
-    def __init__(self) -> None:
-        self._parts = [np.zeros((2, 0), np.int64)]
-
-    def add(self, batch: Batch) -> None:
-        self._parts.append(np.stack([batch.log_ns, _stamps_ns(batch.data)]))
-
-    def found(self) -> tuple[np.ndarray, np.ndarray]:
-        received_at, stamp = np.concatenate(self._parts, axis=1).view('M8[ns]')
-        return received_at, stamp
-
-
-def _stamps_ns(messages: Sequence[bytes]) -> np.ndarray:
-    """Return the stamps of serialised messages that begin with a header, (n,) int64."""
-    heads = np.frombuffer(b''.join([data[:12] for data in messages]), 'u1').reshape(-1, 12)
-    found = np.empty(len(heads), np.int64)
-    for little in (True, False):
-        some = (heads[:, 1] & 1) == little
-        order = '<' if little else '>'
-        times = np.ascontiguousarray(heads[some, 4:]).view(
-            [('s', f'{order}i4'), ('ns', f'{order}u4')]
-        )
-        found[some] = times['s'][:, 0].astype(np.int64) * 10**9 + times['ns'][:, 0]
-    return found
 
 
 class _Rows:
