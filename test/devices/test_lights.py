@@ -252,6 +252,7 @@ def test_the_bridge_is_told_of_another_table(fake, make_lights, version, limit):
     wait_until(lambda: (fake.bridge.limit, fake.lattice) == ('field', told))
     lights.follow_firmware()
     wait_until(lambda: fake.bridge.limit == limit)
+    assert lights.values()['flash_limit'] == limit
 
 
 def test_a_table_within_the_numbers_of_the_board_has_no_other_blocks(fake, make_lights):

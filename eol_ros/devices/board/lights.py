@@ -23,6 +23,7 @@ from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.light.frames import FELT_NS, Frames
 from eol_ros.core.light.local import (
     BLOCK_FALLS,
+    FIELD,
     FIELD_OF_VIEW,
     OFF,
     block_falls,
@@ -416,7 +417,7 @@ class Lights:
             'damaged': board.decoder.bad + board.reported_bad,
             'rejected_reports': board.rejected,
             'flash_limit': limit
-            if (limit := self._settings.flash_limit) != OFF
+            if (limit := self._limit) != OFF
             else f'off: {self._settings.flash_limit_off_because}',
             'lengthened': self.frames.field.lengthened,
             'late_slips': self.frames.late,
@@ -448,13 +449,17 @@ class Lights:
         bridge = self.board.blocks.get(protocol.BRIDGE)
         return bridge is not None and (bridge.major, bridge.minor) >= protocol.FIRMWARE
 
+    @property
+    def _limit(self) -> str:
+        """As the bridge has it: one that cannot limit fields of view limits the whole field."""
+        limit = self._settings.flash_limit
+        return FIELD if limit == FIELD_OF_VIEW and not self._configured_for_table else limit
+
     def _configure(self) -> None:
         s = self._settings
         self._configured_for_table = self._bridge_knows_table()
         flags = protocol.LIMITED * (s.flash_limit != OFF)
-        flags |= protocol.EACH_FIELD * (
-            s.flash_limit == FIELD_OF_VIEW and self._configured_for_table
-        )
+        flags |= protocol.EACH_FIELD * (self._limit == FIELD_OF_VIEW)
         if s.trigger != 'slips' and not self.dark and self._played is None:
             flags |= protocol.BY_ITSELF
         self.board.configure(
