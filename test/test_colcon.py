@@ -50,7 +50,6 @@ def test_the_plain_command_finds_both(workspace, environment):
 
     assert set(listed(workspace, environment)) == both
     assert set(listed(side.parent, environment)) == both  # within the clone, too
-    assert set(listed(workspace, environment, '--base-paths', side)) == both
     assert set(listed(workspace, environment, '--paths', *sorted(side.glob('eol_*')))) == both
 
 

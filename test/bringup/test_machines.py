@@ -234,6 +234,7 @@ def test_each_machine_is_killed_once_and_comes_back(machines, tmp_path):
             wait_until(lambda heard=heard: triggers() > heard + 20, 60)
 
 
+@pytest.mark.soak
 def test_one_call_restarts_or_stops_all_machines(machines, tmp_path):
     """In `network: secure`; with `lan` anybody could call."""
     needs.system('wireguard-tools', 'wireguard-go', 'nftables')
