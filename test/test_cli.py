@@ -122,9 +122,13 @@ def test_a_full_disk_is_one_line(words, full, tmp_path, capsys):
     assert last == f'eol {words[0]}: {tmp_path}/out: No space left on device'
 
 
-@pytest.mark.parametrize('buffered', [True, False])
 @pytest.mark.parametrize(
-    'words', [[], ['--version'], ['status', '--help'], ['bag', 'info', SAMPLE], ['call', '--list']]
+    ('words', 'buffered'),
+    [
+        ([], True),
+        (['status', '--help'], True),
+        *((['bag', 'info', SAMPLE], b) for b in (True, False)),
+    ],
 )
 def test_a_pipe_without_a_reader_and_a_full_disk_are_no_traceback(words, buffered):
     environment = {k: v for k, v in os.environ.items() if k != 'PYTHONUNBUFFERED'}

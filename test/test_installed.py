@@ -67,7 +67,7 @@ def test_without_ros_all_is_named(without):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('words', [
-    'lattice --size 8 --events 10 --warmup 0', 'topics --help', 'replay --help',
+    'lattice --size 8 --events 10 --warmup 0', 'topics --help'
 ])  # fmt: skip
 def test_what_needs_no_ros_goes_on(without, words):
     result = without(list(installed.PACKAGES), '-m', 'eol_ros', *words.split())
