@@ -593,9 +593,13 @@ def markdown(result: dict[str, Any]) -> str:
         best = min(peers, key=lambda row: row[2], default=None)
         shown = f'{_error(ours)} {curve["unit"]} ({default})'
         if curve['every']:
-            points = [f'{_error(row)} ({row[0]})' for row in curve['points']]
-            points[curve['points'].index(ours)] = f'**{shown}**'
-            shown = ', '.join(points)
+            errors, labels = (
+                [_error(row) for row in curve['points']],
+                [r[0] for r in curve['points']],
+            )
+            which = labels.index(default)
+            errors[which], labels[which] = f'**{errors[which]} {curve["unit"]}**', f'**{default}**'
+            shown = f'{", ".join(errors)} ({", ".join(labels)})'
         picture = f'../../img/method_{name.replace("-", "_")}.png'
         lines.append(
             f'| [`{name}`]({picture}) | {curve["reference"]} | {curve["n"]} |'

@@ -16,7 +16,8 @@ CHECKED = ('test/core/physics', 'test/lab', 'test/test_fuzz.py')
 @pytest.mark.timeout(3 * 3600)
 def test_no_index_is_out_of_bounds():
     done = subprocess.run(
-        [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', *CHECKED],
+        [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', '--timeout', '900',
+         *CHECKED],
         cwd=ROOT, env={**os.environ, 'NUMBA_BOUNDSCHECK': '1'}, capture_output=True, text=True,
         check=False,
     )  # fmt: skip
