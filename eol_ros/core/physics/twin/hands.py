@@ -334,14 +334,17 @@ class Commands:
 
 
 @entry
-def drag(step_s, wanted, load, resists, frame, pose, velocity, push, pulls, strong, firm):
+def drag(step_s, wanted, load, resists, numbers, pose, velocity, pulls, strong, firm):
     """Move `pose` and `velocity` (3,) of the rim by one step under hands and the springs' `load`.
 
-    `wanted` (h, 3) is the velocity that each hand wants, `pulls` (h, 3) and `strong` (h,) take what
-    it pulls with, N; `firm` (h,) must be true, and stays so for those that could pull harder still.
-    `resists` (3,) is the stiffness of the table, N/m, `push` (3,) is for work. See `Frame`, `Rim`.
+    `wanted` (h, 3) is the velocity that each hand wants, `pulls` (h + 1, 3) and `strong` (h,) take
+    what it pulls with, N, the last row is for work; `firm` (h,) must be true, and stays so for
+    those that could pull harder still. `resists` (3,) is the stiffness of the table, N/m. `numbers`
+    (8,) is a `Frame`: an array is taken over faster than a tuple. See `Rim`.
     """
-    inertia = frame.kg / step_s
+    n = numbers
+    frame = Frame(n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7])
+    inertia, push = frame.kg / step_s, pulls[len(wanted)]
     alike = (1.0, 1.0, frame.gyration_m)  # m, m, rad into m: the mass is the same in all three
     rolling_n = ROLLING * frame.kg * 9.81
     hand_n, hand_nspm = HAND_N * frame.strength, HAND_NSPM * frame.strength
@@ -406,8 +409,8 @@ class Rim:
         self.velocity = np.zeros(3)
         self.load = np.zeros(3)
         self.hands_n = np.zeros(0)
-        self._springs, self._frame = springs, Frame.of(table, block_kg)
-        self._resists = tuple(stiffness * share for share in resists(table))
+        self._springs, self._numbers = springs, np.array(Frame.of(table, block_kg))
+        self._resists = np.array([stiffness * share for share in resists(table)])
         self.advance(1.0, [np.zeros(3)])  # stays where it is: compiles or loads the loop
 
     def advance(self, step_s: float, hands: Sequence[np.ndarray]) -> None:
@@ -418,10 +421,11 @@ class Rim:
         """
         if self._springs is not None:
             self.load = self._springs(self.pose)
-        wanted = np.array(hands, float).reshape(len(hands), 3)
+        count = len(hands)
+        wanted = np.array(hands, float) if count else np.empty((0, 3))
         self.pose, self.velocity = self.pose.copy(), self.velocity.copy()
-        self.hands_n = np.empty(len(wanted))
+        self.hands_n = np.empty(count)
         drag(
-            step_s, wanted, self.load, self._resists, self._frame, self.pose, self.velocity,
-            np.empty(3), np.empty_like(wanted), self.hands_n, np.ones(len(wanted), bool),
+            step_s, wanted, self.load, self._resists, self._numbers, self.pose, self.velocity,
+            np.empty((count + 1, 3)), self.hands_n, np.ones(count, bool),
         )  # fmt: skip

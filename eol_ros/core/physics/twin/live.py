@@ -312,12 +312,13 @@ class LiveTable:
         return float(held + kinetic_energy(self._scene, self._v, spin))
 
     def _place(self) -> None:
-        u = self._by_id(self._u)
-        self.x = self._rest[:, 0] + u[:, 0]
-        self.y = self._rest[:, 1] + u[:, 1]
         if self._rotating:
             self._yaw = self._rotating.yaw
-        self.yaw, self.moving = self._by_id(self._yaw), self._by_id(self._moving)
+        u, self.yaw, self.moving = self._u, self._yaw, self._moving
+        if self.table.absent:
+            u, self.yaw, self.moving = map(self._by_id, (u, self.yaw, self.moving))
+        self.x = self._rest[:, 0] + u[:, 0]
+        self.y = self._rest[:, 1] + u[:, 1]
 
     def _by_id(self, values: np.ndarray, axis: int = 0) -> np.ndarray:
         """Return `values` with a row for each place; 0 where no block is. May be `values`."""
