@@ -25,6 +25,7 @@ from support.waiting import wait_until
 
 webdriver = pytest.importorskip('selenium.webdriver')
 BROWSER, DRIVER = shutil.which('chromium'), shutil.which('chromedriver')
+AXE = Path(sys.prefix, 'browser', 'node_modules', 'axe-core', 'axe.min.js')
 FLAGS = (
     '--headless=new',
     '--no-sandbox',
@@ -177,6 +178,19 @@ def run(browser, script, *args):
 def complaints(browser):
     """Return what the console says of errors since the last look."""
     return [e['message'] for e in browser.get_log('browser') if e['level'] == 'SEVERE']
+
+
+def barriers(browser):
+    """Return what axe-core finds on a page by all its rules, also those on the size of targets."""
+    if not run(browser, 'return Boolean(window.axe)'):
+        run(browser, AXE.read_text(encoding='utf-8'))
+    found, passed = browser.execute_async_script(
+        'const done = arguments[arguments.length - 1];'
+        "axe.run({rules: {'target-size': {enabled: true}}})"
+        '.then(({violations, passes}) => done([violations, passes.length]));'
+    )
+    assert passed > 5, 'rules that had something to look at'
+    return [f'{v["id"]}: {v["help"]}: {n["html"]}' for v in found for n in v['nodes']]
 
 
 def picture(browser, name=''):

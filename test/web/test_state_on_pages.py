@@ -8,7 +8,7 @@ import time
 
 import pytest
 from support import needs
-from support.chromium import complaints, picture, run, until_page, visit
+from support.chromium import AXE, barriers, complaints, picture, run, until_page, visit
 from support.work_states import STATES
 
 from eol_ros.core import terrain
@@ -17,13 +17,22 @@ from eol_ros.streams.work_state import work_state
 from eol_ros.web import notices
 
 pytestmark = [pytest.mark.slow, needs.marker('chromium', 'chromium-driver')]
-PLACES = {'/': 'work-state', '/table': 'work', '/about': 'state', '/wall/left': 'work'}
+PLACES = {
+    '/': 'work-state',
+    '/table': 'work',
+    '/about': 'state',
+    '/remote': 'work-state',
+    '/wall/left': 'work',
+}
 # A test first: the pages are opened in the middle of one.
 WALK = ['test', *(code for code in STATES if code != 'test')]
 
 
-@pytest.mark.parametrize(('path', 'language'), zip(PLACES, 2 * ('en', 'zh-Hant'), strict=True))
+@pytest.mark.parametrize(
+    ('path', 'language'), zip(PLACES, (*2 * ('en', 'zh-Hant'), 'zh-Hant'), strict=True)
+)
 def test_a_page_shows_every_state(serve, browser, path, language):
+    """Without a finding of axe-core in any of them, nor after the connection is lost."""
     server = serve()
     heights = (terrain.landscape(1) * 65535).astype('<u2').tobytes()
     server.routes.documents['terrain'] = heights  # of the table's covers
@@ -38,6 +47,7 @@ def test_a_page_shows_every_state(serve, browser, path, language):
             until_page(browser, f'document.title === "{wall}: {words}"')
             tests = str(state == said('test')).lower()
             until_page(browser, f'document.getElementById("card").hidden !== {tests}')
+        assert not AXE.exists() or barriers(browser) == []
         code = state.parts[0][0]
         picture(browser, f'work-{path.strip("/").replace("/", "-") or "panel"}-{code}-{language}')
 
@@ -49,6 +59,10 @@ def test_a_page_shows_every_state(serve, browser, path, language):
         put(work_state(STATES[code][0]))
     put(said('stopped'))
     assert complaints(browser) == []
+    server.stop()
+    until_page(browser, 'eol.link.age() > 6')
+    assert not AXE.exists() or barriers(browser) == []
+    complaints(browser)  # of the lost connection
 
 
 def test_the_last_word_of_a_work_that_was_stopped_stays(serve, browser):
