@@ -7,7 +7,6 @@ export const EDGE = '#2a333b';
 export const THREAD = '#f0c64a';
 export const MOVE = '#ff8a5c';
 export const WATER = '#7fd1c7';
-export const GROUND = '#0b0d10';
 
 // Whether flashes, waves and quick changes are unwelcome: the system says so, or a person on the page.
 const reduced = matchMedia('(prefers-reduced-motion: reduce)');
