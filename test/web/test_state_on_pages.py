@@ -92,7 +92,7 @@ def test_a_table_that_starts_is_not_said_to_be_absent(serve, browser):
     complaints(browser)  # of covers that nobody gave
 
 
-def test_about_says_that_sound_is_heard_only_while_it_is(serve, browser):
+def test_about_says_what_is_heard_and_that_walls_sleep(serve, browser):
     server = serve()
     visit(browser, f'http://127.0.0.1:{server.port}', '/about')
     health = {'t': 'health', 'node': 'sound', 'level': 'ok', 'text': '', 'values': {}, 'rate': 1}
@@ -101,6 +101,8 @@ def test_about_says_that_sound_is_heard_only_while_it_is(serve, browser):
         server.hub.put('notices', notices.work(work_state(rows)), sticky='work')
         words = 'can be heard' if code == 'awake' else english
         until_page(browser, f'document.getElementById("sound").textContent === "{words}"')
+        walls = english if code.startswith('asleep') else 'unknown at the moment'
+        assert run(browser, 'return document.getElementById("walls").textContent') == walls
 
 
 def test_a_node_s_row_has_the_latency_that_it_measures(serve, browser):

@@ -47,7 +47,7 @@ function rows() {
     count: day && say('cascade_words', { total, largest: areas.reduce((most, n, area) => (n ? area : most), 0) }),
     last: day && !newest ? say('about_none') : newest && `${new Date(1000 * newest[0]).toLocaleTimeString(document.documentElement.lang)}  ${caption(newest[2], newest[1])}`,
     sound: !sound && link.work.code === 'awake' ? say('sound_none') : link.work.code === 'awake' ? say('about_sound') : link.workWords(false),
-    walls: wall && [document.documentElement.lang === 'zh-Hant' && wall.caption_zh ? wall.caption_zh : wall.caption, wall.credit].filter(Boolean).join('  \u00b7  '),
+    walls: link.work.code.startsWith('asleep') ? link.workWords(false) : wall && [document.documentElement.lang === 'zh-Hant' && wall.caption_zh ? wall.caption_zh : wall.caption, wall.credit].filter(Boolean).join('  \u00b7  '),
   };
 }
 
