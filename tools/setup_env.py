@@ -109,9 +109,9 @@ def install_wheels(extra: str) -> None:
 
 
 def install_browser(ready: Path) -> None:
-    """Install what the tests put into a browser, by the hashes of its lock; npm keeps a copy.
+    """Install the JavaScript of the tests, by the hashes of its lock; npm keeps a copy.
 
-    Only tests of the pages need it: without npm, or offline before the first time, those are
+    Few tests need it: without npm, or offline before the first time, those are
     skipped and say why.
     """
     folder = ready.parent.resolve()  # npm takes no prefix that is a link
@@ -123,7 +123,7 @@ def install_browser(ready: Path) -> None:
         words = ('npm', 'ci', '--prefer-offline', '--ignore-scripts', *quiet, '--prefix', folder)
         command('browser', *words)
     except SetupFailed as error:
-        say(f'{error}\ngoing on without: accessibility of the pages is not tested')
+        say(f'{error}\ngoing on without: accessibility and a TUIO client of others are not tested')
     else:
         ready.touch()
 

@@ -1,9 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node osc over real DDS and real UDP: what other programs hear, and what they ask for."""
 
+import json
 import math
+import queue
 import socket
+import subprocess
+import sys
+import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -36,6 +42,9 @@ from eol_ros.settings import OSC_MESSAGES, OscSettings
 from eol_ros.streams.blocks import BLOCK, Blocks
 from eol_ros.streams.graph import NODES, TOPICS
 from eol_ros.streams.work_state import States
+
+LIBRARIES = Path(sys.prefix, 'browser', 'node_modules')
+CLIENT = Path(__file__).parents[1] / 'support' / 'tuio_client.mjs'
 
 
 class Ear:
@@ -423,6 +432,41 @@ def test_tuio_over_the_wire(node, ear):
     one.send_tokens(at, np.full((25, 3), np.nan))
     assert ear.take()[1] == ('/tuio/2Dobj', 'alive')
     two.close()
+
+
+@pytest.mark.parametrize('version', [1, 2])
+def test_a_client_library_of_others_follows_the_blocks(node, version):
+    """tuio-client of a maker of TUIO tables, from npm, in a process of its own."""
+    if not (LIBRARIES / 'tuio-client').exists():
+        pytest.skip('tools/setup_env.sh test installs tuio-client, with npm')
+    words = ['node', str(CLIENT), str(LIBRARIES), str(version)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as client:
+        try:
+            lines = queue.Queue()
+            threading.Thread(target=lambda: [*map(lines.put, client.stdout)], daemon=True).start()
+            address = (f'127.0.0.1:{int(lines.get(timeout=10.0))}',)
+            one = node(send_to=(), **{'tuio' if version == 1 else 'tuio2': address})
+            at = now_ns()
+
+            def frame(k, **change):
+                told = blocks(one.table, stamp_ns=at + k * 20_000_000)
+                for name, value in change.items():
+                    told.rows[name][7] = value
+                one.on_blocks(told)
+                one.flush()
+                return {row[1]: row for row in json.loads(lines.get(timeout=10.0))}
+
+            places, x = frame(0), one.table.rest[7, 0]
+            assert sorted(places) == list(range(25))
+            x0, angle = places[7][2], places[7][4]
+            assert angle == pytest.approx(2 * math.pi - 0.25)
+            places = [frame(k, x=x + 0.01 * k)[7] for k in range(1, 6)][-1]
+            wide_m = one.table.platform_m[0]
+            assert places[2] == pytest.approx(x0 + 0.05 / wide_m, abs=1e-6)
+            assert places[5] == pytest.approx(0.5 / wide_m, rel=0.02)
+            assert sorted(frame(6, seen=False, x=np.nan, y=np.nan)) == [*range(7), *range(8, 25)]
+        finally:
+            client.kill()
 
 
 def test_every_topic_that_it_may_subscribe_to_is_in_the_table():
