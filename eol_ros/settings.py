@@ -796,7 +796,13 @@ class SoundSettings:
         'sound-DATE.wav beside the bags',
     )
     wav_limit_s: float = setting(3600.0, 'greatest length of the WAV file', 's', 1)
-    meter_hz: float = setting(20.0, 'rate of sound_meter messages', 'Hz', 1, 60)
+    meter_hz: float = setting(
+        20.0,
+        'rate of sound_meter messages; at most 2 where panel runs on another machine',
+        'Hz',
+        1,
+        60,
+    )
     midi: str = setting(
         '',
         'MIDI input by name or part of the name; auto: the first; virtual: a port to which '

@@ -33,6 +33,7 @@ COUNTERS = ('triggers', 'underruns', 'late', 'dropped', 'stolen')
 FILTER = ('filter', 'filter_hz', 'filter_q', 'filter_by', 'filter_octaves')
 FADES = ('mute', 'unmute', 'sleep', 'wake')
 TEST_IN_S = 0.1
+REMOTE_METER_HZ = 2.0  # 9 kB each, over a cable
 OLD_S = 1.0  # later grains are dropped: after a cable is back, many arrive together
 DRIVER_S, DRIVER_HUNG_S = 10.0, 60.0  # time limits for a driver to open a card
 
@@ -80,7 +81,8 @@ class SoundNode(EolNode):
         # Latest block of the callback of the card or of the thread of the file.
         self.health.watches('sound output', lambda: int(self.mixer.state['frame'][0]))
         self.health.watches('sound watch', self.player.watching, DRIVER_S, DRIVER_HUNG_S)
-        self.create_timer(1 / s.meter_hz, self.on_timer)
+        here = self.scene.machine_of('panel') in ('', self.scene.machine_of(self.NAME))
+        self.create_timer(1 / min(s.meter_hz, 60.0 if here else REMOTE_METER_HZ), self.on_timer)
         self.create_timer(1.0, self.tell_instrument)
         self.create_timer(1.0, self.judge_arrivals)
         self.subscribe('corpus', self.on_corpus)

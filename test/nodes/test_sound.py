@@ -24,7 +24,7 @@ from eol_ros.nodes.sound import SoundNode
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import request_to_msg
 from eol_ros.ros.stamps import NS, now_ns, to_msg, to_ns
-from eol_ros.scene import Scene
+from eol_ros.scene import Machine, Scene
 from eol_ros.settings import MotionSettings, RecorderSettings, SoundSettings
 from eol_ros.streams import corpus, triggers
 from eol_ros.streams.requests import Asked
@@ -62,6 +62,23 @@ def graph(ros, tmp_path):
         nodes.meet()
         nodes.until(lambda: probe.meters)
         yield node, probe, nodes.until, lambda: nodes.end(node)
+
+
+@pytest.mark.parametrize(('of_panel', 'meter_hz'), [('audio', 20.0), ('walls', 2.0)])
+def test_the_meter_goes_to_a_panel_on_another_machine_twice_a_second(
+    ros, tmp_path, of_panel, meter_hz
+):
+    settings = replace(SOUND, device='wav', wav=str(tmp_path / 'out.wav'))
+    on = {'audio': ['sound'], 'walls': ['montage']}
+    on[of_panel].append('panel')
+    machines = {name: Machine('10.0.0.1', tuple(nodes)) for name, nodes in on.items()}
+    node = SoundNode(settings, scene=Scene('two', {}, network='lan', machines=machines))
+    try:
+        (timer,) = (timer for timer in node.timers if timer.callback == node.on_timer)
+        assert timer.timer_period_ns == pytest.approx(1e9 / meter_hz)
+    finally:
+        node.close()
+        node.destroy_node()
 
 
 def corpus_of(tmp_path, name='tone', hz=440.0):
