@@ -17,7 +17,7 @@ from eol_ros.streams.work_state import ERROR, STARTING
 SILENT_S = 3.0  # of nodes that report once a second
 FAR_S = 0.02  # of clocks so far apart sound and light are plainly out of time
 START_S = 15.0  # as long as a source waits for the nodes of its scene
-ORDER_S = 2.0  # from the answer to `restart` or `stop` to its begin: over `within_s` of both
+ORDER_S = 6.0  # from the answer to `restart` or `stop` to its begin: the caller has the response
 
 
 class MachineNode(EolNode):

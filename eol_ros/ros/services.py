@@ -6,6 +6,8 @@ has it and a replay asks it again. The call returns when the nodes have answered
 answers requests that no other node would.
 """
 
+import time
+import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +24,8 @@ from eol_ros.streams.requests import KINDS, Asked, Kind, no_request
 
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
+
+AGAIN_S, GIVE_UP_S = 0.2, 4.0  # until a response is sent again, and is given up
 
 
 class RequestServices:
@@ -62,7 +66,7 @@ class RequestServices:
             return _Reply(self, kind.name if on else kind.off, response)
 
         type_ = SetBool if kind.off else Trigger
-        _send_later(self._node.create_service(type_, kind.name, reply))
+        _send_later(self._node, self._node.create_service(type_, kind.name, reply))
 
     def ask(self, kind: str, reply: Callable[[bool, str], None]) -> None:
         """Publish a request of `kind`; `reply` gets success and text when it is answered."""
@@ -103,15 +107,35 @@ class _Reply:
         self._services.ask(self._kind, reply)
 
 
-def _send_later(service: Service) -> None:
-    """Let callbacks of a service return a `_Reply`.
+def _send_later(node: 'EolNode', service: Service) -> None:
+    """Let callbacks of a service return a `_Reply`; send again what the client cannot read yet.
 
-    rclpy's EventsExecutor sends what a callback returns, and awaits no coroutine (7.1.6).
+    rclpy's EventsExecutor sends what a callback returns, and awaits no coroutine (7.1.6). rmw gives
+    up a response, with a warning, where the client's reader is not discovered within 0.1 s: over a
+    cable that loses 8 % of the packets that was one of five first calls.
     """
     send = service.send_response
 
+    def send_until_read(response: Any, header: Any) -> None:
+        until_s, timers = time.monotonic() + GIVE_UP_S, []
+
+        def attempt() -> None:
+            with warnings.catch_warnings(record=True) as unread:
+                warnings.simplefilter('always')
+                send(response, header)
+            if unread and time.monotonic() < until_s:
+                if not timers:
+                    timers.append(node.create_timer(AGAIN_S, attempt))
+                return
+            for timer in timers:
+                node.destroy_timer(timer)
+            for warning in unread:
+                node.get_logger().warning(f'{service.service_name}: {warning.message}')
+
+        attempt()
+
     def send_response(reply: _Reply, header: Any) -> None:
-        reply.send_by(lambda response: send(response, header))
+        reply.send_by(lambda response: send_until_read(response, header))
 
     # mypy knows a method by its class
     service.send_response = send_response  # type: ignore[method-assign,assignment]

@@ -135,7 +135,7 @@ def test_only_in_a_closed_network_all_are_restarted_or_stopped(audio, monkeypatc
 
     monkeypatch.setattr(node, 'create_timer', create_timer)
     monkeypatch.setattr(node.health, 'order', orders.append)
-    assert node.on_order(Asked('stop')) == 'audio: stop in 2 s'
+    assert node.on_order(Asked('stop')) == 'audio: stop in 6 s'
     assert not orders  # the others answer first
     assert node.answers_as == 'machine_audio'
     timers[0][1]()

@@ -3,12 +3,14 @@
 
 import dataclasses
 import threading
+import warnings
 
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
+from rclpy.service import Service
 from std_srvs.srv import SetBool, Trigger
 from support.waiting import wait_until
 
@@ -116,6 +118,22 @@ def test_a_refusal_is_no_success_and_a_slow_answer_is_waited_for(ros):
         assert (refused.success, refused.message) == (False, 'montage: no wall is connected')
         done = graph.call(Trigger, 'calibrate')
         assert (done.success, done.message) == (True, 'calibrated to 0.1 px')
+
+
+def test_a_response_that_no_client_can_read_yet_is_sent_again(ros, monkeypatch):
+    """As rmw does where it has not discovered the reader of the response."""
+    send, tries = Service.send_response, []
+
+    def fail_twice(service, response, header):
+        tries.append(service.service_name)
+        if len(tries) > 2:
+            return send(service, response, header)
+        warnings.warn('client will not receive response', RuntimeWarning, stacklevel=1)
+
+    monkeypatch.setattr(Service, 'send_response', fail_twice)
+    with Graph(EventsExecutor, Handling('sound'), Handling('panel')) as graph:
+        assert graph.call(SetBool, 'mute', data=False).message == 'sound did unmute'
+    assert tries == ['/eol/mute'] * 3
 
 
 def test_who_does_not_answer_is_named(ros, monkeypatch):
