@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from eol_msgs.msg import Request, RequestResult
 from rcl_interfaces.msg import Parameter as ParameterMessage
+from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 
 from eol_ros.core.stamp_watch import SOON_NS
@@ -34,6 +35,7 @@ _MOST_WAITING = 1000  # requests of a person; a replay asks ahead what its whole
 _OWN = 256  # ids of one's own that are remembered
 _QUIET_S = 1.5  # without another node found: all have been
 _DISCOVERY_S = 10.0
+_ACKED_S = 2.0
 _numbers = itertools.count(1)
 
 Handler = Callable[[Asked], Any]
@@ -350,12 +352,13 @@ class Visit:
             raise DeviceMissing(f'{error} here (--secure and --lan look further)') from None
         answers = self._client.ask(asked, expected)
         self._session.run(lambda: answers.whole, KINDS[asked.kind].within_s)
+        self._publisher.wait_for_all_acked(Duration(seconds=_ACKED_S))  # by a busy recorder, too
         return answers
 
 
 @contextmanager
 def visiting(reach: str, namespace: str = NAMESPACE, node: str = '') -> Iterator[Visit]:
-    """Visit the running graph once its nodes have been discovered; `node` is enough if named."""
+    """Visit the running graph once its nodes have been discovered, `node` among them if named."""
     from eol_ros.ros.session import session
 
     with session(reach=reach, namespace=namespace) as visit:
@@ -377,7 +380,7 @@ class _Heeding:
     def whole(self, node: str, matched: int) -> bool:
         """Whether all that were found are matched, and whom is asked among them.
 
-        That is `node`, or where none is named, everybody: for a while no other was found.
+        For a while no other was found: a recorder may come after the `node` that is named.
         """
         full = self._node.resolve_topic_name
         asked = {e.node_name for e in self._node.get_subscriptions_info_by_topic(full(REQUESTS))}
@@ -385,5 +388,5 @@ class _Heeding:
         if (asked, answering) != (self._asked, self._answering):
             self._asked, self._answering, self._met_s = asked, answering, time.monotonic()
         quiet = time.monotonic() - self._met_s > _QUIET_S
-        found = self.runs(node) if node else bool(asked) and quiet
-        return found and matched >= len(asked)
+        found = self.runs(node) if node else bool(asked)
+        return found and quiet and matched >= len(asked)

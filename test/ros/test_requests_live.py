@@ -3,6 +3,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from eol_msgs.msg import Slip
@@ -13,6 +14,7 @@ from eol_ros.cli import main
 from eol_ros.errors import EolError
 from eol_ros.nodes.motion import MotionNode
 from eol_ros.nodes.replay import ReplayNode
+from eol_ros.ros import requests
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import expected_of, request_from_msg, request_to_msg
 from eol_ros.settings import MontageSettings, MotionSettings, ReplaySettings
@@ -112,6 +114,27 @@ def test_what_counts_from_a_later_image_waits_for_it(rig):
         seen.append(rig.node.settings.stop_mps)
     assert seen == [0.001, 0.001, 0.006, 0.005, 0.005]
     rig.until(lambda: len(rig.around.results) == 2)
+
+
+def test_a_recorder_is_waited_for_that_comes_after_the_named_node(monkeypatch):
+    now_s, names = [0.0], ['sound']
+    monkeypatch.setattr(requests.time, 'monotonic', lambda: now_s[0])
+
+    def ends(_topic):
+        return [SimpleNamespace(node_name=name) for name in names]
+
+    graph = SimpleNamespace(
+        resolve_topic_name=str, get_subscriptions_info_by_topic=ends,
+        get_publishers_info_by_topic=ends,
+    )  # fmt: skip
+    found = requests._Heeding(graph)
+    assert not found.whole('sound', matched=1)
+    now_s[0] = 1.0
+    names.append('recorder')
+    assert not found.whole('sound', matched=2)
+    now_s[0] = 2.6
+    assert found.whole('sound', matched=2) and not found.whole('sound', matched=1)
+    assert not found.whole('leds', matched=2)
 
 
 def test_who_must_answer_and_who_does_not_run():
