@@ -18,6 +18,7 @@ from support.waiting import wait_until
 
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+from eol_ros.devices.camera.preview import Preview
 from eol_ros.devices.files import calibration_file
 from eol_ros.errors import ConfigError
 from eol_ros.nodes.tracker import TrackerNode
@@ -119,6 +120,15 @@ def test_a_stamp_of_the_start_of_exposure_is_moved_to_its_middle(ros):
     finally:
         node.close()
         node.destroy_node()
+
+
+def test_an_image_of_one_line_has_a_preview():
+    given = []
+    preview = Preview(lambda _stamp_ns, jpeg: given.append(np.frombuffer(jpeg, np.uint8)))
+    preview.take(1, np.zeros((1, 9), np.uint8))
+    wait_until(lambda: given)
+    preview.close()
+    assert cv2.imdecode(given[0], cv2.IMREAD_GRAYSCALE).shape == (1, 4)
 
 
 def test_jpeg_images_are_for_other_drivers_only(tmp_path):

@@ -55,7 +55,8 @@ class Preview:
             if item is None:
                 return self.rounds.rest()
             stamp_ns, image = item
-            small = cv2.resize(image, None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_AREA)
+            width, height = (max(1, round(SCALE * n)) for n in image.shape[::-1])  # one line, too
+            small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
             done, jpeg = cv2.imencode('.jpg', small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
             if done:
                 self._give(stamp_ns, jpeg.tobytes())
