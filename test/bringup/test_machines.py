@@ -50,7 +50,7 @@ node = rclpy.create_node('caller')
 client = node.create_client(Trigger, f'/eol/{sys.argv[1]}')
 assert client.wait_for_service(20)
 called = client.call_async(Trigger.Request())
-rclpy.spin_until_future_complete(node, called, timeout_sec=20)
+rclpy.spin_until_future_complete(node, called, timeout_sec=90)
 assert called.result().success, called.result().message
 print(called.result().message, end='')
 """
@@ -286,7 +286,7 @@ def test_one_call_restarts_or_stops_all_machines(machines, tmp_path):
     with running(machines, scene, *machines.names) as rows:
         wait_until(lambda: _all_well(machines, rows), 120)
         before = {row['pid'] for name in machines.names for row in rows(name).values()}
-        done = answer(machines.run('audio', *call, 'restart'))
+        done = answer(machines.run('audio', *call, 'restart'), 120)
         assert sorted(done.split('; ')) == [
             f'{name}: restart in 6 s' for name in sorted(machines.names)
         ]
@@ -297,7 +297,7 @@ def test_one_call_restarts_or_stops_all_machines(machines, tmp_path):
             }
 
         wait_until(lambda: _all_well(machines, rows) and new(), 120)
-        answer(machines.run('show', *call, 'stop'))
+        answer(machines.run('show', *call, 'stop'), 120)
         for name in machines.names:
             wait_until(lambda name=name: not rows(name), 60)
 
