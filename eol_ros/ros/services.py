@@ -117,7 +117,8 @@ def _send_later(node: 'EolNode', service: Service) -> None:
     send = service.send_response
 
     def send_until_read(response: Any, header: Any) -> None:
-        until_s, timers = time.monotonic() + GIVE_UP_S, []
+        until_s = time.monotonic() + GIVE_UP_S
+        timers: list[Timer] = []
 
         def attempt() -> None:
             with warnings.catch_warnings(record=True) as unread:
