@@ -2,7 +2,8 @@
 """eol bench osc: what a thousand OSC packets a second cost the node `osc`, out and in.
 
 The node runs in a process of its own over real DDS; this process sends the packets, publishes the
-slips and stands for the nodes that answer. `out`: slips, twenty of an image. `setting`: one fader.
+slips and stands for the nodes that answer. `out`: slips, twenty of an image. `subscriber`: the same
+slips, in a process that has an rclpy subscription and does nothing with them. `setting`: one fader.
 `settings`: eight faders in turn. `call`: the same request again and again. `calls`: each request
 another one. The node lets 256 wait. Share of a core of the process, user and system time, less
 that while nothing comes.
@@ -30,6 +31,19 @@ from eol_ros.errors import EolError
 
 HELP = 'Processor time of the node osc at a thousand packets a second, out and in, over DDS.'
 EXAMPLES = ['eol bench osc', 'eol bench osc --rate 200 --seconds 5 --json']
+SUBSCRIBER = """
+import rclpy
+from eol_msgs.msg import Slip
+from rclpy.experimental import EventsExecutor
+
+rclpy.init()
+node = rclpy.create_node('subscriber')
+node.create_subscription(Slip, '/eol/slips', lambda slip: None, 600)
+executor = EventsExecutor()
+executor.add_node(node)
+while True:
+    executor.spin_once(timeout_sec=1.0)
+"""
 CHUNK = 20  # packets at once, each 20 ms at the usual rate
 FADERS = ('radius', 'blend', 'gain', 'pan_width', 'k', 'overlap', 'gain_floor')
 
@@ -64,21 +78,33 @@ def measure(args: argparse.Namespace) -> dict[str, float]:
         nodes |= {'osc': osc, 'recorder': False}
         scene = folder / 'osc.yaml'
         scene.write_text(yaml.safe_dump({'scene': 'osc', 'nodes': nodes}))
-        process = subprocess.Popen(
-            [sys.executable, '-m', 'eol_ros.nodes', 'osc', '--scene', str(scene)],
-            preexec_fn=parent_death.following(signal.SIGTERM),
+        process, subscriber = (
+            ending.enter_context(_process(words))
+            for words in (['-m', 'eol_ros.nodes', 'osc', '--scene', scene], ['-c', SUBSCRIBER])
         )
-        ending.callback(process.wait, 30)
-        ending.callback(process.terminate)
         slip, asked = ending.enter_context(_graph(process))
         sock = ending.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         found = {'idle': _share(process, lambda number: None, args)}
         for part, give in _givers(slip, sock, port).items():
-            before = len(asked)
+            before, before_s = len(asked), used_s(subscriber.pid)
             found[part] = _share(process, give, args) - found['idle']
-            if part != 'out' and len(asked) == before:
+            if part == 'out':
+                found['subscriber'] = 100 * (used_s(subscriber.pid) - before_s) / args.seconds
+            elif len(asked) == before:
                 raise EolError(f'{part}: no request arrived')
     return found
+
+
+@contextlib.contextmanager
+def _process(words: list[Any]) -> Iterator[subprocess.Popen]:
+    found = subprocess.Popen(
+        [sys.executable, *words], preexec_fn=parent_death.following(signal.SIGKILL)
+    )
+    try:
+        yield found
+    finally:
+        found.kill()
+        found.wait()
 
 
 def _givers(
