@@ -4,24 +4,15 @@
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 from support.domains import next_domain
 
 from eol_ros import cli
+from eol_ros.bringup import run
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
-
-
-def bringup(*words, cwd=None):
-    return subprocess.run(
-        [sys.executable, '-m', 'eol_ros.bringup', *words],
-        cwd=cwd,
-        timeout=90,
-        env={**os.environ, 'ROS_DOMAIN_ID': str(next_domain())},
-        capture_output=True,
-        text=True,
-    )
 
 
 def scene(folder, nodes):
@@ -67,57 +58,54 @@ def test_a_setting_of_another_node_is_told_whose_it_is(nodes, told, tmp_path, ca
     assert told in capsys.readouterr().err
 
 
-def stopped_by(folder, nodes, *words):
-    """Run a scene that cannot start; return its exit code and what it says."""
-    result = bringup(scene(folder, nodes), '--for', '1', *words, cwd=folder)
-    assert 'Traceback' not in result.stderr, result.stderr
-    return result.returncode, result.stderr
+def test_a_scene_without_a_recorder_says_so_once_and_bag_brings_it_back(
+    tmp_path, monkeypatch, capfd
+):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(next_domain()))
+    monkeypatch.setattr(run, 'Supervisor', lambda *_: SimpleNamespace(run=lambda _: 0))
+    monkeypatch.setattr(run.thread_faults, 'install', lambda: None)  # for the whole process
+    nodes = '  twin: {}\n  tracker: {}\n  recorder: off\n'
+
+    def said(nodes, *words):
+        assert cli.main(['run', scene(tmp_path, nodes), *words]) == 0
+        return capfd.readouterr().err.splitlines()
+
+    not_recorded = 'not recorded: recorder is off in this scene'
+    assert said(nodes) == ['scene: twin, tracker', not_recorded]
+    assert said(nodes, '--bag', str(tmp_path)) == ['scene: twin, tracker, recorder']
+    assert said(nodes.replace('off', '{}'), '--only', 'twin,tracker') == [
+        'scene: twin, tracker', 'not recorded: --only does not name the recorder'
+    ]  # fmt: skip
 
 
-NOT_RECORDED = 'not recorded: recorder is off in this scene'
-
-
-def test_a_scene_without_a_recorder_says_so_once_and_bag_brings_it_back(tmp_path):
-    (tmp_path / 'run.avi').write_text('not a video')  # ends the run as soon as it has begun
-    nodes = '  camera: {device: run.avi}\n  tracker: {}\n  recorder: off\n'
-
-    _, words = stopped_by(tmp_path, nodes)
-    assert words.splitlines()[:2] == ['scene: camera, tracker', NOT_RECORDED]
-    assert words.count('not recorded') == 1
-
-    _, words = stopped_by(tmp_path, nodes, '--bag', str(tmp_path / 'bags'))
-    assert words.splitlines()[0] == 'scene: camera, tracker, recorder'
-    assert 'not recorded' not in words
-
-    _, words = stopped_by(tmp_path, nodes.replace('off', '{}'), '--only', 'camera,tracker')
-    assert words.count('not recorded: --only does not name the recorder') == 1
+@pytest.mark.parametrize(
+    ('words', 'domain'),
+    [(['status'], 'abc'), (['echo', 'slips'], '300'), (['run', 'lights'], '300')],
+)
+def test_a_domain_that_cannot_be_is_one_line(words, domain, monkeypatch, capsys):
+    monkeypatch.setenv('ROS_DOMAIN_ID', domain)
+    monkeypatch.setattr(run.thread_faults, 'install', lambda: None)
+    assert cli.main(words) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"eol {words[0]}: ROS_DOMAIN_ID is '{domain}'")
 
 
 @pytest.mark.parametrize(
     'words, domain, said',
     [
-        (['eol_ros', 'status'], 'abc', "eol status: ROS_DOMAIN_ID is 'abc'"),
-        (['eol_ros', 'echo', 'slips'], '300', "eol echo: ROS_DOMAIN_ID is '300'"),
-        (['eol_ros.bringup', 'lights'], '300', "eol run: ROS_DOMAIN_ID is '300'"),
-        (['eol_ros.nodes', 'motion'], '300', "motion: ROS_DOMAIN_ID is '300'"),
+        ([], '300', "motion: ROS_DOMAIN_ID is '300'"),
         (
-            ['eol_ros.nodes', 'motion', '--ros-args', '--params-file', 'absent.yaml'], '1',
+            ['--ros-args', '--params-file', 'absent.yaml'], '1',
             "motion: --ros-args: Couldn't parse params file: '--params-file absent.yaml'",
         ),
-        (
-            ['eol_ros.nodes', 'motion', '--ros-args', '-r', '__ns:=/9'], '1',
-            "motion: --ros-args: Couldn't parse remap rule: '-r __ns:=/9'",
-        ),
-        (
-            ['eol_ros.nodes', 'motion', '--ros-args', '--absent'], '1',
-            "motion: --ros-args: ROS knows no ['--absent']",
-        ),
+        (['--ros-args', '-r', '__ns:=/9'], '1', "Couldn't parse remap rule: '-r __ns:=/9'"),
+        (['--ros-args', '--absent'], '1', "motion: --ros-args: ROS knows no ['--absent']"),
     ],
 )  # fmt: skip
 def test_what_ros_itself_would_refuse_is_one_line(words, domain, said):
     done = subprocess.run(
-        [sys.executable, '-m', *words], env={**os.environ, 'ROS_DOMAIN_ID': domain}, timeout=90,
-        capture_output=True, text=True,
+        [sys.executable, '-m', 'eol_ros.nodes', 'motion', *words], timeout=90,
+        env={**os.environ, 'ROS_DOMAIN_ID': domain}, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 2
     *logged, line = done.stderr.splitlines()  # of rcl; that it keeps to itself there is no asking
