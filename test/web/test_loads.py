@@ -77,7 +77,7 @@ def test_what_is_not_is_one_line(data):
 
 
 @given(bodies)
-@settings(deadline=None, max_examples=500)
+@settings(deadline=None, max_examples=150)
 def test_what_passes_is_within_bounds_and_can_be_written_again(data):
     try:
         found = wire.loads(data)
@@ -121,7 +121,7 @@ def post(serve):
 
 @given(st.sampled_from(PATHS), bodies, st.sampled_from(CONTENT_TYPES))
 @settings(
-    deadline=None, max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    deadline=None, max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 def test_no_body_is_a_fault_of_the_server(post, path, body, content_type):
     assert post(path, body, **{'Content-Type': content_type}) in (200, 400)
