@@ -994,6 +994,23 @@ def test_a_grain_is_heard_by_a_click_and_moved_by_a_drag_or_by_keys(graph, brows
     run(browser, strokes)
     name, moved = until_page(browser, 'eol.asked[1]')  # once for both strokes
     assert name == 'move' and moved['x'] == pytest.approx(body['x'] + 0.02, abs=1e-6)
+    # A region of a sound is drawn: the dialog makes room for a drag, and tells what came of it.
+    run(browser, 'document.getElementById("instrument-open").click()')
+    choose = 'const menu = document.querySelector("#sounds select"); menu.value = "drawn";'
+    run(browser, f'{choose} menu.dispatchEvent(new Event("change"))')
+    left, top = run(
+        browser, 'const {x, y} = eol.space.canvas.getBoundingClientRect(); return [x, y]'
+    )
+    corners = run(browser, 'return [[0.2, 0.25], [0.6, 0.75]].map((at) => eol.space.at(...at))')
+    (x0, y0), (x1, y1) = corners + np.array([left, top])
+    for kind, x, y in (('mousePressed', x0, y0), ('mouseMoved', x1, y1), ('mouseReleased', x1, y1)):
+        mouse(browser, kind, x, y, int(kind != 'mouseReleased'))
+    name, body = until_page(browser, 'eol.asked[2]')
+    sound, edges = body['value'][0].split(' ')
+    assert (name, sound) == ('regions', 'ice')
+    drawn = [float(edge) for edge in edges.split(',')]
+    assert drawn == pytest.approx([0.2, 0.25, 0.6, 0.75], abs=0.011)
+    assert run(browser, 'return document.getElementById("instrument").open')
 
 
 def test_the_space_says_what_lies_where_and_gives_moved_grains_back(graph, browser):

@@ -18,8 +18,8 @@ const SLIDERS = {
 const MORPH_MS = 100; // while the slider is dragged, no oftener
 
 export class InstrumentView {
-  constructor(dialog, opener, act) {
-    Object.assign(this, { dialog, act, told: {}, names: [], sounds: [], morphed: -Infinity });
+  constructor(dialog, opener, act, askRegion) {
+    Object.assign(this, { dialog, act, askRegion, told: {}, names: [], sounds: [], morphed: -Infinity });
     const $ = (this.$ = (id) => dialog.querySelector(`#${id}`));
     opener.onclick = () => dialog.showModal();
     $('instrument-close').onclick = () => dialog.close();
@@ -125,12 +125,21 @@ export class InstrumentView {
       weight.oninput = () => (words.value = `${Math.round(100 * weight.value)} %`);
       weight.oninput();
       weight.onchange = () => this.ask('weights', { value: lines({ ...weights, [name]: weight.value }) });
-      const places = REGIONS.includes(regions[name] ?? 'whole') ? REGIONS : [...REGIONS, regions[name]];
+      const places = [...new Set([...REGIONS, regions[name] ?? 'whole', 'drawn'])];
       region.ariaLabel = say('region_of', { name });
-      region.replaceChildren(...places.map((place) => new Option(REGIONS.includes(place) ? say(`region_${place}`) : place, place, false, place === (regions[name] ?? 'whole'))));
-      region.onchange = () => {
+      region.replaceChildren(...places.map((place) => new Option(place === 'drawn' || REGIONS.includes(place) ? say(`region_${place}`) : place, place, false, place === (regions[name] ?? 'whole'))));
+      const put = (place) => {
         const { [name]: _, ...others } = regions;
-        this.ask('regions', { value: lines(region.value === 'whole' ? others : { ...regions, [name]: region.value }) });
+        this.ask('regions', { value: lines(place === 'whole' ? others : { ...regions, [name]: place }) });
+      };
+      region.onchange = () => {
+        if (region.value !== 'drawn') return put(region.value);
+        this.dialog.close();
+        this.showSounds();
+        this.askRegion((place) => {
+          this.dialog.showModal(); // its answer is written there
+          put(place);
+        });
       };
       row.append(title, weight, words, region);
       return row;

@@ -28,7 +28,7 @@ window.eol.drawn = drawn;
 const camera = (window.eol.camera = new CameraView($('camera')));
 const space = (window.eol.space = new SpaceView($('space'), act));
 const sound = new SoundView($('sound'));
-const instrument = new InstrumentView($('instrument'), $('instrument-open'), act);
+const instrument = new InstrumentView($('instrument'), $('instrument-open'), act, (answer) => space.askRegion(answer));
 const cascades = new CascadeView($('cascades'));
 const coordinates = new CoordinateList($('coords'));
 const lights = new LightField($('lights'));

@@ -226,8 +226,19 @@ export class SpaceView {
     return [within((x - x0) / (x1 - x0)), within((y - y0) / (y1 - y0))];
   }
 
+  // The next drag draws a rectangle: the edges of a region, 0..1.
+  askRegion(answer) {
+    this.region = { answer };
+    write(this.legend, say('region_ask'));
+  }
+
   hover(event) {
     if (!this.corpus) return;
+    if (this.region) {
+      this.region.to = this.back(event.offsetX, event.offsetY);
+      this.dirty = true;
+      return;
+    }
     if (this.dragging) {
       const moved = Math.hypot(event.offsetX - this.dragging.px, event.offsetY - this.dragging.py);
       if (moved > 6) this.dragging.moved = true;
@@ -244,6 +255,11 @@ export class SpaceView {
 
   grab(event) {
     if (!this.corpus) return;
+    if (this.region) {
+      this.canvas.setPointerCapture(event.pointerId);
+      this.region.from = this.region.to = this.back(event.offsetX, event.offsetY);
+      return;
+    }
     const grain = this.nearest(event.offsetX, event.offsetY);
     if (grain < 0) return;
     this.pick(grain);
@@ -253,7 +269,15 @@ export class SpaceView {
   }
 
   release() {
-    const { dragging } = this;
+    const { dragging, region } = this;
+    if (region?.from) {
+      const [[x0, y0], [x1, y1]] = [region.from, region.to];
+      const edges = [Math.min(x0, x1), Math.min(y0, y1), Math.max(x0, x1), Math.max(y0, y1)];
+      this.region = null;
+      this.dirty = true;
+      write(this.legend, '');
+      if (edges[2] - edges[0] > 0.02 && edges[3] - edges[1] > 0.02) region.answer(edges.map((v) => v.toFixed(2)).join());
+    }
     this.dragging = null;
     if (!dragging) return;
     if (dragging.moved) this.send();
@@ -332,6 +356,11 @@ export class SpaceView {
     }
     this.drawBlocks(brush);
     this.drawWave(brush, w, h);
+    if (this.region?.from) {
+      const [[x0, y0], [x1, y1]] = [this.at(...this.region.from), this.at(...this.region.to)];
+      brush.strokeStyle = INK;
+      brush.strokeRect(x0, y0, x1 - x0, y1 - y0);
+    }
   }
 
   // Axes and grains move only when a person moves them: drawn once, kept.
