@@ -102,7 +102,7 @@ def learn_face(block, maps, own, own_px, looks, noise, whole):
         light, spread, total, off, count, own[block], own_px[block], young or whole, young, noise,
         1 / min(n, SPREAD_LOOKS),
     )  # fmt: skip
-    if not (n == YOUNG or (not young and (n in model.REDRAWN or n % 8 == 0))):
+    if not (n == YOUNG or (not young and n % model.REDRAWN == 0)):
         return False
     _draw(light, spread, total, off, count, n == YOUNG)
     if n >= model.MAX_LOOKS:

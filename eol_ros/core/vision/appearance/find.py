@@ -11,6 +11,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import cos, sin
@@ -127,22 +128,6 @@ def respond(image, c, lengths, x0, y0, noise, first, turns, step, out, angle):
 
 
 @njit(cache=True)
-def _dilated(response, reach, out):
-    """Fill out with the greatest response within `reach` cells, in a square."""
-    ny, nx = response.shape
-    rows = np.zeros((ny, nx), np.float32)
-    for i in range(ny):
-        for j in range(nx):
-            for k in range(max(j - reach, 0), min(j + reach + 1, nx)):
-                rows[i, j] = max(rows[i, j], response[i, k])
-    for i in range(ny):
-        for j in range(nx):
-            out[i, j] = 0.0
-            for k in range(max(i - reach, 0), min(i + reach + 1, ny)):
-                out[i, j] = max(out[i, j], rows[k, j])
-
-
-@njit(cache=True)
 def _best(pool, x0, rest, lengths, span, best):
     """Fill best (4,): mean response, x, y, angle of the lattice `rest` (n, 2) that gathers most.
 
@@ -209,10 +194,13 @@ def find_lattice(image: np.ndarray, packed: np.ndarray, table: Table, noise: flo
     lengths, rest = Lengths.of(table), table.rest[table.ids]
     n = 2 * int(math.ceil(lengths.reach / lengths.cell)) + 1
     x0 = -(n // 2) * lengths.cell
-    response, angle, pool = np.zeros((3, n, n), np.float32)
+    response, angle = np.zeros((2, n, n), np.float32)
     step = QUARTER / TURNS
     respond(image, packed, lengths, x0, x0, noise, 0.0, TURNS, step, response, angle)
-    _dilated(response, int(lengths.node_stray / lengths.cell), pool)
+    reach = int(lengths.node_stray / lengths.cell)
+    pool = np.pad(response, reach)
+    for axis in (0, 1):
+        pool = sliding_window_view(pool, 2 * reach + 1, axis).max(axis=-1)
     best, nodes = np.empty(4), np.empty((len(rest), 3))
     _best(pool, x0, rest, lengths, math.tau / len(table.turns), best)
     _nodes(response, angle, x0, rest, best, lengths, nodes)

@@ -177,17 +177,6 @@ def _excess(r, grey):
     return above(grey, constant(FULL), most(r, constant(0.0)), r)
 
 
-@njit(cache=True, inner=True)
-def residuals(px, start, stop, every, half, blur, noise, fit, sigma2_px):
-    """Set Q and EDGE of px, in every `every`-th group from start to stop; see _numbers."""
-    n = _numbers(half, blur, noise, fit, sigma2_px)
-    for group in range(start, stop, every):
-        _a, _b, _ta, _tb, _lit, e, _out, r, grey, s2 = _seen(px, group, n)
-        r = _excess(r, grey)
-        put(px, group, Q, r * r / s2)
-        put(px, group, EDGE, e)
-
-
 @njit(cache=True, inner=True, forceinline=True)
 def _derivatives(px, group, n, per_widen):
     """Return Tukey's weight over the variance, the derivatives with the residual, Q and E."""
@@ -292,11 +281,16 @@ def _of_side(fit, own, side_fit):
 
 @njit(cache=True, inner=True)
 def all_residuals(px, starts, every, half, blur, noise, fit, own, sigma2_px):
-    """Set Q and EDGE of all pixels; own (5, OWN): numbers of each side; see residuals."""
+    """Set Q and EDGE of every `every`-th group; own (5, OWN): of each side. See _numbers."""
     side_fit = np.empty(COLUMNS)
     for side in range(5):
         _of_side(fit, own[side], side_fit)
-        residuals(px, starts[side], starts[side + 1], every, half, blur, noise, side_fit, sigma2_px)
+        n = _numbers(half, blur, noise, side_fit, sigma2_px)
+        for group in range(starts[side], starts[side + 1], every):
+            _a, _b, _ta, _tb, _lit, e, _out, r, grey, s2 = _seen(px, group, n)
+            r = _excess(r, grey)
+            put(px, group, Q, r * r / s2)
+            put(px, group, EDGE, e)
 
 
 @njit(cache=True, inner=True)
@@ -424,28 +418,10 @@ def widening(px, groups, half, blur, noise, fit, reach):
 
 
 @njit(cache=True, inner=True)
-def quantile(values, n, share):
-    """Return what `share` of values[:n] does not exceed (Hoare, 1961); they change their order."""
-    lo, hi, k = 0, n - 1, int(share * n)
-    while lo < hi:
-        pivot = values[(lo + hi) // 2]
-        i, j = lo, hi
-        while i <= j:
-            while values[i] < pivot:
-                i += 1
-            while pivot < values[j]:
-                j -= 1
-            if i <= j:
-                values[i], values[j] = values[j], values[i]
-                i += 1
-                j -= 1
-        if k <= j:
-            hi = j
-        elif k >= i:
-            lo = i
-        else:
-            break
-    return values[k]
+def quantile(values, share):
+    """Return what `share` of values (n,) does not exceed, or 0 for none."""
+    k = int(share * len(values))
+    return np.partition(values, k)[k] if len(values) else np.float32(0.0)
 
 
 @njit(cache=True)
@@ -461,7 +437,7 @@ def widen_of(px, starts, every, most, scratch):
                 if px[group, AREA + i] > 0.0:
                     scratch[n] = px[group, Q + i]
                     n += 1
-    return min(max(quantile(scratch, n, 0.3) / 0.148, 1.0), most)  # that of chi squared
+    return min(max(quantile(scratch[:n], 0.3) / 0.148, 1.0), most)  # that of chi squared
 
 
 @njit(cache=True)
@@ -478,16 +454,16 @@ def levels(px, groups, half, blur, scratch):
             if (far < half - 2 * blur) if part else (far > half + 2 * blur):
                 scratch[n] = px[k, z + GREY]
                 n += 1
-        if n and part:
-            inner = quantile(scratch, n, 0.5)
-        elif n:
-            outer = quantile(scratch, n, 0.5)
+        if part:
+            inner = quantile(scratch[:n], 0.5)
+        else:
+            outer = quantile(scratch[:n], 0.5)
     return inner, outer
 
 
 @njit(cache=True, error_model='numpy')
 def trust(px, starts, usual, bins):
-    """Trust the pixels at each part of a side by their mean squared residual; see residuals.
+    """Trust the pixels at each part of a side by their mean squared residual; see all_residuals.
 
     usual (4,): that of each side, in variances.
 
@@ -532,7 +508,7 @@ def side_nats(px, starts, half, blur, noise, fit, own, near, widen, out):
     """Fill out (4,): log likelihood ratio that light falls at each side as E does, not steadily.
 
     Across a side light is fitted by a level, a slope and E: the glow of a lamp is all slope.
-    own (5, OWN): numbers of each side. After residuals.
+    own (5, OWN): numbers of each side. After all_residuals.
     """
     side_fit = np.empty(COLUMNS)
     one, zero, full, close = constant(1.0), constant(0.0), constant(FULL), constant(near)

@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from eol_ros.core import algebra, elementary
 from eol_ros.core.compiled import njit
@@ -148,15 +149,8 @@ def _camera(
         return None
     there, response = _search(image, camera, nodes, noise)
     all_of, block = response.reshape(len(y), len(x)), np.where(table.present, 1.0, -1.0)
-    sums = np.array(
-        [
-            [
-                (all_of[j : j + rows, i : i + columns] * table.grid(block)).sum()
-                for i in range(len(x) - columns + 1)
-            ]
-            for j in range(len(y) - rows + 1)
-        ]
-    )
+    windows = sliding_window_view(all_of, (rows, columns))
+    sums = (windows * table.grid(block)).sum(axis=(2, 3))
     j, i = np.unravel_index(sums.argmax(), sums.shape)
     mine = (np.arange(len(y))[:, None] - j) // rows == 0
     mine = (mine & ((np.arange(len(x)) - i) // columns == 0)).ravel()
@@ -359,18 +353,6 @@ def _shape(image, u, v, half, contrast, out):
 
 
 @njit(cache=True)
-def _turned(f, quarter):
-    """Return the half sides of a square, right and up, `quarter` right angles further round."""
-    if quarter == 0:
-        return f[2], f[3], f[4], f[5]
-    if quarter == 1:
-        return f[4], f[5], -f[2], -f[3]
-    if quarter == 2:
-        return -f[2], -f[3], -f[4], -f[5]
-    return -f[4], -f[5], f[2], f[3]
-
-
-@njit(cache=True)
 def _walk(found, pitch_x, pitch_y, cells):
     """Return which squares (n,) are on the largest lattice, and set its cells (n, 2).
 
@@ -403,12 +385,13 @@ def _walk(found, pitch_x, pitch_y, cells):
                 ratio = (t[2] * t[5] - t[3] * t[4]) / (h[2] * h[5] - h[3] * h[4])
                 if not 0.6 < ratio < 1.6:
                     continue
-                most, turned = -math.inf, _turned(t, 0)
-                for quarter in range(4):
-                    one = _turned(t, quarter)
+                most, one = -math.inf, (t[2], t[3], t[4], t[5])
+                turned = one
+                for _ in range(4):
                     alike = one[0] * h[2] + one[1] * h[3] + one[2] * h[4] + one[3] * h[5]
                     if alike > most:
                         most, turned = alike, one
+                    one = one[2], one[3], -one[0], -one[1]
                 t[2], t[3], t[4], t[5] = turned
                 at[there, 0], at[there, 1] = at[here, 0] + right, at[here, 1] + up
                 visited[there] = True

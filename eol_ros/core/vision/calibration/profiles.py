@@ -207,7 +207,7 @@ def levels(lines, light, counts, sides):
         return none
     # the contrast that a quarter of all profiles exceeds: right as long as a quarter is in sight;
     # and the platform's own light about here: where more stands outside, it may be an arm's edge
-    contrast, bare = quantile(steps, n, 0.75), quantile(outsides, n, 0.25)
+    contrast, bare = quantile(steps[:n], 0.75), quantile(outsides[:n], 0.25)
     if contrast < MIN_CONTRAST:
         return none
     arm = bare + max((SOFT_ARM if soft else ARM) * contrast, 4.0)
