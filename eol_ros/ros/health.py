@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 PERIOD_S = 1.0
 STARTS = said('starting')
+START_S = 15.0  # as long as a source waits for the nodes of its scene
 REJECTED_TOLD_S = 60.0  # between two lines on messages that were rejected
 
 
@@ -183,7 +184,8 @@ class Health:
             self._rate = (self.ticks - self._reported_ticks) / span
             self._reported_ticks, self._reported_s = self.ticks, now
         level, text = self.level, self.text
-        if self._expected and level == OK and (silent_s := self.overdue_s()):
+        patience_s = {OK: 0.0, STARTING: START_S}.get(level, math.inf)
+        if self._expected and (silent_s := self.overdue_s()) > patience_s:
             level = WARN
             text = said('nothing_of', what=self._expected[0], seconds=f'{silent_s:.0f}')
         if time.monotonic() - self._rejected_s < REJECTED_TOLD_S:
