@@ -22,6 +22,7 @@ RETRY_S = 5.0  # an instrument that is not plugged in, or was pulled out
 
 class MidiNode(EolNode):
     NAME = 'midi'
+    READS_ONLY = True
 
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)

@@ -36,6 +36,7 @@ class OscNode(EolNode):
 
     NAME = 'osc'
     MAPS_TIME = True
+    READS_ONLY = True
     REST_S = 0.002
 
     def __init__(self, settings, **kwargs):

@@ -11,6 +11,7 @@ from eol_ros.errors import EolError
 from eol_ros.ros.definitions import definition
 from eol_ros.ros.topics import message_class
 from eol_ros.streams import blocks, images
+from eol_ros.streams.cdr import Flat
 from eol_ros.streams.checks import ANY_TIME, Check, off
 from eol_ros.streams.graph import topic_of
 
@@ -83,6 +84,7 @@ class Intake:
         else:
             self._kind = message_class(type_name)
             self._check = Check(type_name, definition(type_name), node.table)
+            self._flat = Flat.of(type_name, definition(type_name)) if node.READS_ONLY else None
 
     def __call__(self, raw: bytes) -> Any:
         """Return the message in `raw`; None where it is bad, which the node's health counts."""
@@ -98,7 +100,9 @@ class Intake:
     def _decoded(self, raw: bytes) -> Any:
         span = self._node.stamps_span() if self._stamped else ANY_TIME
         if self._codec is None:
-            message = deserialize_message(raw, self._kind)
+            message = self._flat and self._flat.read(raw)
+            if message is None:
+                message = deserialize_message(raw, self._kind)
             wrong = self._check(message, span)
         else:
             message = self._codec.read(raw)

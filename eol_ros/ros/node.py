@@ -71,6 +71,7 @@ class EolNode(Node):
     NAME = ''
     MAPS_TIME = False
     REST_S = 0.0  # within a burst of messages: others gather, and the process wakes up less often
+    READS_ONLY = False  # of its messages: they may come as named tuples, which are read faster
     HOLDS = True  # a request that counts from a later stamp waits until `stamped` has told of it
 
     def __init__(self, settings: Any, scene: Scene | None = None, **kwargs: Any):
