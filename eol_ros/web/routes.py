@@ -349,15 +349,3 @@ class _File:
 
 def _error(status: int, why: str) -> web.Response:
     return web.json_response({'error': why, 'said': parts_of(why)}, status=status)
-
-
-def describe() -> str:
-    """Return the route table as Markdown, for docs/reference/web.md."""
-    rows = ['| route | what |', '| --- | --- |']
-    for control in CONTROLS.values():
-        takes = ', '.join(f'`{item.name}`' for item in control.takes)
-        rows.append(
-            f'| `POST /control/{control.name}` | {control.doc}'
-            + (f'; takes {takes} |' if takes else ' |')
-        )
-    return '\n'.join(rows)
