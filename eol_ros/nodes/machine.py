@@ -9,6 +9,7 @@ from eol_msgs.msg import NodeState
 from eol_ros.core.clock_offset import Offset, OneWay, offset
 from eol_ros.errors import EolError
 from eol_ros.ros.node import EolNode
+from eol_ros.ros.startup_barrier import PATIENCE_S
 from eol_ros.said import clauses, code_and_args, from_message, said
 from eol_ros.scene import machine_node
 from eol_ros.streams.requests import Asked, values_of
@@ -16,7 +17,6 @@ from eol_ros.streams.work_state import ERROR, STARTING
 
 SILENT_S = 3.0  # of nodes that report once a second
 FAR_S = 0.02  # of clocks so far apart sound and light are plainly out of time
-START_S = 15.0  # as long as a source waits for the nodes of its scene
 ORDER_S = 6.0  # from the answer to `restart` or `stop` to its begin: the caller has the response
 
 
@@ -127,7 +127,7 @@ class MachineNode(EolNode):
     def silence(self, node: str, now_s: float) -> str:
         """Return for how long a node that should be heard was not; '' while that is not long."""
         since_s = self.heard[node][0] if node in self.heard else self.began_s
-        if now_s - since_s <= (SILENT_S if node in self.heard else START_S):
+        if now_s - since_s <= (SILENT_S if node in self.heard else PATIENCE_S):
             return ''
         return said('not_heard', seconds=f'{now_s - since_s:.0f}')
 

@@ -23,6 +23,7 @@ from eol_ros.core.round_watch import HUNG_S, STALLED_S, RoundWatch
 from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.ros.requests import parameter_messages
 from eol_ros.ros.stamps import to_msg
+from eol_ros.ros.startup_barrier import PATIENCE_S
 from eol_ros.said import Said, clauses, code_and_args, said
 from eol_ros.streams.graph import status_name
 from eol_ros.streams.work_state import ERROR, OK, STARTING, WARN
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 
 PERIOD_S = 1.0
 STARTS = said('starting')
-START_S = 15.0  # as long as a source waits for the nodes of its scene
 REJECTED_TOLD_S = 60.0  # between two lines on messages that were rejected
 
 
@@ -184,7 +184,7 @@ class Health:
             self._rate = (self.ticks - self._reported_ticks) / span
             self._reported_ticks, self._reported_s = self.ticks, now
         level, text = self.level, self.text
-        patience_s = {OK: 0.0, STARTING: START_S}.get(level, math.inf)
+        patience_s = {OK: 0.0, STARTING: PATIENCE_S}.get(level, math.inf)
         if self._expected and (silent_s := self.overdue_s()) > patience_s:
             level = WARN
             text = said('nothing_of', what=self._expected[0], seconds=f'{silent_s:.0f}')

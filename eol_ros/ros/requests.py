@@ -378,9 +378,9 @@ class _Heeding:
         return name in self._asked and name in self._answering
 
     def whole(self, node: str, matched: int) -> bool:
-        """Whether all that were found are matched, and whom is asked among them.
+        """Whether all that were found are matched, `node` and the recorder among them.
 
-        For a while no other was found: a recorder may come after the `node` that is named.
+        Without a recorder, or a `node`, no other was found for a while.
         """
         full = self._node.resolve_topic_name
         asked = {e.node_name for e in self._node.get_subscriptions_info_by_topic(full(REQUESTS))}
@@ -389,4 +389,5 @@ class _Heeding:
             self._asked, self._answering, self._met_s = asked, answering, time.monotonic()
         quiet = time.monotonic() - self._met_s > _QUIET_S
         found = self.runs(node) if node else bool(asked)
-        return found and quiet and matched >= len(asked)
+        known = quiet or (bool(node) and 'recorder' in asked)
+        return found and known and matched >= len(asked)

@@ -131,10 +131,13 @@ def test_a_recorder_is_waited_for_that_comes_after_the_named_node(monkeypatch):
     assert not found.whole('sound', matched=1)
     now_s[0] = 1.0
     names.append('recorder')
-    assert not found.whole('sound', matched=2)
-    now_s[0] = 2.6
+    assert not found.whole('', matched=2), 'more may come'
     assert found.whole('sound', matched=2) and not found.whole('sound', matched=1)
     assert not found.whole('leds', matched=2)
+    names.remove('recorder')
+    assert not found.whole('sound', matched=1)
+    now_s[0] = 2.6
+    assert found.whole('sound', matched=1), 'a scene without a recorder'
 
 
 def test_who_must_answer_and_who_does_not_run():
