@@ -58,7 +58,8 @@ class Rules(NamedTuple):
     `capture` (m/s) a stop is finished in closed form where that is accurate, below `floor` always
     unless the pull is above friction.
     A block that rotates breaks loose at the speed `kick` (m/s) where less than `weakest` of the
-    force is beyond friction: its direction would follow the force in many small steps.
+    force is beyond friction: its direction would follow the force in many small steps. Against a
+    pull above friction it stops below `slowest` only.
     """
 
     order: int
@@ -68,6 +69,7 @@ class Rules(NamedTuple):
     floor: float
     kick: float = KICK_MPS
     weakest: float = 1e-9
+    slowest: float = SLOWEST_MPS
 
 
 @uncounted

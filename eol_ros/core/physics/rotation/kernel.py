@@ -359,6 +359,9 @@ def run(q, v, sliding, t_end, rules, at, ra, rim, grid, log, max_steps, energy, 
             stop_s, now = 0.0, False
             if speed > 0.0:
                 stop_s, now = stop_of(i, speed, work, v, rules, at, ra.mass[i], jerk, work[3:])
+            above = force > at.friction[i] * at.friction[i] and force <= at.static[i] * at.static[i]
+            if above and not now:
+                slow = speed <= rules.slowest  # slower yet, it may reverse
             if not (now or slow):
                 continue
             energy[1] += 0.5 * spin

@@ -45,7 +45,7 @@ class Rotating:
         self._lattice, self._args = scene.lattice, rotation_args(scene)
         self._rules = rules_for(
             TOLERANCE, length_scale(scene), ORDER, floor_speed(TOLERANCE)
-        )._replace(kick=KICK_MPS, weakest=WEAKEST)
+        )._replace(kick=KICK_MPS, weakest=WEAKEST, slowest=floor_speed(TOLERANCE))
         self._workspace = kernel.make_workspace(self._lattice, self._args, ORDER)
         self.yaw, self.spin = scene.rotation.yaw0.copy(), scene.rotation.spin0.copy()
         self._q, self._w = np.zeros((scene.n, 3)), np.zeros((scene.n, 3))
