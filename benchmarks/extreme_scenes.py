@@ -22,7 +22,7 @@ AWAY = {'kind': 'poses', 'par': [[0, 1, 0, 0], [1, 1, 0, 0]]}
 EQUAL = {'mu_s': 0.65, 'mu_k': 0.65}
 FREE = {'mu_s': 0.0, 'mu_k': 0.0}
 COARSE = 'SciPy DOP853, events, stops below 1e-6 m/s'
-STEPS = 'own stepping, extrapolated to no step'
+STEPS = 'own stepping, extrapolated'
 EVENTS, SLIDE = 'SciPy DOP853, events', 'SciPy DOP853, all slide'
 ONE, REST, MODES = 'formula, one block', 'formula, at rest', 'mpmath modes, 40 digits'
 

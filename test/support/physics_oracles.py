@@ -125,5 +125,5 @@ ORACLES: dict[str, Oracle] = {
     'SciPy DOP853, events, stops below 1e-6 m/s': coarse_events_of_scipy,
     'SciPy DOP853, all slide': sliding_of_scipy,
     'SciPy DOP853, rotation': rotating_of_scipy,
-    'own stepping, extrapolated to no step': steps_of_moreau,
+    'own stepping, extrapolated': steps_of_moreau,
 }
