@@ -9,6 +9,7 @@ project = 'eol_ros'
 copyright = 'the authors of eol_ros'
 extensions = ['myst_parser']
 myst_heading_anchors = 4  # links to headings, as on a forge
+smartquotes = False  # options keep their two dashes
 html_theme = 'furo'
 html_title = 'eol_ros'
 html_theme_options = {'source_edit_link': '', 'top_of_page_buttons': []}
