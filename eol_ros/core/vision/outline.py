@@ -13,14 +13,14 @@ import numpy as np
 
 from eol_ros.core import elementary
 from eol_ros.core.compiled import njit
-from eol_ros.core.elementary_kernels import cos, sin, tan
+from eol_ros.core.elementary_kernels import cos, sin
 from eol_ros.core.vision.calibration.covers import POINTS
 from eol_ros.core.vision.calibration.mapping import distorted, lifted, undistorted
 from eol_ros.core.vision.calibration.model import Calibration
 
 BINS = 48  # of a table along a side
 REACH = 1.25  # half sides that a table reaches from the middle of its side
-MIDDLE = 0.92  # half sides of it that profiles read: at its ends other edges stand
+MIDDLE = 0.92  # half sides of it that are read: at its ends other edges stand
 NONE = np.float32(99.0)  # px: no edge here that would be the outline
 STEEP = 0.8  # px of parallax a px along the side above which an edge is too slanted to be read
 # px by which a lit wall in sight, a px of it or more, is found further out than other sides are: it
@@ -44,27 +44,14 @@ def _draw(table, reach, t0, d0, t1, d1):
             table[b] = d
 
 
-@njit(cache=True, inner=True)
-def lean(theta):
-    """Return by how much rows or columns lean along a side of a square at `theta`, px a px."""
-    return -tan(theta - np.rint(theta / (math.pi / 2)) * (math.pi / 2))
-
-
 @njit(cache=True)
-def tabulate(
-    camera, heights, u, v, theta, half, table, shine=SHINE_PX, slanted=True
-):  # fmt: skip
+def tabulate(camera, heights, u, v, theta, half, table, shine=SHINE_PX):
     """Fill `table` (SIZE,) with how far outside the sides of a flat square the outline stands.
 
     camera: Calibration.packed(). heights (4, 1 + POINTS) m over the calibration's plane. The square
     is at `u`, `v` px, angle `theta` of the block's own x axis, half side in px as the fit takes it;
     `shine` is what the light of a wall in sight adds, px.
-
-    Rows and columns cross a side at a slant: what they meet further out is further along the side
-    by `lean` a px. The table is read where they would cross the flat square. Without `slanted` it
-    is read where a line at right angles would.
     """
-    slant = lean(theta) if slanted else 0.0
     table[0] = REACH * half
     cu, cv = undistorted(camera, u, v)
     low = heights[0, 0]
@@ -97,7 +84,7 @@ def tabulate(
         physical = -k % 4 if mirrored else k
         d0, d1 = one[0, 0] * nu + one[0, 1] * nv, other[0, 0] * nu + other[0, 1] * nv
         t0, t1 = one[0, 0] * tu + one[0, 1] * tv, other[0, 0] * tu + other[0, 1] * tv
-        _draw(mine, table[0], t0 - half - d0 * slant, d0, t1 + half - d1 * slant, d1)
+        _draw(mine, table[0], t0 - half, d0, t1 + half, d1)
         lower_d = 0.5 * (d0 + d1)
         upper_d = 0.0
         before_t = before_d = 0.0
@@ -117,7 +104,7 @@ def tabulate(
                 else:
                     dv = a + f * (b - a)
             d = du * nu + dv * nv
-            t = (2.0 * f - 1.0) * half + du * tu + dv * tv - d * slant
+            t = (2.0 * f - 1.0) * half + du * tu + dv * tv
             if j > 0:
                 _draw(upper, table[0], before_t, before_d, t, d)
             before_t, before_d = t, d
@@ -132,7 +119,7 @@ def tabulate(
                 wall = mine[b] - upper[b] if upper[b] != NONE else np.float32(1.0)
                 mine[b] += shine * min(wall, np.float32(1.0))
         pitch = 2.0 * table[0] / BINS
-        for b in range(BINS - 1):  # where the land falls steeply no profile crosses it well
+        for b in range(BINS - 1):  # where the land falls steeply no edge is read well
             steep = mine[b] != NONE and mine[b + 1] != NONE
             upper[b] = -NONE if steep and abs(mine[b + 1] - mine[b]) > STEEP * pitch else NONE
         for b in range(BINS - 1):
@@ -144,7 +131,7 @@ def tabulate(
 def outside(table, side, t):
     """Return how far outside of a flat square's `side` the outline stands, or NONE.
 
-    On the profile that crosses the flat square at `t`: see tabulate.
+    At `t` along it: see tabulate.
     """
     at = (t + table[0]) * (np.float32(0.5 * BINS) / table[0]) - np.float32(0.5)
     b = int(at)

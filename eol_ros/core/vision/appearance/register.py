@@ -352,9 +352,7 @@ def _gather(image, c, heights, n, half_m, near, table, f, patch, px, at, room):
     table[0] = 0.0
     if heights.shape[0]:
         theta = arctan2(-d[7], d[1])
-        outline.tabulate(
-            c, heights[n], d[0], d[6], theta, half_m * patch.scale, table, outline.SHINE_PX, False,
-        )  # fmt: skip
+        outline.tabulate(c, heights[n], d[0], d[6], theta, half_m * patch.scale, table)
     pixels.gather(
         image.shape[0], image.shape[1], d, half_m, near, near + m.OUTSIDE_PX, table,
         c[mapping.SENSE], patch, px, at[0], at[1], at[2],

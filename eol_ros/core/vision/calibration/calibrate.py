@@ -408,14 +408,15 @@ def from_squares(
         ConfigError: as `from_blocks`.
     """
     ids, covers = start.table.ids, start.covers
+    flat = [(ids, corners(image, blobs)) for image, blobs in seen]
 
     def solved(camera: Calibration | None, lens: int) -> Solution:
-        views = []
-        for image, blobs in seen:
-            tables = None if camera is None else outline.tables(camera, blobs, NEAR_SHINE_PX)
-            views.append((ids, corners(image, blobs, tables)))
         if covers is None:
-            return from_blocks(views, start, start.cover_height_m, lens=lens)
+            return from_blocks(flat, start, start.cover_height_m, lens=lens)
+        views = flat
+        if camera is not None:
+            tables = [outline.tables(camera, blobs, NEAR_SHINE_PX) for _, blobs in seen]
+            views = [(ids, corners(*its, on)) for its, on in zip(seen, tables, strict=True)]
 
         def shifts(camera: Calibration) -> np.ndarray:
             return np.concatenate([outline.corner_shifts(camera, blobs) for _, blobs in seen])

@@ -15,6 +15,8 @@ cameras straight, aside and leaning, with a lens and without, covers of 0, 26 an
 and on eight of these with lenses of 0.85 to 1.92 px. No real table was measured.
 """
 
+import math
+
 import numpy as np
 
 SHARE = 0.55
@@ -60,8 +62,8 @@ def edges(seen: np.ndarray, blur_px: float, side_px: float) -> np.ndarray:
     for n in range(_ROUNDS):
         if n < 2:  # then it is known whether light falls at all
             blur_px = blurred(seen, about_px, falls)
-        step, _ = _fitted(seen, at, blur_px, _FLAT, False)
-        ramp, _ = _fitted(seen, at, blur_px, _RAMP, True)
+        step = _fitted(seen, at, blur_px, _FLAT, False)[0]
+        ramp = _fitted(seen, at, blur_px, _RAMP, True)[0]
         falls = min(max(float(np.median(ramp - step)) / FALL_PX, 0.0), 1.0)
         inside = INSIDE * blur_px * (side_px / SIDE_PX) ** _INSIDE_POWER
         at = step + SHARE * (ramp - step) + inside * falls
@@ -74,10 +76,21 @@ def blurred(seen: np.ndarray, blur_px: float, falls: float) -> float:
     falls: 1 where light falls towards them as in lit covers, down to 0 where it does not. Of what
     it differs from `blur_px` less is believed, the less it exceeds what may be an error.
     """
-    told = _fitted(seen, np.zeros(len(seen)), blur_px, _BLUR, True, _BLUR_STEPS)[1]
+    told = _fitted(seen, np.zeros(len(seen)), blur_px, _BLUR, True, _BLUR_STEPS)[2]
     told /= 1 + falls * (BLUR_SEEN - 1)
     far = told / blur_px - 1
     return blur_px * (1 + far**3 / (far**2 + BLUR_SIGMA**2))
+
+
+def steps(seen: np.ndarray, blur_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return where (...) blurred steps stand in the light (..., BINS, 3) of `edges`, px outside.
+
+    And the levels (..., 3): outside, and of the step.
+    """
+    near = math.ceil(_FLAT[1] * blur_px / BIN_PX)  # bins; no other has a weight
+    flat = seen[..., BINS // 2 - near : BINS // 2 + near, :].reshape(-1, 2 * near, 3)
+    at, levels, _ = _fitted(flat, np.zeros(len(flat)), blur_px, _FLAT, False)
+    return at.reshape(seen.shape[:-2]), levels.reshape(*seen.shape[:-2], -1)
 
 
 def _fitted(
@@ -87,11 +100,12 @@ def _fitted(
     window: tuple[float, float],
     falls: bool,
     blur_steps: int = 0,
-) -> tuple[np.ndarray, float]:
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Return where (n,) a blurred step lies in the light about `at`; `falls`: beside which it does.
 
-    And its blur, which is fitted to all sides together where `blur_steps` are allowed for it. By
-    Gauss-Newton, of the least squares over all pixels, in shares of each side's step.
+    And its levels (n, 3): outside, step, fall a px; and its blur, which is fitted to all sides
+    together where `blur_steps` are allowed for it. By Gauss-Newton, of the least squares over all
+    pixels, in shares of each side's step.
     """
     from scipy.special import erf  # only who calibrates needs it
 
@@ -126,4 +140,4 @@ def _fitted(
         levels[:, :known] += change[:, :known, 0]
         if k:
             edge += np.clip(change[:, known, 0], -0.5, 0.5)
-    return at + edge, blur_px
+    return at + edge, levels, blur_px
