@@ -12,6 +12,7 @@ from eol_ros.analysis.bag import Bag, Table
 from eol_ros.analysis.recorded_settings import recorded_settings, recorded_table
 from eol_ros.core.physics.builders import GRAVITY
 from eol_ros.devices.files.names import shown
+from eol_ros.errors import ConfigError
 from eol_ros.settings import TwinSettings
 
 # name: type, unit, what it is
@@ -42,6 +43,12 @@ def of(bag: Bag, cascades: Table | None, measured: TwinSettings | None = None) -
     if cascades is None:
         return rows
     table = recorded_table(bag)
+    beyond = cascades['nucleus'][cascades['nucleus'] >= table.cells]
+    if len(beyond):
+        raise ConfigError(
+            f'{bag.path}: a cascade begins at block {beyond[0]}, and the table has'
+            f' {table.cells} places: the recording is damaged'
+        )
     place = table.rest[cascades['nucleus']]
     for name, values in (
         ('onset_ns', cascades['onset'].astype('i8')), ('duration_s', cascades['duration']),

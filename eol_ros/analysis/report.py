@@ -363,6 +363,7 @@ def _summary(late_ms: np.ndarray) -> dict[str, Any]:
 
 
 def _median(values: np.ndarray) -> float | None:
+    values = values[np.isfinite(values)]
     return round(float(np.median(values)), 4) if len(values) else None
 
 

@@ -18,6 +18,7 @@ from eol_ros.analysis.bag import open_bag
 from eol_ros.core.science import powerlaw
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
+from eol_ros.errors import ConfigError
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.stamps import to_msg
 from eol_ros.settings import TwinSettings
@@ -83,6 +84,15 @@ def test_slips_are_told_in_digits_that_mean_something(far_mm, said):
     found = {'bag': 'a', 'duration_s': 1.0, 'latency_ms': {}, 'onset_latency_ms': {}}
     found |= {'slips': {'count': 3, 'median_distance_mm': far_mm}}
     assert report.summary(found).splitlines() == ['a: 1.0 s', said]
+
+
+def test_values_that_cannot_be_are_told_or_left_out(tmp_path):
+    slips = [Slip(kind=Slip.KIND_STOP, distance=float(x)) for x in (0.004, np.nan, np.inf)]
+    bag = bag_of(tmp_path / 'slips', [('slips', slip, k) for k, slip in enumerate(slips)])
+    assert report.numbers(bag)['slips']['median_distance_mm'] == 4.0
+    bag = bag_of(tmp_path / 'cascades', [('cascades', Cascade(nucleus=255, area=1), 0)])
+    with pytest.raises(ConfigError, match='begins at block 255, and the table has 25 places'):
+        report.numbers(bag)
 
 
 def test_too_few_cascades_are_not_fitted(tmp_path):
