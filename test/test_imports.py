@@ -20,7 +20,6 @@ ALLOWED = {
     'core': 'numba numpy scipy',
     'core/vision': 'cv2 numba numpy scipy',
     'core/compiled.py': 'llvmlite numba numpy',
-    'core/vectors.py': 'llvmlite numba',
     'streams': 'numpy',
     'devices': (
         'PIL _sounddevice cv2 lz4 mcap numba numpy pythonosc scipy serial sounddevice soundfile '

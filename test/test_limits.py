@@ -6,10 +6,9 @@ import ast
 from test_imports import MODULES, ROOT, name
 
 LINES, ARGUMENTS, KERNEL_LINES = 80, 8, 150
-KERNELS = 'njit', 'entry', 'uncounted', 'inlined', 'intrinsic'  # the decorators of compiled code
-# Functions that exceed a limit. The first is a kernel: intrinsic() is called on it below.
+KERNELS = 'njit', 'entry', 'uncounted', 'inlined'  # the decorators of compiled code
+# Functions that exceed a limit.
 MORE = {
-    'core/vectors.py:_spring_order',
     'core/sound/mixer.py:Mixer.__init__',
     'core/vision/render/renderer.py:Renderer.render',
 }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Vectors of eight or sixteen float32 as values in compiled code: `+`, `-`, `*`, `/`, `fma`.
+"""Vectors of eight or sixteen float32, or of eight float64, in compiled code: `+ - * /`, `fma`.
 
 A compiler turns a loop over arrays into vector code by rules of its own: integers of 64 bits or
 places that are gathered may cost all that the vectors gain, and what does not fill one goes through
@@ -18,31 +18,31 @@ from numba.core.typing.templates import ConcreteTemplate, infer_global, signatur
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
 ir = cgutils.ir
-FLOAT, I32, I64 = ir.FloatType(), ir.IntType(32), ir.IntType(64)
+FLOAT, DOUBLE, I32, I64 = ir.FloatType(), ir.DoubleType(), ir.IntType(32), ir.IntType(64)
 njit_intrinsic: Any = intrinsic
 
 
 class Lanes(types.Type):
-    """So many float32."""
+    """So many float32 or float64."""
 
-    def __init__(self, width: int) -> None:
-        super().__init__(name=f'Lanes{width}')
-        self.width = width
+    def __init__(self, width: int, element: Any = FLOAT) -> None:
+        super().__init__(name=f'Lanes{width}{element}')
+        self.width, self.element = width, element
 
 
-eight, sixteen = Lanes(8), Lanes(16)
+eight, sixteen, doubles = Lanes(8), Lanes(16), Lanes(8, DOUBLE)
 
 
 @register_model(Lanes)
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager, kind):
-        super().__init__(manager, kind, ir.VectorType(FLOAT, kind.width))
+        super().__init__(manager, kind, ir.VectorType(kind.element, kind.width))
 
 
 def _operator(function, build: str) -> None:
     @infer_global(function)
     class _Typing(ConcreteTemplate):
-        cases = [signature(kind, kind, kind) for kind in (eight, sixteen)]
+        cases = [signature(kind, kind, kind) for kind in (eight, sixteen, doubles)]
 
     @lower_builtin(function, Lanes, Lanes)
     def _lower(context, builder, sig, args):
@@ -75,7 +75,7 @@ def spread(builder, number, kind):
 def _call(builder, name, *args):
     kind = args[0].type
     function = ir.FunctionType(kind, [kind] * len(args))
-    name = f'llvm.{name}.v{kind.count}f32'
+    name = f'llvm.{name}.v{kind.count}f{32 if kind.element == FLOAT else 64}'
     return builder.call(cgutils.get_or_insert_function(builder.module, function, name), args)
 
 
@@ -93,20 +93,21 @@ def transposed(builder, rows):
     return [shuffle(builder, mixed[i], mixed[i + 1], h) for i in (0, 2) for h in (first, second)]
 
 
-def _splat(kind):
+def _splat(kind, number_kind=types.float32):
     @njit_intrinsic
     def splat(typing_context, number):
-        """Return the float32 `number` in all lanes."""
+        """Return `number` in all lanes."""
 
         def codegen(context, builder, sig, args):
             return spread(builder, args[0], context.get_value_type(kind))
 
-        return kind(types.float32), codegen
+        return kind(number_kind), codegen
 
     return splat
 
 
 splat, splat8 = _splat(sixteen), _splat(eight)
+splat_double = _splat(doubles, types.float64)
 
 
 @njit_intrinsic
@@ -230,13 +231,14 @@ def _place(context, builder, sig, args, kind):
 
 @njit_intrinsic
 def take(typing_context, rows, row, column):
-    """Return eight float32 of an array (n, m), contiguous: from rows[row, column] on."""
+    """Return eight numbers of an array (n, m), contiguous: from rows[row, column] on."""
 
     def codegen(context, builder, sig, args):
-        kind = context.get_value_type(eight)
+        kind = context.get_value_type(sig.return_type)
         return builder.load(_place(context, builder, sig, args, kind), align=4)
 
-    return eight(rows, types.int64, types.int64), codegen
+    kind = eight if rows.dtype == types.float32 else doubles
+    return kind(rows, types.int64, types.int64), codegen
 
 
 @njit_intrinsic

@@ -15,11 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from eol_ros.core.elementary_kernels import sin
+from eol_ros.core.lanes import doubles, fma, less, put, splat_double, take
 from eol_ros.core.physics.event.taylor import TINY
 from eol_ros.core.physics.kernel_args import Lattice
 from eol_ros.core.physics.series import inlined, uncounted
-from eol_ros.core.vectors import WIDTH, spring_order
 
+WIDTH = doubles.width
 LEVER = (math.sqrt(2.0) + math.asinh(1.0)) / 6.0  # mean distance in a unit square from its centre
 
 
@@ -97,10 +98,39 @@ def make_series(at: Lattice, ra: RotationArgs, order: int) -> Series:
 
 
 @inlined
+def spring_order(k, q, sp):
+    """Do what `forces_order` does for k > 0 and WIDTH springs from q on.
+
+    As `event.taylor.direction_order`; the sums stay in vector registers, which they do only if the
+    loop over the terms is the inner one: what LLVM makes of a loop over springs passes each term
+    through memory.
+    """
+    s = p = nx = ny = splat_double(0.0)
+    half, one = splat_double(0.5 / k), splat_double(1.0)
+    for j in range(1, k):
+        x, y, r = take(sp.dx, j, q), take(sp.dy, j, q), take(sp.inverse, k - j, q)
+        share = half * splat_double(j) - one
+        s = fma(y, take(sp.dy, k - j, q), fma(x, take(sp.dx, k - j, q), s))
+        p = fma(share * take(sp.square, j, q), r, p)
+        nx, ny = fma(r, x, nx), fma(r, y, ny)
+    x0, y0, r = take(sp.dx, 0, q), take(sp.dy, 0, q), take(sp.inverse, 0, q)
+    x, y = take(sp.dx, k, q), take(sp.dy, k, q)
+    s = fma(splat_double(2.0), fma(x0, x, y0 * y), s)
+    p = fma(splat_double(-0.5), s * r, p) * (r * r)
+    put(sp.square, k, q, s)
+    put(sp.inverse, k, q, p)
+    stiff, natural = take(sp.law, 0, q), take(sp.law, 1, q)
+    nx, ny = fma(r, x, fma(p, x0, nx)), fma(r, y, fma(p, y0, ny))
+    put(sp.px, k, q, stiff * less(x, natural, nx))
+    put(sp.py, k, q, stiff * less(y, natural, ny))
+
+
+@inlined
 def forces_order(k, sp):
     """Write order k of geometric springs' force into sp.px and sp.py, from dx and dy."""
     if k > 0:
-        spring_order(k, sp.dx, sp.dy, sp.square, sp.inverse, sp.law, sp.px, sp.py)
+        for q in range(0, sp.law.shape[1], WIDTH):
+            spring_order(k, q, sp)
         return
     for q in range(sp.law.shape[1]):
         length = sp.dx[0, q] * sp.dx[0, q] + sp.dy[0, q] * sp.dy[0, q]
