@@ -10,27 +10,12 @@ from eol_ros.core.physics.numerics import length_scale
 from eol_ros.core.physics.rotation import kernel
 from eol_ros.core.physics.rotation.solver import floor_speed, rotation_args
 from eol_ros.core.physics.scene import Scene
-from eol_ros.core.physics.series import entry
 
 # Of the positions, in 9 cm: 0.1 um in a second and a half, a hundredth of what the camera sees.
 TOLERANCE = 1e-3
 KICK_MPS = 1e-5  # where mu_s is mu_k or little more: at 25 rad/s a slip is 0.4 um longer by it
 WEAKEST = 0.01
 ORDER = 6  # of the series: most steps end at an event or an image, and a higher one is for longer
-
-
-@entry
-def gather(xy, angle, lever, out):
-    """Write x, y and s = lever angle of each block into a row of `out` (n, 3)."""
-    for i in range(len(out)):
-        out[i, 0], out[i, 1], out[i, 2] = xy[i, 0], xy[i, 1], lever * angle[i]
-
-
-@entry
-def part(rows, lever, xy, angle):
-    """Write what `gather` put together back into `xy` (n, 2) and `angle` (n,)."""
-    for i in range(len(rows)):
-        xy[i, 0], xy[i, 1], angle[i] = rows[i, 0], rows[i, 1], rows[i, 2] / lever
 
 
 class Rotating:
@@ -69,8 +54,8 @@ class Rotating:
         new arrays.
         """
         q, w, lever = self._q, self._w, self._args.lever
-        gather(u, self.yaw, lever, q)
-        gather(v, self.spin, lever, w)
+        q[:, :2], q[:, 2] = u, lever * self.yaw
+        w[:, :2], w[:, 2] = v, lever * self.spin
         sampled = len(grid.t) > 0
         if sampled:
             self._grid.t[:] = grid.t
@@ -90,9 +75,8 @@ class Rotating:
             True,
             self._workspace,
         )
-        self.yaw, self.spin = np.empty(len(q)), np.empty(len(q))  # others keep those of before
-        part(q, lever, u, self.yaw)
-        part(w, lever, v, self.spin)
+        u[:], self.yaw = q[:, :2], q[:, 2] / lever
+        v[:], self.spin = w[:, :2], w[:, 2] / lever
         if sampled:
             grid.u[:], grid.v[:] = self._grid.u[:, :, :2], self._grid.v[:, :, :2]
         if events:
