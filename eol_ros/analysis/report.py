@@ -90,6 +90,8 @@ def _of_another_clock(found: dict[str, Any]) -> list[str]:
     lines = []
     for kind in ('latency_ms', 'onset_latency_ms'):
         for topic, row in list(found[kind].items()):
+            if not row:
+                lines.append(f'delay of {topic}: not measured, messages have the time of the image')
             if odd := row.pop('of_another_clock', 0):
                 lines.append(
                     f'delay of {topic}: {odd} of {odd + row.get("count", 0)} left out, beyond '
@@ -350,7 +352,7 @@ def _summary(late_ms: np.ndarray) -> dict[str, Any]:
     good = late_ms[np.abs(late_ms) <= LATE_MS]
     odd = len(late_ms) - len(good)
     apart: dict[str, Any] = {'of_another_clock': odd} if odd else {}
-    if not len(good):
+    if not good.any():  # a bag that was made, not recorded, has no delays
         return apart
     late_ms = good
     p50, p99 = np.percentile(late_ms, [50, 99])

@@ -74,7 +74,7 @@ def test_numbers(big, found):
     assert law['b_error'] < 0.3
     assert not law['rejected'] and 'a power law is not ruled out' in law['sentence']
     assert law['alternatives']['exponential']['verdict'] == 'worse'
-    assert 'excluded: exponential' in law['sentence'] and law['sentence'] in report.summary(found)
+    assert 'worse: exponential' in law['sentence'] and law['sentence'] in report.summary(found)
 
 
 @pytest.mark.parametrize(
@@ -93,6 +93,13 @@ def test_values_that_cannot_be_are_told_or_left_out(tmp_path):
     bag = bag_of(tmp_path / 'cascades', [('cascades', Cascade(nucleus=255, area=1), 0)])
     with pytest.raises(ConfigError, match='begins at block 255, and the table has 25 places'):
         report.numbers(bag)
+
+
+def test_a_bag_that_was_made_has_no_delays():
+    found = {'latency_ms': {'blocks': report._summary(np.zeros(3))}, 'onset_latency_ms': {}}
+    words = report._of_another_clock(found)
+    assert words == ['delay of blocks: not measured, messages have the time of the image']
+    assert found['latency_ms'] == {}
 
 
 def test_too_few_cascades_are_not_fitted(tmp_path):

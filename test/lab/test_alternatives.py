@@ -103,4 +103,4 @@ def test_the_words_name_all_four():
     words = alternatives.sentence(list(compared(sample(1.6, 1, 200, 2000, rng(3))).values()))
 
     assert all(name in words for name in alternatives.ALTERNATIVES)
-    assert words.endswith('excluded: exponential')
+    assert words.endswith('worse: exponential')

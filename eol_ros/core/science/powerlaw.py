@@ -204,7 +204,7 @@ class CascadeLaw:
                 f'{second:.2f} in the second'
             )
         if self.rejected:
-            return f'not a power law: {test} (the nearest, from area {f.x_min} on){drift}'
+            return f'not a power law: {test}, the nearest from area {f.x_min} on{drift}'
         bs = [other.b_value for other in self.others]
         return (
             f'a power law is not ruled out: b = {f.b_value:.2f} ({t.low - 1:.2f} to '

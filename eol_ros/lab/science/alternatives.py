@@ -73,11 +73,11 @@ def compare(numbers: np.ndarray, power: Fit) -> list[Alternative]:
 def sentence(found: list[Alternative]) -> str:
     """Return what the comparisons say, for people."""
     parts = []
-    for verdict, words in (('better', 'better'), ('as good', 'as good'), ('worse', 'excluded')):
+    for verdict in ('better', 'as good', 'worse'):
         names = [a.name for a in found if a.verdict == verdict]
         if names:
-            parts.append(f'{words}: {", ".join(names)}')
-    return '; '.join(parts)
+            parts.append(f'{verdict}: {", ".join(names)}')
+    return f'compared with it, {"; ".join(parts)}' if parts else ''
 
 
 def _density(log_weight: np.ndarray) -> np.ndarray:
