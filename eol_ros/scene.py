@@ -74,8 +74,9 @@ KEYS = {  # key: example, meaning (docs/reference/scene.md)
     'together': ('together: [[motion, leds]]', 'groups of nodes that share a process'),
     'elsewhere': (
         'elsewhere: [camera]',
-        'nodes of the graph that other programs start or replace, such as a camera driver; write '
-        'each of them `off` under `nodes`; the program may be one of `programs`',
+        'nodes that other programs start or replace, such as a camera driver, so that their topics '
+        'count as published; write them `off` under `nodes` if the included scene has them. The '
+        'program may be in `programs`',
     ),
     'machines': (
         'machines: {show: {address: 10.0.0.1, nodes: [camera]}}',

@@ -344,7 +344,8 @@ class LedsSettings:
     baud: int = setting(1_000_000, 'baud rate of the serial port', '', 9600, 4_000_000)
     decay_s: float = live(
         0.1,
-        'time constant of a flash; at least 0.182 s with flash_limit: field or false',
+        'time constant of a flash; flash_limit: field or false raises a shorter one, also that of '
+        'another look, to 0.182 s',
         's',
         0.02,
         10,
@@ -533,7 +534,7 @@ class GrainsSettings:
     radius: float = live(0.045, 'trigger radius of a block', 'm', 0.001, 1)
     rearm_ratio: float = live(
         1.2,
-        'hysteresis of the trigger radius: a grain can sound again after the block was '
+        'hysteresis of the trigger radius: a block can sound the same grain again after it was '
         'farther away than radius times this ratio',
         '',
         1,
@@ -624,7 +625,14 @@ class SoundSettings:
     )
     card_needed: bool = setting(True, 'warn while there is no sound card')
     sample_rate: int = setting(48000, 'sample rate of the output', 'Hz', 8000, 192000)
-    channels: int = setting(2, 'number of loudspeakers in a row, from left to right', '', 1, 64)
+    channels: int = setting(
+        2,
+        'number of outputs: loudspeakers in a row, from left to right, or as many as `speakers` '
+        'names; one more with `sub_output`',
+        '',
+        1,
+        64,
+    )
     speakers: tuple[str, ...] = setting(
         (),
         'loudspeakers around the table in the order of the outputs, as NAME AZIMUTH in degrees '
@@ -939,7 +947,11 @@ class MidiSettings:
         0.5, 'speed of a block at which its note has the greatest velocity', 'm/s', 0.01, 10
     )
     pressure: bool = setting(False, "send each block's stress as poly pressure of its note")
-    clock: bool = setting(False, 'send MIDI clock at the tempo of grains.beat_period_s')
+    clock: bool = setting(
+        False,
+        'send MIDI clock, a quarter note for each grains.beat_period_s, and Start at a beat; never '
+        'Stop',
+    )
 
 
 @dataclass(frozen=True)

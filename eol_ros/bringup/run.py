@@ -60,7 +60,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--machine',
         metavar='NAME',
-        help='run the nodes that `machines` of the scene gives this machine (default: by address)',
+        help='name of this machine under the scene key `machines`, which lists the nodes that it '
+        'runs (default: the machine that has an address of this one)',
     )
     parser.add_argument(
         '--ros-args',

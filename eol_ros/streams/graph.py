@@ -217,7 +217,8 @@ _TOPICS = (
     TopicSpec('work_state', 'eol_msgs/msg/NodeState', 'state',
               'state of the whole work, as pages and `eol status` show it; at each change'),
     TopicSpec('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', 'health',
-              'node_states for ROS tools', publishers=(EVERY_NODE,)),
+              'node_states for ROS tools, by names as `eol: sound`; STARTING is WARN',
+              publishers=(EVERY_NODE,)),
     TopicSpec('/clock', 'rosgraph_msgs/msg/Clock', 'clock',
               'recorded time, for nodes that use_sim_time', subscribers=(EVERY_NODE,)),
 )
