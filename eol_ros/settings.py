@@ -399,7 +399,8 @@ class LedsSettings:
     flash_limit: str = setting(
         'field_of_view',
         'area limited to three flashes a second: each field of view of 10 degrees, seen from any '
-        'distance (docs/explanation/light.md), or the whole field of blocks; false: no limit',
+        'distance from 30 degrees above the table on, or the whole field of blocks; false: no '
+        'limit (docs/explanation/light.md)',
         choices=('field_of_view', 'field', 'false'),
     )
     flash_limit_off_because: str = setting(
@@ -469,14 +470,14 @@ class GrainsSettings:
     )
     weights: tuple[str, ...] = live(
         (),
-        'lines, one a sound: the share, 0 to 1, of the grains of that sound that blocks can '
-        'play. NAME is the file name without its ending, the name of its folder, or ice',
+        'lines NAME WEIGHT, one for each sound: share of its grains, 0 to 1, that blocks can play. '
+        'NAME is the file name without its ending, the name of its folder, or ice',
         kind='NAME WEIGHT',
     )
     regions: tuple[str, ...] = live(
         (),
-        'lines, one a sound: the part of the space for its grains: left, right, near, far, or '
-        'X MIN,Y MIN,X MAX,Y MAX in 0..1',
+        'lines NAME REGION, one for each sound: the part of the space for its grains, as left, '
+        'right, near, far or X MIN,Y MIN,X MAX,Y MAX in 0..1',
         kind='NAME REGION',
     )
     segment: str = live(
@@ -527,8 +528,9 @@ class GrainsSettings:
     k: int = live(3, 'number of nearest grains with choose: k', '', 1, 100)
     match: tuple[str, ...] = live(
         (),
-        "lines that choose grains by descriptors, not by space: closest to the block's x, y or "
-        'speed, or to its last grain. The distance is a weighted distance of ranks, 0 to 1',
+        'lines DESCRIPTOR WEIGHT SOURCE that choose grains by descriptors, not by space: closest '
+        'to the x, y or speed of the block, or to its last grain (SOURCE x, y, speed, last). The '
+        'distance is a weighted distance of ranks, 0 to 1',
         kind='DESCRIPTOR WEIGHT SOURCE',
     )
     radius: float = live(0.045, 'trigger radius of a block', 'm', 0.001, 1)
