@@ -50,13 +50,13 @@ PEERS: dict[str, tuple[str, str, Callable[[Scene, np.ndarray], np.ndarray]]] = {
 INTRODUCTION = """
 # Stiff and extreme cases
 
-Made by `eol bench extremes --markdown` on the machine named above. Times are processor time of one
-core, without energy ledger and compilation; *times ordinary* is in units of an ordinary table (S3G,
-5 s). *Error* is the largest displacement error against a formula, mpmath, SciPy (DOP853 between its
-own events, tolerance 3e-13, stops below 1e-8 m/s) or the tests' stepping, none by the solver's
-method. Status ok: the run *reached* its whole duration. *Covered* is the part that the reference
-covers, a fifth at least. A peer runs on the same part (SciPy's events: at 1e-7): its error, its
-time, ours in brackets. K_C is the stiffness between blocks, K_L that to the plate."""
+Made by `eol bench extremes --markdown`. Times are processor time of one core, without energy ledger
+and compilation; *times ordinary* is in units of an ordinary table (S3G, 5 s). *Error* is the
+largest displacement error against a formula, mpmath, SciPy (DOP853 between its own events,
+tolerance 3e-13, stops below 1e-8 m/s) or the tests' stepping, none by the solver's method. Status
+ok: the run *reached* its whole duration. *Covered* is the part that the reference covers, a fifth
+at least. A peer runs on the same part (SciPy's events: at 1e-7): its error, its time, ours in
+brackets. K_C is the stiffness between blocks, K_L that to the plate."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
