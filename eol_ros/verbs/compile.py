@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """eol compile: compile what a first run would have to wait for."""
 
+import math
 import os
-import select
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from typing import IO
+from pathlib import Path
 
 from eol_ros import compiled, parent_death
 from eol_ros.errors import EolError, UsageError, nearest
@@ -18,6 +18,7 @@ from eol_ros.verbs.progress import track
 HELP = 'Compile the kernels of twin, tracker and sound into the cache; make the ice recording.'
 EXAMPLES = ['eol compile', 'eol compile --parts sound,simulate', 'eol compile --force']
 WAITING = 'another process compiles into the same cache; waiting until it is done'
+LOOK_S = 0.5
 STEP = 5  # percent between lines of progress where there is no terminal
 
 
@@ -36,7 +37,7 @@ def add_arguments(parser):
     parser.add_argument(
         '--here',
         action='store_true',
-        help='compile in this process, and print the number of compiled functions',
+        help='compile in this process, without a bar',
     )
 
 
@@ -84,7 +85,7 @@ def _compile(cold: Sequence[str]) -> None:
 def _percents(parts: Sequence[str]) -> Iterator[int]:
     """Compile `parts` and yield how far that is: every whole percent."""
     waiting = list(parts)
-    running: dict[IO[str], tuple[str, subprocess.Popen[str]]] = {}
+    running: dict[str, subprocess.Popen] = {}
     done = dict.fromkeys(parts, 0.0)
     total = sum(SECONDS[part] for part in parts)
     shown = 0
@@ -98,19 +99,16 @@ def _percents(parts: Sequence[str]) -> Iterator[int]:
             while waiting and len(running) < max(len(os.sched_getaffinity(0)), 1):
                 part = waiting.pop(0)
                 command = [sys.executable, '-m', 'eol_ros', 'compile', '--here', '--parts', part]
-                child = subprocess.Popen(
-                    command, stdout=subprocess.PIPE, stderr=told, text=True, bufsize=1,
-                    preexec_fn=parent_death.following(),
-                )  # fmt: skip
-                assert child.stdout is not None
-                running[child.stdout] = part, child
-            for output in select.select(list(running), [], [], 1.0)[0]:
-                part, child = running[output]
-                if line := output.readline():
-                    done[part] = min(int(line) / FUNCTIONS[part], 0.99) * SECONDS[part]
+                running[part] = subprocess.Popen(
+                    command, stderr=told, preexec_fn=parent_death.following()
+                )
+            time.sleep(LOOK_S)
+            for part, child in list(running.items()):
+                done[part] = SECONDS[part] * _share(_used_s(child.pid) / SECONDS[part])
+                if child.poll() is None:
                     continue
-                del running[output]
-                if child.wait():
+                del running[part]
+                if child.returncode:
                     raise EolError(f'compiling {part} has failed (exit code {child.returncode})')
                 done[part] = SECONDS[part]
             percent = int(100 * sum(done.values()) / total)
@@ -120,26 +118,26 @@ def _percents(parts: Sequence[str]) -> Iterator[int]:
                 shown += 1
                 yield shown
     finally:
-        for _, child in running.values():
+        for child in running.values():
             child.kill()
 
 
+def _used_s(pid: int) -> float:
+    """Return the processor time of a child that has not been waited for, s."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def _share(used: float) -> float:
+    """Return how much of a part to show as done after `used` of its expected processor time.
+
+    From 0.8 on it slows down, so that it moves for as long as a slower processor needs.
+    """
+    return used if used < 0.8 else 1.0 - 0.2 * math.exp((0.8 - used) / 0.2)
+
+
 def _here(parts: Sequence[str]) -> int:
-    """Compile in this process; print the count of functions whenever one is done."""
-    from numba.core import event
-
-    class Count(event.Listener):
-        def __init__(self) -> None:
-            self.count = 0
-
-        def on_start(self, happening: event.Event) -> None:
-            pass
-
-        def on_end(self, happening: event.Event) -> None:
-            self.count += 1
-            print(self.count, flush=True)
-
-    event.register('numba:compile', Count())
+    """Compile in this process."""
     for part in parts:
         WORK[part]()
         compiled.stamp(part)
@@ -221,7 +219,5 @@ def _simulate():
 WORK = {
     'tracker': _tracker, 'twin': _twin, 'sound': _sound, 'ice': _ice, 'simulate': _simulate
 }  # fmt: skip
-# To tell how far it is: how many functions each of them compiles or loads (numba's own events), and
-# how many seconds of a processor that took, cold, where it was measured.
-FUNCTIONS = {'tracker': 255, 'twin': 78, 'sound': 103, 'ice': 1, 'simulate': 137}
-SECONDS = {'tracker': 52, 'twin': 49, 'sound': 45, 'ice': 10, 'simulate': 60}
+# To tell how far it is: processor time of each, cold, s, where it was measured.
+SECONDS = {'tracker': 48, 'twin': 38, 'sound': 32, 'ice': 6, 'simulate': 42}

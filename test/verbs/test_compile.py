@@ -2,8 +2,11 @@
 """eol compile: two at once share one cache, and what is damaged or stale is not taken for done."""
 
 import json
+import os
 import subprocess
 import sys
+import time
+from itertools import pairwise
 
 import pytest
 
@@ -107,6 +110,15 @@ def test_a_part_depends_on_all_modules_that_it_was_compiled_with(cache):
     sources = json.loads((cache / 'sound.json').read_text())['sources']
     assert {'core/sound/mixer.py', 'core/compiled.py', 'core/sound/lanes.py'} <= sources.keys()
     assert 'cli.py' not in sources and 'core/vision/tracker.py' not in sources
+
+
+def test_the_bar_moves_for_as_long_as_a_slower_processor_needs():
+    shares = [verb._share(used / 10) for used in range(31)]
+    assert shares[:9] == [used / 10 for used in range(9)]
+    assert all(later > sooner for sooner, later in pairwise(shares)) and shares[-1] < 1
+    began_s = verb._used_s(os.getpid())
+    sum(range(3_000_000))
+    assert began_s <= verb._used_s(os.getpid()) < time.process_time() + 1
 
 
 def test_what_of_the_processor_decides_is_told_without_numba():
