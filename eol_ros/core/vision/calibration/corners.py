@@ -85,17 +85,18 @@ def _line(off: np.ndarray, good: np.ndarray, t: np.ndarray) -> tuple[np.ndarray,
 
 def _lines(
     image: np.ndarray, blobs: np.ndarray, tables: np.ndarray, parts: int, rounds: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return lines (n, 4, 2) as of `_gather`, the share of each that agrees, and what is seen.
+) -> tuple[np.ndarray, ...]:
+    """Return lines (n, 4, 2) as of `_gather`, by how much they move, and the share that agrees.
 
     All sides are read again where they were found until none moves: a step stops short of its end,
-    and light outside of one that stands wrong is the light of an edge. What is seen is 0 of parts
-    that do not agree; last is where (n, 1, parts) px they lie along a side.
+    and light outside of one that stands wrong is the light of an edge. Then what is seen at these
+    lines, 0 of parts that do not agree, and where (n, 1, parts) px they lie along a side.
     """
     squares = np.column_stack([blobs['u'], blobs['v'], blobs['theta'], blobs['side_px'] / 2])
     lines, seen = np.zeros((len(blobs), 4, 2)), np.zeros((len(blobs), 4, parts, BINS, 3))
     t = (squares[:, 3, None, None] - CORNER_PX) * ((np.arange(parts) + 0.5) / parts * 2 - 1)
-    share, good, low, high = np.zeros(lines.shape[:2]), np.zeros(0), *STEPS
+    share, good, moved = np.zeros(lines.shape[:2]), np.zeros(0), np.zeros(lines.shape)
+    low, high = STEPS
     for k in range(rounds):
         _gather(read_only(image), squares, tables, lines, seen)
         at, levels = falling_light.steps(seen, BLUR_PX)
@@ -106,10 +107,11 @@ def _lines(
         good &= outside < bare + np.maximum(OTHER * usual, 4.0)
         a, b, share = _line(at, good, t)
         moved = np.where((share > 0.3)[..., None], np.stack([a, b], -1), 0.0)
-        if k == rounds - 1 or np.abs(moved @ [1.0, squares[:, 3].max()]).max() < SETTLED_PX:
+        far = np.abs(moved)
+        if k == rounds - 1 or (far[..., 0] + far[..., 1] * squares[:, 3:]).max() < SETTLED_PX:
             break
         lines += moved
-    return lines, share, seen * good[..., None, None], t
+    return lines, moved, share, seen * good[..., None, None], t
 
 
 def sides_px(image: np.ndarray, squares: np.ndarray, camera: Calibration) -> np.ndarray:
@@ -118,8 +120,8 @@ def sides_px(image: np.ndarray, squares: np.ndarray, camera: Calibration) -> np.
     squares: SQUARE (n,), where they stand in `image`.
     """
     tables = outline.tables(camera, squares, falling_light.NEAR_SHINE_PX)
-    lines, share, _, _ = _lines(image, squares, tables, 4, 2)
-    wide = squares['side_px'] + lines[..., 0].sum(axis=1) / 2
+    lines, moved, share, _, _ = _lines(image, squares, tables, 4, 1)
+    wide = squares['side_px'] + (lines + moved)[..., 0].sum(axis=1) / 2
     return np.where((share > WHOLE).all(axis=1), wide, np.nan)
 
 
@@ -130,7 +132,8 @@ def corners(image: np.ndarray, blobs: np.ndarray, tables: np.ndarray | None = No
     covers with relief (outline.tables) sides are where falling_light finds them.
     """
     flat = np.zeros((len(blobs), outline.SIZE), np.float32)
-    lines, share, seen, t = _lines(image, blobs, flat if tables is None else tables, PARTS, ROUNDS)
+    where = flat if tables is None else tables
+    lines, moved, share, seen, t = _lines(image, blobs, where, PARTS, ROUNDS)
     if tables is not None:
         side_px = float(np.median(blobs['side_px']))
         seen = seen.reshape(*seen.shape[:2], ENDS, -1, *seen.shape[3:]).sum(axis=3)
@@ -138,7 +141,8 @@ def corners(image: np.ndarray, blobs: np.ndarray, tables: np.ndarray | None = No
         good, off = seen[..., 0].sum(axis=-1) > 0, np.zeros(t.shape)
         off[good] = falling_light.edges(seen[good], BLUR_PX, side_px)
         a, b, _ = _line(off, good, t)
-        lines += np.stack([a, b], axis=-1)
+        moved = np.stack([a, b], axis=-1)
+    lines += moved
     reach = blobs['side_px'][:, None] / 2 + lines[..., 0]
     square = blobs['theta'][:, None] + np.arange(4) * np.pi / 2
     angle = square - np.arctan(lines[..., 1])

@@ -19,6 +19,8 @@ import math
 
 import numpy as np
 
+from eol_ros.core.compiled import njit
+
 SHARE = 0.55
 INSIDE = 0.2
 # And further out where a wall is in sight, which shines on the sandpaper; more than of the sides
@@ -93,6 +95,15 @@ def steps(seen: np.ndarray, blur_px: float) -> tuple[np.ndarray, np.ndarray]:
     return at.reshape(seen.shape[:-2]), levels.reshape(*seen.shape[:-2], -1)
 
 
+@njit(cache=True)
+def _below(x):
+    """Return the standard normal distribution at x (n,)."""
+    found = np.empty_like(x)
+    for k in range(len(x)):
+        found[k] = 0.5 + 0.5 * math.erf(x[k] / math.sqrt(2.0))
+    return found
+
+
 def _fitted(
     seen: np.ndarray,
     at: np.ndarray,
@@ -107,8 +118,6 @@ def _fitted(
     together where `blur_steps` are allowed for it. By Gauss-Newton, of the least squares over all
     pixels, in shares of each side's step.
     """
-    from scipy.special import erf  # only who calibrates needs it
-
     n = np.maximum(seen[..., 0], 1.0)
     d, light = seen[..., 1] / n - at[:, None], seen[..., 2] / n
     weight = np.where((d > window[0] * blur_px) & (d < window[1] * blur_px), seen[..., 0], 0.0)
@@ -117,7 +126,7 @@ def _fitted(
     for k in range(blur_steps or _STEPS):
         x = (edge[:, None] - d) / blur_px
         bell = np.exp(-0.5 * x * x) / np.sqrt(2 * np.pi)
-        cover = 0.5 + 0.5 * erf(x / np.sqrt(2))
+        cover = _below(x.ravel()).reshape(x.shape)
         slopes = np.stack([np.ones_like(x), cover, blur_px * (x * cover + bell)], axis=-1)
         left = (light - (slopes @ levels[..., None])[..., 0])[..., None]
         slopes = slopes[..., :known]
