@@ -398,8 +398,8 @@ class LedsSettings:
     )
     flash_limit: str = setting(
         'field_of_view',
-        'area limited to three flashes a second: each field of view of 10 degrees, seen from any '
-        'distance from 30 degrees above the table on, or the whole field of blocks; false: no '
+        'area limited to three flashes a second: each field of view of 10 degrees, from any '
+        'distance, at 30 degrees or more above the table; or the whole field of blocks; false: no '
         'limit (docs/explanation/light.md)',
         choices=('field_of_view', 'field', 'false'),
     )

@@ -177,7 +177,8 @@ class Reader:
                 key = self._convert(key_node, name, merge_hint)
                 if not isinstance(key.value, str):
                     number = isinstance(key.value, (int, float))
-                    hint = '; put text with commas in quotes' if number else ''
+                    hint = '; write a decimal point, or text with commas in quotes'
+                    hint = hint if number else ''
                     self.wrong(key, '', f'key {key.bare!r} is not a name{hint}')
                     continue
                 if key.value in place.value:

@@ -2,6 +2,7 @@
 """Names of files are bytes: those of a Windows archive, of Macs, and with blanks."""
 
 import io
+import json
 import os
 import shutil
 import sys
@@ -69,6 +70,12 @@ def test_a_name_that_is_no_text_ends_no_verb(folder, words, code, monkeypatch):
     said = error.buffer.getvalue().decode()
     assert found == code, said
     assert 'Traceback' not in said
+    if words[0] == 'report':  # of the sample that ships
+        told = json.loads((folder / f'{ODD}-report' / 'report.json').read_text())
+        assert told['slips']['count'] >= 200 and told['cascades']['count'] >= 20
+        assert (
+            told['light']['moments'] > 0 and 'too short' in told['one_over_f']['light']['sentence']
+        )
 
 
 def test_a_sound_without_a_name_in_text_is_left_out(folder):

@@ -51,7 +51,7 @@ def test_readers_keep_nothing_of_what_they_have_read(name, tmp_path):
         kept, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert kept < 300_000
+    assert kept < 180_000
 
 
 @pytest.mark.soak

@@ -184,7 +184,8 @@ class Health:
             self._rate = (self.ticks - self._reported_ticks) / span
             self._reported_ticks, self._reported_s = self.ticks, now
         level, text = self.level, self.text
-        patience_s = {OK: 0.0, STARTING: PATIENCE_S}.get(level, math.inf)
+        # the source may wait so long for its nodes
+        patience_s = {OK: 0.0, STARTING: 2 * PATIENCE_S}.get(level, math.inf)
         if self._expected and (silent_s := self.overdue_s()) > patience_s:
             level = WARN
             text = said('nothing_of', what=self._expected[0], seconds=f'{silent_s:.0f}')

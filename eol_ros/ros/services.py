@@ -122,7 +122,7 @@ def _send_later(node: 'EolNode', service: Service) -> None:
 
         def attempt() -> None:
             with warnings.catch_warnings(record=True) as unread:
-                warnings.simplefilter('always')
+                warnings.simplefilter('always', RuntimeWarning)  # rclpy's: no reader yet
                 send(response, header)
             if unread and time.monotonic() < until_s:
                 if not timers:

@@ -63,6 +63,8 @@ def test_a_page_shows_every_state(serve, browser, path, language):
     until_page(browser, 'eol.link.age() > 6')
     assert not AXE.exists() or barriers(browser) == []
     complaints(browser)  # of the lost connection
+    if not AXE.exists():
+        pytest.skip('tools/setup_env.sh test installs axe-core, with npm')
 
 
 def test_the_last_word_of_a_work_that_was_stopped_stays(serve, browser):

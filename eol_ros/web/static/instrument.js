@@ -138,7 +138,7 @@ export class InstrumentView {
         this.showSounds();
         this.askRegion((place) => {
           this.dialog.showModal(); // its answer is written there
-          put(place);
+          if (place) put(place);
         });
       };
       row.append(title, weight, words, region);

@@ -47,9 +47,10 @@ export class SpaceView {
     this.slider.oninput = () => this.sayBlend();
     this.slider.onchange = () => act('blend', { value: Number(this.slider.value) });
     this.canvas.onpointermove = (event) => this.hover(event);
-    this.canvas.onpointerleave = () => this.dragging || this.pick(-1);
+    this.canvas.onpointerleave = () => this.dragging || this.region || this.pick(-1);
     this.canvas.onpointerdown = (event) => this.grab(event);
     this.canvas.onpointerup = (event) => this.release(event);
+    this.canvas.onpointercancel = () => this.answerRegion('');
     this.canvas.onkeydown = (event) => this.key(event);
   }
 
@@ -227,9 +228,20 @@ export class SpaceView {
   }
 
   // The next drag draws a rectangle: the edges of a region, 0..1.
+  // `answer` gets the edges of the rectangle that is drawn next, or '' if none is.
   askRegion(answer) {
     this.region = { answer };
     write(this.legend, say('region_ask'));
+    this.canvas.focus(); // Escape ends it
+  }
+
+  answerRegion(place) {
+    const { region } = this;
+    this.region = null;
+    this.dirty = true;
+    if (!region) return;
+    write(this.legend, '');
+    region.answer(place);
   }
 
   hover(event) {
@@ -273,10 +285,8 @@ export class SpaceView {
     if (region?.from) {
       const [[x0, y0], [x1, y1]] = [region.from, region.to];
       const edges = [Math.min(x0, x1), Math.min(y0, y1), Math.max(x0, x1), Math.max(y0, y1)];
-      this.region = null;
-      this.dirty = true;
-      write(this.legend, '');
-      if (edges[2] - edges[0] > 0.02 && edges[3] - edges[1] > 0.02) region.answer(edges.map((v) => v.toFixed(2)).join());
+      const wide = edges[2] - edges[0] > 0.02 && edges[3] - edges[1] > 0.02;
+      this.answerRegion(wide ? edges.map((v) => v.toFixed(2)).join() : '');
     }
     this.dragging = null;
     if (!dragging) return;
@@ -311,7 +321,8 @@ export class SpaceView {
   key(event) {
     const step = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
     if (!this.corpus || !this.corpus.x.length) return;
-    if (event.key === 'Enter' || event.key === ' ') this.play(this.picked);
+    if (event.key === 'Escape') this.answerRegion('');
+    else if (event.key === 'Enter' || event.key === ' ') this.play(this.picked);
     else if (step && event.shiftKey && this.picked >= 0 && !this.locked) {
       const within = (v) => Math.min(Math.max(v, 0), 1);
       this.put(this.picked, within(this.corpus.x[this.picked] + step[0] * 0.01), within(this.corpus.y[this.picked] + step[1] * 0.01));
