@@ -168,7 +168,7 @@ class Twin:
 
     def step(self, span_s: float) -> list[tuple[float, int]]:
         """Move on by `span_s`; return (seconds, block) of every slip that began."""
-        log = self.table._log
+        log = self.table._ledger.log
         log.start[:] = -1
         begin_s = self.play.advance(span_s)
         return [

@@ -56,7 +56,7 @@ class Rehearsal:
 
     def images(self, count: int) -> Iterator[float]:
         """Move on image by image; yield the stamp of each, in s."""
-        log = self.table._log
+        log = self.table._ledger.log
         for k in range(count):
             end_s = (k + 1) / self.fps
             if self.hands != 'visitors':

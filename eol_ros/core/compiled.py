@@ -296,12 +296,12 @@ class _Cache:
         function = self._function
         files, constants = made_from(function)
         args, returned = sigutils.normalize_signature(sig)
-        target = codegen.magic_tuple()[1:]  # more features if numba was used before this module
+        target = codegen.magic_tuple()  # with features if numba was used before this module
         key = (
             *(function.__module__, function.__qualname__, function.__code__.co_firstlineno),
             *(sha256(function.__code__.co_code).hexdigest(), self._options, constants),
             *([_described(kind) for kind in args], str(returned)),
-            TARGET if target == (TARGET, '') else codegen.magic_tuple(),
+            TARGET if FIXED and not target[2] else target,
             sorted(files.values()),
         )
         where = function.__module__.rpartition('.')[2]

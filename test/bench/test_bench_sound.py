@@ -72,7 +72,7 @@ def truth_of(settings, seconds):
     for k in range(1 + round(seconds * 60)):
         stamp, before = (10**18 + round(i * NS / settings.fps) for i in (k, k - 1))
         span_s = (stamp - before) / NS if k > 1 else (1 / settings.fps if k else 1e-4)
-        table._log.start[:] = -1
+        table._ledger.log.start[:] = -1
         play.advance(span_s)
         if not k:
             continue
@@ -81,8 +81,8 @@ def truth_of(settings, seconds):
             SimpleNamespace(header=SimpleNamespace(stamp=at), x=table.x.copy(), y=table.y.copy())
         )
         begun += [
-            (stamp - round((span_s - table._log.t[i]) * NS), int(table._log.block[i]))
-            for i in np.flatnonzero(table._log.start == 1)
+            (stamp - round((span_s - table._ledger.log.t[i]) * NS), int(table._ledger.log.block[i]))
+            for i in np.flatnonzero(table._ledger.log.start == 1)
         ]
     return truths, begun
 

@@ -444,7 +444,7 @@ def test_a_client_library_of_others_follows_the_blocks(node, version):
         try:
             lines = queue.Queue()
             threading.Thread(target=lambda: [*map(lines.put, client.stdout)], daemon=True).start()
-            address = (f'127.0.0.1:{int(lines.get(timeout=10.0))}',)
+            address = (f'127.0.0.1:{int(lines.get(timeout=60.0))}',)
             one = node(send_to=(), **{'tuio' if version == 1 else 'tuio2': address})
             at = now_ns()
 
@@ -454,7 +454,7 @@ def test_a_client_library_of_others_follows_the_blocks(node, version):
                     told.rows[name][7] = value
                 one.on_blocks(told)
                 one.flush()
-                return {row[1]: row for row in json.loads(lines.get(timeout=10.0))}
+                return {row[1]: row for row in json.loads(lines.get(timeout=60.0))}
 
             places, x = frame(0), one.table.rest[7, 0]
             assert sorted(places) == list(range(25))
