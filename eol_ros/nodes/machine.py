@@ -9,6 +9,7 @@ from eol_msgs.msg import NodeState
 from eol_ros.core.clock_offset import Offset, OneWay, offset
 from eol_ros.errors import EolError
 from eol_ros.ros.node import EolNode
+from eol_ros.ros.services import GIVE_UP_S
 from eol_ros.ros.startup_barrier import PATIENCE_S
 from eol_ros.said import clauses, code_and_args, from_message, said
 from eol_ros.scene import machine_node
@@ -17,7 +18,7 @@ from eol_ros.streams.work_state import ERROR, STARTING
 
 SILENT_S = 3.0  # of nodes that report once a second
 FAR_S = 0.02  # of clocks so far apart sound and light are plainly out of time
-ORDER_S = 6.0  # from the answer to `restart` or `stop` to its begin: the caller has the response
+ORDER_S = GIVE_UP_S + 2.0  # from the answer to `restart` or `stop` to its begin
 
 
 class MachineNode(EolNode):

@@ -44,7 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--seed', type=within(0, 1e18, int), default=1, metavar='S', help='seed of the start (1)'
     )
     parser.add_argument(
-        '--fit', default='', metavar='FROM:TO', help='range of sizes for the fit of tau'
+        '--fit',
+        default='',
+        metavar='FROM:TO',
+        help=f'range of sizes for the fit of tau, up to {LARGEST_FIT}',
     )
     parser.add_argument(
         '-o', '--output', metavar='FILE.npz', help='file for size, area, duration and first'

@@ -28,9 +28,9 @@ class Rotating:
     def __init__(self, scene: Scene, samples: int):
         assert scene.rotation is not None
         self._lattice, self._args = scene.lattice, rotation_args(scene)
-        self._rules = rules_for(
-            TOLERANCE, length_scale(scene), ORDER, floor_speed(TOLERANCE)
-        )._replace(kick=KICK_MPS, weakest=WEAKEST, slowest=floor_speed(TOLERANCE))
+        slowest = floor_speed(TOLERANCE)
+        rules = rules_for(TOLERANCE, length_scale(scene), ORDER, slowest)
+        self._rules = rules._replace(kick=KICK_MPS, weakest=WEAKEST, slowest=slowest)
         self._workspace = kernel.make_workspace(self._lattice, self._args, ORDER)
         self.yaw, self.spin = scene.rotation.yaw0.copy(), scene.rotation.spin0.copy()
         self._q, self._w = np.zeros((scene.n, 3)), np.zeros((scene.n, 3))
