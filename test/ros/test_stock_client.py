@@ -52,6 +52,8 @@ while not any(r.id == 'mine' for r in results) and time.monotonic() < end:
         requests.publish(Request(id='mine', kind='slep'))
     rclpy.spin_once(node, timeout_sec=0.5)
 found['unknown'] = [r.reason for r in results if r.id == 'mine'][0]
+while len(node.get_node_names()) < 3 and time.monotonic() < end + 30:
+    rclpy.spin_once(node, timeout_sec=0.5)  # names come apart from topics
 found['nodes'] = sorted(f'{space}/{name}' for name, space in node.get_node_names_and_namespaces())
 found['topics'] = dict(node.get_topic_names_and_types())
 found['services'] = dict(node.get_service_names_and_types())

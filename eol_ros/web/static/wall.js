@@ -32,6 +32,7 @@ view.onflip = (next, now) => {
   for (const [part, text] of [['words', words], ['chinese', chinese], ['credit', credit]]) {
     document.getElementById(part).textContent = text ?? '';
   }
+  wall.dataset.change = next.change;
   wall.dataset.picture = next.name;
 };
 
