@@ -176,9 +176,9 @@ class Reader:
                     continue
                 key = self._convert(key_node, name, merge_hint)
                 if not isinstance(key.value, str):
-                    number = isinstance(key.value, (int, float))
-                    hint = '; write a decimal point, or text with commas in quotes'
-                    hint = hint if number else ''
+                    hint = ''
+                    if isinstance(key.value, (int, float)):
+                        hint = '; write a decimal point, or text with commas in quotes'
                     self.wrong(key, '', f'key {key.bare!r} is not a name{hint}')
                     continue
                 if key.value in place.value:

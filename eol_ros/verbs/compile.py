@@ -8,9 +8,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 from eol_ros import compiled, parent_death
+from eol_ros.bringup.processor import threads
 from eol_ros.errors import EolError, UsageError, nearest
 from eol_ros.ros.health_pipe import HealthPipe
 from eol_ros.verbs.progress import track
@@ -124,8 +124,7 @@ def _percents(parts: Sequence[str]) -> Iterator[int]:
 
 def _used_s(pid: int) -> float:
     """Return the processor time of a child that has not been waited for, s."""
-    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+    return 1e-9 * sum(thread.ran_ns for thread in threads(pid).values())
 
 
 def _share(used: float) -> float:

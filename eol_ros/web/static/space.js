@@ -227,8 +227,7 @@ export class SpaceView {
     return [within((x - x0) / (x1 - x0)), within((y - y0) / (y1 - y0))];
   }
 
-  // The next drag draws a rectangle: the edges of a region, 0..1.
-  // `answer` gets the edges of the rectangle that is drawn next, or '' if none is.
+  // `answer` gets the edges, 0..1, of the rectangle that the next drag draws, or '' if it draws none.
   askRegion(answer) {
     this.region = { answer };
     write(this.legend, say('region_ask'));

@@ -120,8 +120,8 @@ def sides_px(image: np.ndarray, squares: np.ndarray, camera: Calibration) -> np.
     squares: SQUARE (n,), where they stand in `image`.
     """
     tables = outline.tables(camera, squares, falling_light.NEAR_SHINE_PX)
-    lines, moved, share, _, _ = _lines(image, squares, tables, 4, 1)
-    wide = squares['side_px'] + (lines + moved)[..., 0].sum(axis=1) / 2
+    _, moved, share, _, _ = _lines(image, squares, tables, 4, 1)  # one reading: from where they are
+    wide = squares['side_px'] + moved[..., 0].sum(axis=1) / 2
     return np.where((share > WHOLE).all(axis=1), wide, np.nan)
 
 
