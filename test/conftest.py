@@ -77,7 +77,7 @@ def pytest_collection_finish():
 
 
 def pytest_terminal_summary(terminalreporter):
-    """Write counts and reasons of skips to $EOL_TEST_OUTCOMES, for tools/run_tests.py."""
+    """Write counts, reasons of skips, and seconds by file for run_tests.py ($EOL_TEST_OUTCOMES)."""
     path = os.environ.get('EOL_TEST_OUTCOMES')
     if not path:
         return
@@ -89,7 +89,12 @@ def pytest_terminal_summary(terminalreporter):
     counts = {name: len(stats.get(name, ())) for name in names}
     failures = [*stats.get('failed', ()), *stats.get('error', ())]
     failed = {report.nodeid: _why(report) for report in failures}
-    Path(path).write_text(json.dumps({'counts': counts, 'skipped': reasons, 'failed': failed}))
+    seconds = collections.Counter()
+    for report in itertools.chain(*stats.values()):
+        if isinstance(report, pytest.TestReport):
+            seconds[report.nodeid.split('::')[0]] += report.duration
+    found = {'counts': counts, 'skipped': reasons, 'failed': failed, 'seconds': seconds}
+    Path(path).write_text(json.dumps(found))
 
 
 def _why(report):

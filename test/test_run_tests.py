@@ -22,12 +22,16 @@ def run(monkeypatch, tmp_path, capsys):
             tried.append(paths)
             failed = again if not selection else first if 'not live' in selection[-1] else {}
             left = {'passed': 10, 'failed': len(failed), 'error': 0, 'skipped': 0}
-            return int(bool(failed)), {'counts': left, 'skipped': {}, 'failed': failed}
+            seconds = {f'test_{n}.py': n for n in range(12)}
+            found = {'counts': left, 'skipped': {}, 'failed': failed, 'seconds': seconds}
+            return int(bool(failed)), found
 
         monkeypatch.setattr(run_tests, 'run_part', part)
         monkeypatch.setattr(sys, 'argv', ['run_tests.py', *words])
         code = run_tests.main()
-        return code, capsys.readouterr().out.split('everything was tested\n')[1].splitlines()
+        before, after = capsys.readouterr().out.split('everything was tested\n')
+        of.before = before.splitlines()
+        return code, after.splitlines()
 
     of.tried = tried
     return of
@@ -36,6 +40,15 @@ def run(monkeypatch, tmp_path, capsys):
 def test_all_passed(run):
     assert run({}) == (0, ['20 passed, 0 failed, 0 skipped'])
     assert len(run.tried) == 2
+
+
+def test_the_ten_slowest_files_are_named(run):
+    run({'a': 'late'}, {})
+    slowest = run.before[run.before.index('the slowest files:') :]
+    assert run.before[-len(slowest) - 1] == 'side by side: 0 s; one by one, in real time: 0 s'
+    # The two parts are added up, and the second try is left out.
+    assert slowest[1] == '     22 s  test_11.py'
+    assert slowest[-2:] == ['      4 s  test_2.py', '']
 
 
 def test_what_passed_when_tried_again_is_named_with_its_reason(run):

@@ -18,6 +18,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -27,6 +28,7 @@ ROOT = Path(__file__).resolve().parents[1]
 # retried after all others, in a new process and alone. The last lines name each with its reason.
 # More failures are no accident.
 MOST_AGAIN = 3
+SLOWEST = 10  # files that the last lines name with their seconds
 # A test retried twice in ten runs is a defect: `make test` keeps the retries of these runs.
 REMEMBERED = 10
 RECORD = ROOT / '.pytest_cache' / 'second-tries.json'
@@ -162,12 +164,16 @@ def main() -> int:
     if args.bare:
         hide()
     codes, counts, skipped, failed = [], Counter(), Counter(), {}
+    seconds, took = Counter(), {}
     for name, selection in PARTS.items():
         print(f'\n=== tests, {name}{", bare" if args.bare else ""}', flush=True)
         paths = list(BARE) if args.bare else ['test']
         if '-n' not in selection:
             paths = with_live_tests(paths)
+        started = time.monotonic()
         code, found = run_part(selection, paths, words)
+        took[name] = time.monotonic() - started
+        seconds.update(found.get('seconds', {}))
         codes.append(code)
         counts.update(found.get('counts', {}))
         skipped.update(found.get('skipped', {}))
@@ -182,6 +188,10 @@ def main() -> int:
             for name in ('failed', 'error'):
                 counts[name] = found['counts'][name]
             again, failed = failed, found['failed']
+    print('\n' + '; '.join(f'{name}: {part:.0f} s' for name, part in took.items()))
+    print('the slowest files:')
+    for name, part in seconds.most_common(SLOWEST):
+        print(f'  {part:5.0f} s  {name}')
     print('\nnot tested here:' if skipped else '\neverything was tested')
     for reason, count in sorted(skipped.items()):
         print(f'  {count:3} test{"s" if count > 1 else " "}  {reason}')
