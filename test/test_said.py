@@ -4,10 +4,12 @@
 import copy
 import json
 import pickle
+import re
 
 import pytest
 
-from eol_ros.said import Said, clauses, code_and_args, from_message, parts_of, said
+from eol_ros.devices.board.fake import TABLE
+from eol_ros.said import Said, clauses, code_and_args, from_message, parts_of, said, translated
 
 
 def test_it_is_its_english_text_for_whoever_needs_no_other():
@@ -29,6 +31,24 @@ def test_what_fills_a_place_keeps_its_code():
     text = said('lost', why=said('muted'))
     assert text == 'lost: muted'
     assert parts_of(text) == [['lost', {'why': [['muted', {}]]}]]
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        said('nothing_of', what=said('images'), seconds=5),
+        said('nothing_of', what=said('blocks_data'), seconds=5),
+        said('no_image_from', name='video0', span=said('half_second')),
+        said('no_image_from', name='video0', span=said('image_times', count=30)),
+        said('block_mute', part=said('one_block', number=3)),
+        said('board', path=TABLE, name='twin', count=25),
+        said('is_not_there', what=said('serial_port'), wanted='/dev/ttyUSB0'),
+    ],
+)
+def test_chinese_characters_have_no_space_between_them_and_numbers_have(text):
+    chinese = translated(text, 'zh-Hant')
+    assert not re.search('[\u3000-\u9fff\uff00-\uffef] +[\u3000-\u9fff\uff00-\uffef]', chinese)
+    assert not re.search('[\u4e00-\u9fff][0-9a-z/]|[0-9a-z][\u4e00-\u9fff]', chinese)
 
 
 @pytest.mark.parametrize(

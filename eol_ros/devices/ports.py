@@ -34,7 +34,7 @@ def find(what: str, wanted: str, ports: Sequence[Port]) -> str:
     """
     if '/' in wanted:
         if not os.path.exists(wanted):
-            raise DeviceMissing(said('is_not_there', name=f'{what} {wanted}'))
+            raise DeviceMissing(said('is_not_there', what=what, wanted=wanted))
         return wanted
     fitting = [p for p in ports if wanted == 'auto' or wanted in p.name or wanted in p.description]
     if len(fitting) == 1:

@@ -46,7 +46,7 @@ export class CascadeView {
     if (b === undefined && !rejected) return say(fitted < fewest ? 'law_few' : 'law_none', { count: fitted, fewest });
     const words = rejected ? say('law_rejected', { ks: ks.toFixed(2), p: p.toPrecision(1), count })
       : say('law_words', { b: b.toFixed(2), error: error.toFixed(2), from, count });
-    return automaton ? `${words}; ${say('law_automaton', { b: automaton.toFixed(2) })}` : words;
+    return automaton ? `${words}${say('clause_mark')}${say('law_automaton', { b: automaton.toFixed(2) })}` : words;
   }
 
   drawLaw(areas, total) {

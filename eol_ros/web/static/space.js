@@ -181,7 +181,7 @@ export class SpaceView {
       grain, start: corpus.start[grain].toFixed(2), duration: corpus.duration[grain].toFixed(2), value,
     });
     const near = this.blocksOver(grain);
-    this.legend.textContent = near.length ? `${words}; ${say('grain_reached', { blocks: near.join(', ') })}` : words;
+    this.legend.textContent = near.length ? `${words}${say('clause_mark')}${say('grain_reached', { blocks: near.join(', ') })}` : words;
   }
 
   async fetchWave(grain) {
