@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every page at every size, in both languages and in each state of the work, on sheets to look at.
 
-    python -m assets.screens            about eight minutes; writes build/screens/STATE-LANGUAGE.png
+    python -m assets.screens      some fifteen minutes; writes build/screens/STATE-LANGUAGE.png
 
-A row of a sheet is a page, a column a size. What a machine can see is printed, with exit code 1:
+A row of a sheet is a page in its whole length, a column a size; a pixel is a pixel of the screen.
+What a machine can see is printed, with exit code 1:
 small text, small controls on a touch screen, text that is cut off, a page wider than its screen.
 Needs chromium and chromedriver.
 """
 
 import argparse
+import base64
 import contextlib
 import itertools
 import json
@@ -26,6 +28,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from selenium.common import WebDriverException
 from support.chromium import healthy
 
 from benchmarks.web_browser import start as start_browser
@@ -48,7 +51,6 @@ STATES = {  # with the requests that lead there from the one before
 }
 CUT = 'eol.link.open = () => {}; eol.link.socket.close();'
 STALE_S = 7  # after which every page marks what it shows
-HIGH = 300  # of a picture on a sheet, px
 READY = {
     '/': '#camera canvas',
     '/table': 'canvas',
@@ -107,16 +109,24 @@ def main(argv: list[str] | None = None) -> int:
                 for path in PAGES:
                     with contextlib.ExitStack() as alone:
                         at = address or begin(Path(folder), alone, only_panel=True)
-                        row = row_of(browser, at, path, state, language, wrong)
-                        sheet.append(np.hstack(list(row)))
-                cv2.imwrite(str(args.output / f'{state}-{language}.png'), np.vstack(sheet))
-        except EolError as error:
+                        sheet.append(row_of(browser, at, path, state, language, wrong))
+                cv2.imwrite(str(args.output / f'{state}-{language}.png'), joined(sheet))
+        except (EolError, OSError, WebDriverException) as error:
             print(f'no screens: {error}', file=sys.stderr)
             return 1
     for what, where in sorted(wrong.items()):
         print(f'{what}: {"; ".join(sorted(where))}')
     print(args.output)
     return bool(wrong)
+
+
+def joined(rows: list[list[np.ndarray]]) -> np.ndarray:
+    """Return rows of pictures, as wide in each row, as one picture."""
+    found = []
+    for row in rows:
+        high = max(map(len, row))
+        found.append(np.hstack([np.pad(p, ((0, high - len(p)), (0, 0), (0, 0))) for p in row]))
+    return np.vstack(found)
 
 
 def begin(folder: Path, ending: contextlib.ExitStack, only_panel: bool = False) -> str:
@@ -135,7 +145,7 @@ def begin(folder: Path, ending: contextlib.ExitStack, only_panel: bool = False) 
     )  # fmt: skip
     ending.callback(work.wait, 60)
     ending.callback(work.send_signal, signal.SIGINT)
-    address, end = f'http://127.0.0.1:{port}', time.monotonic() + 300  # it may compile first
+    address, end = f'http://127.0.0.1:{port}', time.monotonic() + 1200  # it may compile first
     awaited = {'panel'} if only_panel else {'tracker', 'sound', 'montage'}
     while not healthy(address) >= awaited:
         if work.poll() is not None or time.monotonic() > end:
@@ -159,10 +169,22 @@ def ask(address: str, control: str) -> None:
     urllib.request.urlopen(request, timeout=20).read()
 
 
-def row_of(
+def row_of(*row: Any) -> list[np.ndarray]:
+    """Return pictures of a page, one a size, at the third try at last.
+
+    On a busy machine bringup may restart the panel, or a state come late.
+    """
+    for _ in range(2):
+        with contextlib.suppress(EolError, OSError, WebDriverException):
+            return list(look_at(*row))
+        time.sleep(15)
+    return list(look_at(*row))
+
+
+def look_at(
     browser: Any, address: str, path: str, state: str, language: str, wrong: dict[str, set[str]]
 ) -> Iterator[np.ndarray]:
-    """Yield a page at each size, as pictures of one height; note what is wrong with it."""
+    """Yield pictures of a page, one a size; note what is wrong with it."""
     browser.get(address + path)
     browser.execute_script(f"localStorage.setItem('language', '{language}')")
     browser.refresh()
@@ -179,7 +201,8 @@ def row_of(
         code = 'return eol.link.work.code'
         if state == 'test' and browser.execute_script(code) != state:
             ask(address, 'test')  # a test ends by itself
-            wait(browser, 'eol.link.work.code === "test"')
+            with contextlib.suppress(EolError):  # noted below
+                wait(browser, 'eol.link.work.code === "test"')
         time.sleep(0.7)  # it is laid out and painted again
         if state != 'stale' and not (now := browser.execute_script(code)).startswith(state):
             wrong.setdefault(f'another state, {path}', set()).add(f'{now} ({state}, {width})')
@@ -188,9 +211,11 @@ def row_of(
         ).items():
             for name in names:
                 wrong.setdefault(f'{what}, {path}', set()).add(f'{name} ({state}, {width})')
-        png = np.frombuffer(browser.get_screenshot_as_png(), np.uint8)
-        shot = cv2.imdecode(png, cv2.IMREAD_COLOR)
-        yield cv2.resize(shot, (round(HIGH * width / height), HIGH), interpolation=cv2.INTER_AREA)
+        high = browser.execute_script('return document.documentElement.scrollHeight')
+        clip = {'x': 0, 'y': 0, 'width': width, 'height': max(height, high), 'scale': 1}
+        asked = {'captureBeyondViewport': True, 'clip': clip}
+        png = base64.b64decode(browser.execute_cdp_cmd('Page.captureScreenshot', asked)['data'])
+        yield cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
 
 
 if __name__ == '__main__':
