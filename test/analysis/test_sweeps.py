@@ -297,7 +297,7 @@ def test_the_command_computes_counts_and_goes_on(write, tmp_path, capsys, monkey
 
 
 def test_sigterm_keeps_what_is_done(write, tmp_path):
-    path = write(AUTOMATA.replace('20000', '2000000'))
+    path = write(AUTOMATA.replace('20000', '400000'))
     command = [sys.executable, '-m', 'eol_ros', 'sweep', str(path), '--workers', '1', '--json']
     with subprocess.Popen(
         command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

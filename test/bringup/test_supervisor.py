@@ -623,7 +623,8 @@ def test_the_others_go_on_without_what_cannot_start(start, tmp_path):
     ]
 
 
-def test_own_programs_are_restarted_and_never_end_the_run(start, tmp_path):
+def test_own_programs_are_restarted_and_never_end_the_run(start, tmp_path, monkeypatch):
+    monkeypatch.setattr(policy, 'START_S', 20.0)
     marks = tmp_path / 'marks'
     failing = f"open({str(marks)!r}, 'a').write('x'); print('no table'); raise SystemExit(2)"
     quiet = "import os, time; open('here', 'w'); time.sleep(600)"
@@ -645,14 +646,14 @@ def test_own_programs_are_restarted_and_never_end_the_run(start, tmp_path):
             ('nul', ('echo', 'a\0b')),
         )
     ]
-    # so fast that a node would have been silent for too long
-    supervisor, lines = start(process('twin', STEADY), *programs, clock=Clock(rate=20.0))
+    # as fast as silence is counted: half a second from look to look
+    supervisor, lines = start(process('twin', STEADY), *programs, clock=Clock(rate=5.0))
 
     def work():
         all_ok(supervisor)
         wait_until(lambda: marks.exists() and len(marks.read_text()) > 2)
         began_s = supervisor._clock()
-        wait_until(lambda: supervisor._clock() > began_s + 2 * policy.START_S)
+        wait_until(lambda: supervisor._clock() > began_s + 1.5 * policy.START_S)
         rows = {row['node']: row for row in supervisor.describe()['nodes']}
         assert (rows['quiet']['level'], rows['quiet']['text']) == (0, 'runs')
         assert rows['once']['text'] == 'finished'

@@ -80,7 +80,9 @@ class Graph:
 
 
 @pytest.mark.parametrize('executor', [EventsExecutor, SingleThreadedExecutor])
-def test_a_call_is_a_request_and_returns_what_the_nodes_answered(ros, executor):
+def test_a_call_is_a_request_and_returns_what_the_nodes_answered(ros, monkeypatch, executor):
+    soon = dataclasses.replace(KINDS['learn_background'], within_s=1.0)
+    monkeypatch.setitem(KINDS, 'learn_background', soon)
     names = 'tracker', 'leds', 'sound', 'montage', 'panel'
     nodes = {name: Handling(name) for name in names}
     with Graph(executor, *nodes.values()) as graph:
