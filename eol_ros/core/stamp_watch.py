@@ -6,8 +6,11 @@ silent, comes late or comes in a burst is no jump: its stamps never fall back by
 ahead of the steady time that has passed.
 """
 
+from collections import deque
+
 BACK_S = 0.2  # stamps fall back by less where messages overtake each other
 AHEAD_S = 2.0  # a message may have waited so long for a busy reader before the newest did not
+LATEST = 16  # stamps: more than are on their way where everything stands still for a while
 NS = 1e9
 # What is asked between two images counts from this long after the first: less than any camera's
 # period, more than a step of seconds since the epoch in double precision.
@@ -19,16 +22,18 @@ class StampWatch:
 
     def __init__(self, back_s: float = BACK_S, ahead_s: float = AHEAD_S):
         self._back_ns, self._ahead_ns = round(back_s * NS), round(ahead_s * NS)
-        self._last: tuple[int, int] | None = None  # newest stamp, steady time of its arrival
+        self._newest_ns = 0  # stamp
+        # From steady time to the last stamps: the least late of them shows how the clocks stand.
+        self._ahead: deque[int] = deque(maxlen=LATEST)
 
     def take(self, stamp_ns: int, steady_ns: int) -> int:
         """Return by how much time has jumped before `stamp_ns`, heard at `steady_ns`; 0: not."""
-        if self._last is None:
-            self._last = stamp_ns, steady_ns
-            return 0
-        step_ns = stamp_ns - self._last[0]
-        jump_ns = step_ns - (steady_ns - self._last[1])
-        jumped = step_ns < -self._back_ns or jump_ns > self._ahead_ns
+        step_ns, ahead_ns = stamp_ns - self._newest_ns, stamp_ns - steady_ns
+        jump_ns = ahead_ns - max(self._ahead, default=ahead_ns)
+        jumped = bool(self._ahead) and (step_ns < -self._back_ns or jump_ns > self._ahead_ns)
+        if jumped:
+            self._ahead.clear()
         if jumped or step_ns > 0:
-            self._last = stamp_ns, steady_ns
+            self._newest_ns = stamp_ns
+            self._ahead.append(ahead_ns)
         return jump_ns if jumped else 0
