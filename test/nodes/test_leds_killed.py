@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The limit of flashes while the process that asks for light is killed again and again."""
+"""The limit of flashes while what asks for light, or limits it, is killed again and again."""
 
+import contextlib
+import functools
 import random
 import subprocess
 import sys
-import threading
 import time
 
 import numpy as np
@@ -15,6 +16,8 @@ from support.flashes import changes
 from support.paper import rest_lattice
 from support.spinning import Nodes
 
+from eol_ros.bringup.shared_memory import Ports
+from eol_ros.core.light.bridge import Bridge
 from eol_ros.devices.board.fake import FakeBoard
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import now_ns, to_msg
@@ -42,38 +45,49 @@ class Motion(EolNode):
         self.slips.publish(message)
 
 
-class Eye(threading.Thread):
-    """Looks at the blocks every 2 ms."""
+def diary_of(bridge):
+    """Return a list to which the bridge adds what is done to it: methods and arguments."""
+    diary = []
 
-    def __init__(self, fake):
-        super().__init__(daemon=True)
-        self.fake, self.times, self.shown = fake, [], []
-        self.done = threading.Event()
+    def note(name, do, *args):
+        diary.append((name, args))
+        return do(*args)
 
-    def run(self):
-        while not self.done.wait(0.002):
-            self.times.append(time.monotonic())
-            self.shown.append(bytes(self.fake.levels()))
+    for name in ('configure', 'felt', 'light', 'link', 'hear'):
+        setattr(bridge, name, functools.partial(note, name, getattr(bridge, name)))
+    return diary
 
-    def most_flashes_in_a_second(self, limit):
-        """Of each block; and of all together, or of any field of view of 10 degrees."""
-        each = np.frombuffer(b''.join(self.shown), np.uint8).reshape(-1, 25).T / 255
-        most, together = 0, [each.mean(axis=0), each.max(axis=0)]
-        if limit == 'field_of_view':
-            at = np.arange(self.times[0], self.times[-1], 1 / RATE_HZ)
-            levels = np.array([np.interp(at, self.times, light) for light in each]).T
-            areas_sr = np.concatenate([fields(rest_lattice(), eye) for eye in EYES])
-            most, together = most_in_a_second(levels, areas_sr), []
-        for light in (*each, *together):
-            found = changes(self.times, light)
-            most = max([most, *(((found >= t) & (found <= t + 1)).sum() // 2 for t in found)])
-        return most
+
+def seen(diary):
+    """Return times and levels (n, 25) every 4 ms, however busy the machine was meanwhile."""
+    bridge, at_s, times, levels = Bridge(), diary[0][1][0], [], []
+    for name, (now_s, *args) in diary:
+        while at_s < now_s:
+            times.append(at_s)
+            levels.append(bridge.levels(at_s))
+            at_s += 0.004
+        getattr(bridge, name)(now_s, *args)
+    return np.array(times), np.array(levels)
+
+
+def most_flashes_in_a_second(times, levels, limit):
+    """Of each block; and of all together, or of any field of view of 10 degrees."""
+    most, together = 0, [levels.mean(axis=1), levels.max(axis=1)]
+    if limit == 'field_of_view':
+        at = np.arange(times[0], times[-1], 1 / RATE_HZ)
+        looks = np.array([np.interp(at, times, light) for light in levels.T]).T
+        areas_sr = np.concatenate([fields(rest_lattice(), eye) for eye in EYES])
+        most, together = most_in_a_second(looks, areas_sr), []
+    for light in (*levels.T, *together):
+        found = changes(times, light)
+        most = max([most, *(((found >= t) & (found <= t + 1)).sum() // 2 for t in found)])
+    return most
 
 
 def started(killed, port, limit, folder):
     """Start `leds` alone, or bringup with it: it ends with bringup."""
     words = [*LEDS, f'port:={port}', '-p', f'flash_limit:={limit}']
-    if killed == 'bringup':
+    if killed in ('bringup', 'all'):
         scene = folder / 'scene.yaml'
         leds = f'{{port: {port}, flash_limit: {limit}, decay_s: 0.182}}'
         nodes = f'{{camera: {{device: none}}, tracker: {{}}, motion: {{}}, leds: {leds}}}'
@@ -84,8 +98,11 @@ def started(killed, port, limit, folder):
 
 @pytest.mark.parametrize(
     ('killed', 'limit'),
-    [('leds', 'field_of_view'), ('bringup', 'field_of_view'), ('leds', 'field')],
-)
+    [
+        ('leds', 'field_of_view'), ('bridge', 'field_of_view'), ('bringup', 'field_of_view'),
+        ('all', 'field_of_view'), ('leds', 'field'),
+    ],
+)  # fmt: skip
 @pytest.mark.parametrize(
     'kills',
     [
@@ -94,24 +111,37 @@ def started(killed, port, limit, folder):
     ],
 )
 def test_killing_breaks_no_limit(ros, tmp_path, kills, killed, limit):
-    """Blocks knock by themselves all the while, and what they hold is bright at each kill."""
-    rng, lit = random.Random(kills), 0
-    with FakeBoard() as fake, Nodes(Motion()) as nodes:
-        eye = Eye(fake)
-        eye.start()
+    """Blocks knock by themselves all the while, and what they hold is bright at each kill.
+
+    `all` is bringup, `leds` and the bridge at once.
+    """
+    rng, lit, ports = random.Random(kills), 0, Ports()
+    port = str(tmp_path / 'board')
+    with FakeBoard(port) as fake, Nodes(Motion()) as nodes, contextlib.ExitStack() as stack:
+        diary, leds = diary_of(fake.bridge), None
         for _ in range(kills):
             fake.log.clear()
-            leds = started(killed, fake.port, limit, tmp_path)
-            try:
-                nodes.until(lambda: sum(a.kind == 'Light' for a in list(fake.log)) > 3)
-                end = time.monotonic() + rng.uniform(0, 0.5)
-                nodes.until(lambda end=end: time.monotonic() > end)
-                fake.knock(rng.randrange(25), 2.0)
-                lit += max(fake.levels()) > 128
-            finally:
+            if leds is None:
+                leds = started(killed, port, limit, tmp_path)
+                stack.callback(leds.wait)
+                stack.callback(leds.kill)
+            nodes.until(lambda: sum(a.kind == 'Light' for a in list(fake.log)) > 3)
+            end = time.monotonic() + rng.uniform(0, 0.5)
+            nodes.until(lambda end=end: time.monotonic() > end)
+            fake.knock(rng.randrange(25), 2.0)
+            lit += max(fake.levels()) > 128
+            if killed != 'bridge':
+                ports.look(leds.pid)
                 leds.kill()
                 leds.wait()
-        eye.done.set()
-        eye.join()
-    assert lit == kills
-    assert 1 <= eye.most_flashes_in_a_second(limit) <= 3
+                leds = None
+                ports.end()  # as bringup does where a node has ended
+            if killed in ('bridge', 'all'):  # the power of the bridge is its plug
+                fake.fault('unplug')
+                nodes.run(rng.uniform(0, 0.2))
+                fake.fault('plug')
+    fake.bridge.light(now_s := time.monotonic(), 0)
+    last = fake.bridge.levels(now_s)
+    times, levels = seen(diary)
+    assert lit == kills and levels[-1] == pytest.approx(last, abs=0.1)
+    assert 1 <= most_flashes_in_a_second(times, levels, limit) <= 3
