@@ -65,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--rate', type=float, help='of exhibition, times real time (default: the highest)'
     )
     parser.add_argument('--faults-hours', type=float, default=2.0, help='of faults, real time')
+    parser.add_argument('--fps', type=float, default=60.0, help='images a second, of faults')
     parser.add_argument(
         '--run-minutes', type=float, default=10.0, help='how long a run is recorded to be played'
     )
@@ -93,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
                 folder, args.hours, args.rate, args.run_minutes, args.bag
             )
         if 'faults' in parts:
-            found['faults'] = soak_faults.measure(folder, args.faults_hours, args.seed)
+            found['faults'] = soak_faults.measure(folder, args.faults_hours, args.seed, args.fps)
     soak_total.append(soak_total.rows(found), args.results)
     found['all_runs'] = soak_total.total(soak_total.load(args.results))
     tell(found, args.json, table)
@@ -260,11 +261,14 @@ def _kinds(part: dict[str, Any]) -> list[str]:
 
 
 def _growth(part: dict[str, Any]) -> list[str]:
-    head = f'{"process":28} {"open files":>15} {"threads":>13} {"PSS MB":>19}'
+    head = f'{"process":28} {"open files":>15} {"threads":>13} {"PSS MB":>19}  grown by (95 %)'
     lines = [head]
     for row in part['growth']:
         pairs = [f'{a:g} -> {b:g}' for a, b in (row[n] for n in Held._fields)]
-        lines.append(f'{row["name"]:28} {pairs[0]:>15} {pairs[1]:>13} {pairs[2]:>19}')
+        line = f'{row["name"]:28} {pairs[0]:>15} {pairs[1]:>13} {pairs[2]:>19}'
+        if row['growth_mb']:
+            line += '  {:g} ({:g} to {:g})'.format(*row['growth_mb'])
+        lines.append(line)
     return lines
 
 

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -34,26 +35,49 @@ PATIENCE_S = 120.0  # nothing that takes longer comes back at all
 HEALTHY_S = 65.0  # who was killed is left alone so long, as its back-off starts again after 60 s
 SETTLED_S = 1.5  # all must be well for so long: a heartbeat comes each second
 HELD_S = 8.0  # how long what is pulled out stays out
+FROZEN_S = 5.0  # without a turn: this process was stopped, or the machine
 LOOK_S = 10.0  # between two looks at memory
 NOTICES = 'which way round', 'messages dropped'
 DISK = '1g'  # on which the bags are, where one can be mounted
 # Between the kills: how often in two hours.
 EXTRAS_IN_2_H = {
-    'clock steps': 3,
-    'disk full': 10,
-    'board pulled out': 10,
-    'sound card pulled out': 10,
-    'page reloaded': 20,
-    'eight busy processes': 5,
+    'clock steps': 40,
+    'disk full': 40,
+    'board pulled out': 40,
+    'sound card pulled out': 40,
+    'page reloaded': 40,
+    'eight busy processes': 10,
 }
 CLOCK_STEPS_S = (-3600.0, 86400.0 * 30, -86400.0 * 30)
+
+
+class Frozen(threading.Thread):
+    """Adds up how long this process stood still, as where the machine was suspended."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.seconds, self._done = 0.0, threading.Event()
+        self.start()
+
+    def run(self) -> None:
+        """Look every half a second."""
+        before = time.monotonic()
+        while not self._done.wait(0.5):
+            now = time.monotonic()
+            self.seconds += now - before if now - before > FROZEN_S else 0.0
+            before = now
+
+    def close(self) -> None:
+        """End it."""
+        self._done.set()
+        self.join()
 
 
 class Soak:
     """The rehearsal and all that it stands on, with a way to break each of it."""
 
-    def __init__(self, folder: Path, seed: int):
-        self.folder, self.chance = folder, random.Random(seed)
+    def __init__(self, folder: Path, seed: int, fps: float):
+        self.folder, self.chance, self.fps = folder, random.Random(seed), fps
         self.events: list[dict[str, Any]] = []
         self.looks: list[dict[str, Held]] = []
         self.left_out: list[str] = []  # faults that this machine does not allow, and why
@@ -71,6 +95,7 @@ class Soak:
         self.observer = Observer(folder / 'observed.jsonl', folder / 'bags', self.graph.domain)
 
     def _begin(self) -> None:
+        self.frozen = self._stack.enter_context(contextlib.closing(Frozen()))
         self.clock = FakeClock(self.folder)
         self.jack = Jack('eol-soak')
         self.jack.start()
@@ -85,6 +110,8 @@ class Soak:
         path = stand_in('rehearsal', self.folder, film=None, bag=None)
         values = yaml.safe_load(path.read_text())
         values['nodes']['leds'] = {'port': str(self.board_port)}
+        values['nodes']['twin'] = {'fps': self.fps}
+        values['nodes']['sound']['latency_max_s'] = 1.0  # a busy machine makes more than 0.1 s late
         values['nodes']['recorder'] = {
             'images': 'around_slips', 'images_max_gb': 0.2, 'keep_gb': 0.6, 'min_free_gb': 0.1,
             'split_minutes': 10.0,
@@ -181,12 +208,12 @@ class Soak:
 
     def await_well(self, too: Callable[[], bool] = lambda: True) -> float:
         """Wait until all is well and stays so, and `too`; return how long it took in seconds."""
-        begun = time.monotonic()
+        begun = self.now_s()
         since = None
-        while since is None or time.monotonic() - since < SETTLED_S:
+        while since is None or self.now_s() - since < SETTLED_S:
             well = self.well() and too()
-            since = (since or time.monotonic()) if well else None
-            if time.monotonic() - begun > PATIENCE_S:
+            since = (since or self.now_s()) if well else None
+            if self.now_s() - begun > PATIENCE_S:
                 rows = self.rows() or {}
                 bad = {n: row['text'] for n, row in rows.items() if row['level']}
                 raise EolError(f'not back after {PATIENCE_S:g} s: {bad or "nobody answers"}')
@@ -194,6 +221,10 @@ class Soak:
                 self.graph.start()
             time.sleep(0.1)
         return since - begun
+
+    def now_s(self) -> float:
+        """Return the time without that in which this process, and so the work, stood still."""
+        return time.monotonic() - self.frozen.seconds
 
     def fault(self, kind: str, target: str, do: Callable[[], Any], too=lambda: True) -> None:
         """Do something bad; tell how long it took until all was well again."""
@@ -287,10 +318,10 @@ class Soak:
             time.sleep(30)
 
 
-def measure(folder: Path, hours: float, seed: int) -> dict[str, Any]:
+def measure(folder: Path, hours: float, seed: int, fps: float = 60.0) -> dict[str, Any]:
     """Break things until `hours` are over; return the figures."""
     folder = Path(tempfile.mkdtemp(prefix='faults-', dir=folder))
-    soak = Soak(folder, seed)
+    soak = Soak(folder, seed, fps)
     faults: list[str] = []
     begun = time.monotonic()
     with contextlib.closing(soak):
@@ -306,9 +337,13 @@ def measure(folder: Path, hours: float, seed: int) -> dict[str, Any]:
     faults += unreported(soak.observed)
     faults += [f'exit code {code}'] if code else []
     faults += bags.pop('faults')
+    rows = growth(soak.looks)
+    faults += [
+        f'{row["name"]} grows: {row}' for row in rows if row['growth_mb'] and not row['flat']
+    ]
     return {
         'hours': round(took_s / 3600, 4), 'left_out': soak.left_out, 'observer': soak.observed,
-        'growth': growth(soak.looks), 'bags': bags, **summary(soak.events, faults),
+        'growth': rows, 'bags': bags, **summary(soak.events, faults),
     }  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 """The clock of the soak over all runs: each is appended to a file, and the sum is published."""
 
 import json
+import os
 from collections import Counter
 from datetime import datetime
 from pathlib import Path
@@ -21,9 +22,11 @@ def rows(found: dict[str, Any]) -> list[dict[str, Any]]:
         {
             'ended': datetime.now().astimezone().isoformat(timespec='seconds'), 'part': part,
             'versions': {name: all_versions[name] for name in KEPT if name in all_versions},
+            'load': round(os.getloadavg()[2], 1),  # of the last 15 min
             'hours': ran['hours'], 'observer': ran.get('observer'), 'faults': ran['faults'],
             'kinds': [{n: kind[n] for n in ('kind', 'count', 'within_10_s', 'worst_s')}
                       for kind in ran.get('kinds', ())],
+            'growth_mb': {row['name']: row['growth_mb'] for row in ran.get('growth', ())},
         }
         for part, ran in found.items()
     ]  # fmt: skip

@@ -33,6 +33,9 @@ def test_growth(last, flat):
     [row] = growth(list(looks(last)))
     assert (row['name'], row['flat']) == ('tracker', flat)
     assert row['pss_mb'][1] == pytest.approx(last[2], abs=3)
+    grown_mb, low_mb, high_mb = row['growth_mb']
+    assert low_mb <= grown_mb <= high_mb
+    assert grown_mb == pytest.approx(last[2] - 100, abs=3)
 
 
 def bag(folder, numbers, counted=0, whole=True):
