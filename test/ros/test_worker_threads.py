@@ -115,7 +115,12 @@ def command(name, worker, values):
 
 
 @pytest.mark.parametrize(
-    ('name', 'worker'), [(node, next(iter(WORKERS[node]))) for node in WORKERS]
+    ('name', 'worker'),
+    [
+        pytest.param(node, worker, marks=[pytest.mark.soak] if k else [])
+        for node, workers in WORKERS.items()
+        for k, worker in enumerate(workers)
+    ],
 )
 def test_a_worker_that_dies_ends_its_process_with_one_line(name, worker, wanted, tmp_path):
     done = subprocess.run(
