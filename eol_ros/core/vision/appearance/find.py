@@ -67,28 +67,41 @@ def noise_by_level(image, out):
     return dark
 
 
+def _samples() -> np.ndarray:
+    """Return (2, SAMPLES) samples, half sides: of a square, then of its ring, side by side."""
+    inner = 0.8 * (2 * np.arange(INNER) / (INNER - 1) - 1)
+    along, far = 0.9 * (2 * np.arange(RING) / (RING - 1) - 1), np.full(RING, 1.0 + 2 * GAP)
+    a = np.concatenate([np.repeat(inner, INNER), far, along, -far, along])
+    return np.stack([a, np.concatenate([np.tile(inner, INNER), along, far, along, -far])])
+
+
+A, B = _samples()
+SAMPLES = len(A)
+
+
 @njit(cache=True)
-def _stands_out(image, u, v, ua, va, ub, vb, noise):
-    """Return 0 to 1: how a parallelogram of half axes (ua, va), (ub, vb) differs from its ring."""
+def _stands_out(image, u, v, ua, va, ub, vb, noise, at):
+    """Return 0 to 1: how a parallelogram of half axes (ua, va), (ub, vb) differs from its ring.
+
+    at (SAMPLES,): scratch.
+    """
     rows, cols = image.shape
     reach_u, reach_v = 1.3 * (abs(ua) + abs(ub)), 1.3 * (abs(va) + abs(vb))
     if u < reach_u or v < reach_v or u + reach_u > cols - 1 or v + reach_v > rows - 1:
         return 0.0
-    total = 0
-    for i in range(INNER):
-        a = (2 * i / (INNER - 1) - 1) * 0.8
-        for j in range(INNER):
-            b = (2 * j / (INNER - 1) - 1) * 0.8
-            total += image[int(v + a * va + b * vb + 0.5), int(u + a * ua + b * ub + 0.5)]
+    width = np.int32(cols)
+    for n in range(SAMPLES):  # a loop that compilers make into vectors
+        row = np.int32(v + A[n] * va + B[n] * vb + 0.5)
+        at[n] = row * width + np.int32(u + A[n] * ua + B[n] * ub + 0.5)
+    flat, total = image.reshape(-1), 0
+    for n in range(INNER * INNER):
+        total += flat[at[n]]
     inner = total / (INNER * INNER)
-    least, mean, far = CLIP, 0.0, 1.0 + 2 * GAP
+    least, mean = CLIP, 0.0
     for side in range(4):
-        ring, square = 0.0, 0.0
-        sense = 1.0 if side < 2 else -1.0
-        for j in range(RING):
-            t = (2 * j / (RING - 1) - 1) * 0.9
-            a, b = (sense * far, t) if side % 2 == 0 else (t, sense * far)
-            p = float(image[int(v + a * va + b * vb + 0.5), int(u + a * ua + b * ub + 0.5)])
+        ring = square = 0
+        for n in range(RING):
+            p = int(flat[at[INNER * INNER + side * RING + n]])
             ring += p
             square += p * p
         level = ring / RING
@@ -102,7 +115,10 @@ def _stands_out(image, u, v, ua, va, ub, vb, noise):
 @njit(cache=True)
 def respond(image, c, lengths, x0, y0, noise, first, turns, step, out, angle):
     """Fill out, angle (ny, nx): the greatest response of `turns` angles at each place of a grid."""
-    half_m = lengths.half_side
+    half_m, angles = lengths.half_side, first + step * np.arange(turns)
+    at = np.empty(SAMPLES, np.int32)
+    cosines = np.array([cos(theta) for theta in angles])
+    sines = np.array([sin(theta) for theta in angles])
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             x, y = x0 + j * lengths.cell, y0 + i * lengths.cell
@@ -114,17 +130,16 @@ def respond(image, c, lengths, x0, y0, noise, first, turns, step, out, angle):
             ut, vt = to_pixel(c, x, y + half_m)
             du, dv, eu, ev = ur - u, vr - v, ut - u, vt - v
             for k in range(turns):
-                theta = first + k * step
-                cs, sn = cos(theta), sin(theta)
+                cs, sn = cosines[k], sines[k]
                 ua, va, ub, vb = (
                     cs * du + sn * eu,
                     cs * dv + sn * ev,
                     cs * eu - sn * du,
                     cs * ev - sn * dv,
                 )
-                r = _stands_out(image, u, v, ua, va, ub, vb, noise)
+                r = _stands_out(image, u, v, ua, va, ub, vb, noise, at)
                 if r > out[i, j]:
-                    out[i, j], angle[i, j] = r, theta
+                    out[i, j], angle[i, j] = r, angles[k]
 
 
 @njit(cache=True)

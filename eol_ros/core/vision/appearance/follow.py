@@ -359,7 +359,8 @@ class Follower:
     def _approach(self, image: np.ndarray) -> float:
         """Fit all blocks from places that are some px off; return the evidence of their sides."""
         found = self.found
-        for start_px in (5.0, 3.0, 2.0, 1.0):  # while the width of edges settles
+        # the first time it takes more than one fit until the width of edges has settled
+        for start_px in (5.0,) if self.lattice else (5.0, 3.0, 2.0, 1.0):
             found['start_px'] = start_px
             self._register(image, self._all, fresh=True)
             self._sharpen((found['visible'] > 0.8) & (found['ratio'] > 2.0))
