@@ -343,23 +343,20 @@ def add_products(typing_context, sums, weight, values, other_weight, other_value
 
 
 @njit_intrinsic
-def weighted(typing_context, weights, row, values):
-    """Return the sum of `values` (a tuple of m vectors), weighted by weights[row] of (n, m)."""
-    count = len(values)
+def add_weighted(typing_context, sums, weight, values):
+    """Add to the rows of sums (m, 8) the products of weight with each of m + 1 values but one.
+
+    That is the last.
+    """
 
     def codegen(context, builder, sig, args):
         array = context.make_array(sig.args[0])(context, builder, args[0])
-        first = builder.mul(args[1], ir.Constant(I64, count))
-        total = None
-        for i in range(count):
-            at = builder.gep(array.data, [builder.add(first, ir.Constant(I64, i))])
-            value = builder.extract_value(args[2], i)
-            by = spread(builder, builder.load(at), value.type)
-            total = (
-                builder.fmul(by, value)
-                if total is None
-                else multiply_add(builder, by, value, total)
-            )
-        return total
+        first = builder.bitcast(array.data, args[1].type.as_pointer())
+        for i in range(len(values) - 1):
+            place = builder.gep(first, [ir.Constant(I64, i)])
+            total = builder.load(place, align=4)
+            total = multiply_add(builder, args[1], builder.extract_value(args[2], i), total)
+            builder.store(total, place, align=4)
+        return context.get_dummy_value()
 
-    return values[0](weights, types.int64, values), codegen
+    return types.void(sums, weight, values), codegen

@@ -24,6 +24,7 @@ from eol_ros.core.elementary_kernels import cos, sin
 from eol_ros.core.lanes import (
     above,
     add_products,
+    add_weighted,
     added,
     all_below,
     fma,
@@ -34,7 +35,6 @@ from eol_ros.core.lanes import (
     put,
     signed,
     take,
-    weighted,
 )  # fmt: skip
 from eol_ros.core.vision.appearance.model import (
     AGREE,
@@ -353,25 +353,35 @@ def solve(equations, without, prior, towards, m):
     return True
 
 
+@njit(inline='always')
+def _cluster(px, first, stop, group, side):
+    """Return which residuals err together with those of a group: its part of a side, or a band."""
+    if side == 4:
+        return CLUSTERS + (group - first) * APART_SUMS // (stop - first)
+    return int(px[group, PART]) // TOGETHER
+
+
 @njit(cache=True, inner=True)
 def covariance(
-    px, starts, without, half, blur, noise, fit, own, sigma2_px, widen, kept, m, usual, sums
+    px, starts, without, half, blur, noise, fit, own, sigma2_px, widen, kept, m, usual, pulls, sums
 ):  # fmt: skip
     """Return the variances of place, the sum of both axes in px^2, and of turn, in rad^2.
 
     Of the residuals themselves: those of TOGETHER parts of a side err together (Liang and Zeger,
     Biometrika 73, 1986), as lamps, arms and uneven light make them. Call it after solve, which
     gives m and `kept`. usual (INFLUENCES, 3): influences that last, which move no block from image
-    to image. sums, as large: filled with those of this image.
+    to image. sums, as large: filled with those of this image. pulls: scratch.
     """
-    by, at, side_fit = np.empty((3, COLUMNS + 1), np.float32), (3, 4, NUMBERS), np.empty(COLUMNS)
+    by, at, side_fit = np.empty((3, COLUMNS)), (3, 4, NUMBERS), np.empty(COLUMNS)
     sums[:] = 0.0
     per_widen = constant(1.0 / widen)
+    for i in range(COLUMNS):
+        put(pulls, i, 0, constant(0.0))
     for side in range(5):
         if side == without:
             continue
         for c in range(3):
-            by[c, NUMBERS] = by[c, COLUMNS] = 0.0
+            by[c, NUMBERS] = 0.0
             for i in range(NUMBERS):
                 by[c, i] = m[i, 8 + c]
             for k in range(OWN if side < 4 else 0):
@@ -381,12 +391,18 @@ def covariance(
                 by[c, at[k]] -= pull
         _of_side(fit, own[side], side_fit)
         n = _numbers(half, blur, noise, side_fit, sigma2_px)
-        for group in range(starts[side], starts[side + 1]):
+        first, stop = starts[side], starts[side + 1]
+        for group in range(first, stop):
             weight, values, _q, _e = _derivatives(px, group, n, per_widen)
-            weight = weight * values[COLUMNS]
-            row = group % APART_SUMS + CLUSTERS if side == 4 else int(px[group, PART]) // TOGETHER
-            for c in range(3):
-                sums[row, c] += added(weight * weighted(by, c, values))
+            add_weighted(pulls, weight * values[COLUMNS], values)
+            row = _cluster(px, first, stop, group, side)
+            if group + 1 < stop and _cluster(px, first, stop, group + 1, side) == row:
+                continue
+            for i in range(COLUMNS):
+                pull = added(take(pulls, i, 0))
+                put(pulls, i, 0, constant(0.0))
+                for c in range(3):
+                    sums[row, c] += by[c, i] * pull
     place = turn = 0.0
     for i in range(sums.shape[0]):
         place += (sums[i, 0] - usual[i, 0]) ** 2 + (sums[i, 1] - usual[i, 1]) ** 2

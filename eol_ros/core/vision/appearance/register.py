@@ -209,7 +209,7 @@ def _fit(camera, looks, f, patch, at, px, room):
         for side in range(4):
             fit.restore(room.kept[side], work[:, 7], z[3], own[side])
         sure_px = math.sqrt(max(work[0, 8], 0.0))
-        least_px = m.JUDGED_PX if rests else m.SETTLED * sure_px
+        least_px = m.RESTED_PX if rests else m.SETTLED * sure_px
         close = sigma_px <= max(m.JUDGED_PX, 2 * sure_px, 2.5 * f.edge_px)
         judged = whole and close and f.step_px < least_px
         begins = rests and not (judged and abs(work[3, 7]) < m.STEADY * z[3])
@@ -311,7 +311,7 @@ def _tell_sigma(f, patch, moved_px, without, lens, widen, px, room):
         half, blur_px, noise = lens
         by = fit.covariance(
             px, patch.starts, without, half, blur_px, noise, room.z, room.own, f.edge_px**2, widen,
-            room.kept, room.work, f.lasting, f.influence,
+            room.kept, room.work, f.lasting, room.sums, f.influence,
         )  # fmt: skip
         f.more[0], f.more[1] = max(by[0] / (2 * place), 1.0), max(by[1] / turn, 1.0)
     beside = m.BESIDE if without >= 0 or _unlike(f) or f.more[0] > m.UNEVEN else 1.0
