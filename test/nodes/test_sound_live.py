@@ -2,7 +2,6 @@
 """The sound node in a running graph: what was heard is what is rendered; a card goes and comes."""
 
 import json
-import os
 import time
 import wave
 
@@ -12,7 +11,7 @@ import rclpy
 import soundfile
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from support import card_loss, needs
+from support.plugged import plugged
 from support.running import Graph
 from support.waiting import wait_until
 
@@ -97,10 +96,30 @@ def test_a_bag_renders_to_the_samples_of_the_live_run(tmp_path):
     )
 
 
-def test_a_card_that_goes_and_comes_back(monkeypatch):
+@pytest.fixture
+def card(monkeypatch):
+    yield from plugged(monkeypatch, here=False)
+
+
+def test_a_card_that_goes_and_comes_back(tmp_path, card):
     """Its driver hangs, as JACK's does: the supervisor starts the node again, and only once."""
-    needs.system('jackd2', 'libportaudio2')
-    found = card_loss.measure(1.0)
-    assert found['new_process'] and found['restarts'] == 1, found
-    assert found['says'].startswith('playing on system'), found
-    assert 'JACK_DEFAULT_SERVER' not in os.environ
+    sound = {'device': 'system', 'wav': str(tmp_path / 'x.wav')}
+    nodes = {'twin': {'hands': 'visitors'}, 'tracker': {}, 'grains': {}, 'sound': sound}
+    path = tmp_path / 'loss.yaml'
+    path.write_text(json.dumps({'scene': 'loss', 'nodes': nodes}))
+    with Graph(path, watched=()) as graph:
+
+        def plays():
+            row = graph.node('sound')
+            sounds = row['values'].get('triggers', 0) > 0
+            return sounds and row['text'].startswith('playing on system')
+
+        graph.wait_until_ok()
+        wait_until(plays)
+        before = graph.node('sound')['pid']
+        card.stop()
+        wait_until(lambda: not plays())
+        card.start()
+        wait_until(plays)
+        assert graph.node('sound')['pid'] != before
+        assert graph.log.read_text().count('sound has died') == 1
