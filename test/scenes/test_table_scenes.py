@@ -25,7 +25,7 @@ OF_3_BY_4 = 'include: rehearsal\ntable: {rows: 3, columns: 4, absent: [5]}\n'
 def test_a_scene_of_another_table_runs_and_its_recording_is_proved(tmp_path):
     name = tmp_path / '3x4.yaml'
     name.write_text(OF_3_BY_4)
-    command = ['run', str(name), '--for', '12', '--bag', str(tmp_path / 'bags')]
+    command = ['run', str(name), '--for', '8', '--bag', str(tmp_path / 'bags')]
     done = subprocess.run(
         [sys.executable, '-m', 'eol_ros', *command], capture_output=True, text=True, check=False,
         env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)}, timeout=240,
