@@ -162,11 +162,15 @@ def lead_to(address: str, state: str) -> None:
 
 
 def ask(address: str, control: str) -> None:
-    """Ask for what a button of the panel asks for."""
+    """Ask for what a button of the panel asks for; what is refused shows as another state."""
     request = urllib.request.Request(
         f'{address}/control/{control}', b'{}', {'Content-Type': 'application/json'}
     )
-    urllib.request.urlopen(request, timeout=20).read()
+    for _ in range(3):
+        with contextlib.suppress(OSError):  # a busy node answers late
+            urllib.request.urlopen(request, timeout=20).read()
+            return
+        time.sleep(5)
 
 
 def row_of(*row: Any) -> list[np.ndarray]:

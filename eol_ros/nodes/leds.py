@@ -177,7 +177,7 @@ class LedsNode(EolNode):
         report = {'ready': self.health.ok, 'refused': self.health.error}
         faults = self.lights.faults() if state.kind == 'ready' else []
         if faults:
-            self.health.warn('; '.join(faults))
+            self.health.warn(clauses(faults))
         else:
             text = clauses([state.text, self.main_clock.report()])
             report.get(state.kind, self.health.warn)(text)

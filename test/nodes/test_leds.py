@@ -20,6 +20,7 @@ from eol_ros.ros.definitions import definition
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import parameter_messages
 from eol_ros.ros.stamps import now_ns, to_msg, to_ns
+from eol_ros.said import translated
 from eol_ros.scene import Machine, Scene
 from eol_ros.settings import CameraSettings, LedsSettings, MotionSettings, TableSettings
 from eol_ros.streams import blocks
@@ -209,6 +210,7 @@ def test_a_battery_that_is_low_is_a_warning_and_the_rest_goes_on(make_rig):
         fake.report(6, millivolts=2950)
         words = 'the battery of block 6 is at 3.0 V: charge it'
         assert rig.until(lambda: (1, words) in [(int(n), t) for n, t in rig.around.states])
+        assert translated(rig.leds.health.text, 'zh-Hant') == '編號 6 方塊的電池剩 3.0 V：請充電'
         rig.around.slip(6)
         assert rig.until(lambda: fake.levels()[6] > 0)
         fake.report(6)

@@ -125,7 +125,7 @@ function drawCard() {
   brush.fillStyle = side === 'left' ? '#f0c64a' : '#7fd1c7';
   brush.fillText(word, w / 2, h / 2);
   brush.fillStyle = '#e8e2d5';
-  brush.font = `400 ${h / 32}px system-ui, sans-serif`;
+  brush.font = `400 ${Math.min(h / 32, w / 20)}px system-ui, sans-serif`;
   brush.fillText(`${screenName}  ${w} x ${h}  ${link.workWords(false)}`, w / 2, h * 0.91);
 }
 
