@@ -347,6 +347,19 @@ def test_blocks_of_15_to_118_px_are_tracked(size, px_per_m):
     assert off.max() * px_per_m < 0.2
 
 
+def test_a_table_that_jumped_is_found_in_the_same_image_and_after_a_dark_one_in_the_next():
+    renderer = Renderer(RenderOptions(noise='L2'), None, 1)
+    tracker, there = Tracker(TrackerSettings(), renderer.calibration), REST + (0.03, -0.02)
+    for k in range(30):
+        tracker.update(k / 60, renderer.render(*REST.T, np.zeros(25), k))
+    for k, at in ((30, there), (31, None), (32, there)):
+        image = renderer.render(*(REST if at is None else at).T, np.zeros(25), k)
+        found = tracker.update(k / 60, image // 16 if at is None else image)
+        assert found.seen.all() == (at is not None)
+        if at is not None:
+            assert np.hypot(*(found.world - at).T).max() < 1e-3
+
+
 def test_a_block_larger_than_its_room_overflows_nothing():
     camera = Calibration.ideal(1280, 800, 3000.0)  # a block of 252 px
     d, (patches, px, at, *room) = np.empty(12), pixels.empty_patches(1)

@@ -131,10 +131,15 @@ class Follower:
                 self._register(image, lost)
                 good[lost] = self._judge(lost)[lost]
             lost = np.flatnonzero(self.table.present & ~good)
-            if len(lost):  # one of them an image: a search takes as long as eight blocks in sight
-                self._turn += 1
-                self._seek(stamp_s, image, lost[self._turn % len(lost)], good)
-            self._doubt(image, good)
+            if len(self._all) - len(lost) < self.least:  # all may have jumped at once
+                good, passed_s = self._acquire(stamp_s, image), math.inf
+                if not good.any():  # or this image alone is dark
+                    self._sought_s = -math.inf
+            else:
+                if len(lost):  # one an image: a search takes as long as eight blocks in sight
+                    self._turn += 1
+                    self._seek(stamp_s, image, lost[self._turn % len(lost)], good)
+                self._doubt(image, good)
         if self.lattice:
             _take(blocks, found, self._near, good, passed_s, self.lengths.near)
             self._learn(passed_s)
