@@ -42,11 +42,10 @@ def solve(scene: Scene, times: np.ndarray, limits: Limits, ledger: bool, order: 
     )
     if scene.drive.kind == VELOCITY:
         u += scene.drive.par[0] * base
-    held = np.broadcast_to(scene.u0[:, 1], grid.u.shape)
-    end = np.column_stack([u, scene.u0[:, 1]])
-    u_out = np.stack([grid.u, held], axis=2)
-    v_out = np.stack([grid.v, np.zeros_like(grid.v)], axis=2)
+    u_out, v_out = np.zeros((2, *grid.u.shape, 2))
+    u_out[:, :, 0], u_out[:, :, 1], v_out[:, :, 0] = grid.u, scene.u0[:, 1], grid.v
     run = Run('exact', WORDS[status], times, u_out, v_out, *in_time(log, events), steps, t)
     if ledger:
+        end = np.column_stack([u, scene.u0[:, 1]])
         keep_ledger(run, scene, end, np.column_stack([v, 0 * v]), work_and_heat)
     return run
