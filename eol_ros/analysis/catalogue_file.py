@@ -12,7 +12,6 @@ from eol_ros.analysis.bag import Bag, Table
 from eol_ros.analysis.recorded_settings import recorded_settings, recorded_table
 from eol_ros.core.physics.builders import GRAVITY
 from eol_ros.devices.files.names import shown
-from eol_ros.errors import ConfigError
 from eol_ros.settings import TwinSettings
 
 # name: type, unit, what it is
@@ -36,19 +35,14 @@ def of(bag: Bag, cascades: Table | None, measured: TwinSettings | None = None) -
 
     The law of their areas is asked in that order, which is the one that a live panel knows.
     measured: springs, friction and mass of the table; None: as the bag's twin has them. Without
-    them moments and energies are nan.
+    them moments and energies are nan. Cascades whose nucleus is no block are not among the rows.
     """
-    count = 0 if cascades is None else len(cascades)
-    rows = np.zeros(count, [(name, kind) for name, (kind, _, _) in COLUMNS.items()])
+    kinds = [(name, kind) for name, (kind, _, _) in COLUMNS.items()]
     if cascades is None:
-        return rows
+        return np.zeros(0, kinds)
     table = recorded_table(bag)
-    beyond = cascades['nucleus'][cascades['nucleus'] >= table.cells]
-    if len(beyond):
-        raise ConfigError(
-            f'{bag.path}: a cascade begins at block {beyond[0]}, and the table has'
-            f' {table.cells} places: the recording is damaged'
-        )
+    cascades = cascades[cascades['nucleus'] < table.cells]
+    rows = np.zeros(len(cascades), kinds)
     place = table.rest[cascades['nucleus']]
     for name, values in (
         ('onset_ns', cascades['onset'].astype('i8')), ('duration_s', cascades['duration']),
@@ -63,6 +57,17 @@ def of(bag: Bag, cascades: Table | None, measured: TwinSettings | None = None) -
         rows['moment_nm'] = made.stiffness * table.pitch_m[0] * rows['potency_m']
         rows['energy_j'] = made.mu_kinetic * made.block_kg * GRAVITY * rows['potency_m']
     return rows
+
+
+def left_out(cascades: Table | None, rows: np.ndarray) -> list[str]:
+    """Return what is to be said of cascades that are not among the rows, nothing where all are."""
+    count = 0 if cascades is None else len(cascades)
+    if count == len(rows):
+        return []
+    return [
+        f'catalogue: {count - len(rows)} of {count} cascades left out: they begin at no block of'
+        ' the table, so the recording is damaged or does not say its table'
+    ]
 
 
 def energy_sentence(rows: np.ndarray, made: TwinSettings | None) -> str:

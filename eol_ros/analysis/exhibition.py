@@ -116,7 +116,9 @@ def _digest(bag: Bag, zone: datetime.tzinfo | None) -> Digest:
         shown(bag.path), bag.start_ns, bag.end_ns, zone_ns, {}, slips, taps, rows,
         recorded_table(bag),
         version=bag.about.get('versions', '').splitlines()[0] if bag.about.get('versions') else '',
-        notes=[*bag.cut_short, *bag.damage],
+        notes=[
+            *bag.cut_short, *bag.damage, *catalogue_file.left_out(tables.get('cascades'), rows),
+        ],
     )  # fmt: skip
     first, last = ((ns + zone_ns) // HOUR_NS for ns in (bag.start_ns, bag.end_ns))
     for hour in range(first, last + 1):

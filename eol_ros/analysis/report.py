@@ -64,7 +64,7 @@ def numbers(
                 slips['block'][slips['kind'] == START], minlength=table.cells
             ).tolist(),
         }
-    felt_slips = _table(bag, 'felt_slips')
+    felt_slips, lacks = _table(bag, 'felt_slips'), _lacking(bag)
     if felt_slips is not None:
         found['felt_slips'] = _felt(felt_slips['kind'], bag.duration_s)
     if cascades is not None:
@@ -73,12 +73,13 @@ def numbers(
         if slips is not None:
             found['cascades']['from_rest_to_rest'] = rest_to_rest(stops, table.count)
         rows = catalogue_file.of(bag, cascades, measured)
+        lacks += catalogue_file.left_out(cascades, rows)
         made = measured or recorded_settings(bag, 'twin')
         found['catalogue'] = {'energy': {'sentence': catalogue_file.energy_sentence(rows, made)}}
     flashing = light.ask(bag)
     if flashing is not None:
         found['light'] = flashing
-    if lacks := _lacking(bag) + _of_another_clock(found):
+    if lacks := lacks + _of_another_clock(found):
         found['lacking'] = lacks
     if answers is not None:
         found['one_over_f'] = {answer.name: _spectral(answer) for answer in answers}
@@ -90,14 +91,15 @@ def _of_another_clock(found: dict[str, Any]) -> list[str]:
     lines = []
     for kind in ('latency_ms', 'onset_latency_ms'):
         for topic, row in list(found[kind].items()):
-            if not row:
-                lines.append(f'delay of {topic}: not measured, messages have the time of the image')
             if odd := row.pop('of_another_clock', 0):
                 lines.append(
-                    f'delay of {topic}: {odd} of {odd + row.get("count", 0)} left out, beyond '
+                    f'delay of {topic}: {odd} of {odd + row["count"]} left out, beyond '
                     f'{LATE_MS / 1e3:.0f} s: times are 0 or of another clock'
                 )
-            if not row:
+            if 'p50' not in row:
+                if row['count']:
+                    said = 'not measured, messages have the time of the image'
+                    lines.append(f'delay of {topic}: {said}')
                 del found[kind][topic]
     return lines
 
@@ -351,17 +353,13 @@ def _summary(late_ms: np.ndarray) -> dict[str, Any]:
     """Return percentiles of delays. Those beyond `LATE_MS` count apart: of another clock."""
     good = late_ms[np.abs(late_ms) <= LATE_MS]
     odd = len(late_ms) - len(good)
-    apart: dict[str, Any] = {'of_another_clock': odd} if odd else {}
+    found: dict[str, Any] = {'count': len(good)} | ({'of_another_clock': odd} if odd else {})
     if not good.any():  # a bag that was made, not recorded, has no delays
-        return apart
-    late_ms = good
-    p50, p99 = np.percentile(late_ms, [50, 99])
-    return apart | {
-        'p50': round(p50, 2),
-        'p99': round(p99, 2),
-        'max': round(float(late_ms.max()), 2),
-        'count': len(late_ms),
-    }
+        return found
+    p50, p99 = np.percentile(good, [50, 99])
+    return {
+        'p50': round(p50, 2), 'p99': round(p99, 2), 'max': round(float(good.max()), 2),
+    } | found  # fmt: skip
 
 
 def _median(values: np.ndarray) -> float | None:

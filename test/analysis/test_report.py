@@ -18,7 +18,6 @@ from eol_ros.analysis.bag import open_bag
 from eol_ros.core.science import powerlaw
 from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
-from eol_ros.errors import ConfigError
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.stamps import to_msg
 from eol_ros.settings import TwinSettings
@@ -90,16 +89,32 @@ def test_values_that_cannot_be_are_told_or_left_out(tmp_path):
     slips = [Slip(kind=Slip.KIND_STOP, distance=float(x)) for x in (0.004, np.nan, np.inf)]
     bag = bag_of(tmp_path / 'slips', [('slips', slip, k) for k, slip in enumerate(slips)])
     assert report.numbers(bag)['slips']['median_distance_mm'] == 4.0
-    bag = bag_of(tmp_path / 'cascades', [('cascades', Cascade(nucleus=255, area=1), 0)])
-    with pytest.raises(ConfigError, match='begins at block 255, and the table has 25 places'):
-        report.numbers(bag)
+    cascades = [Cascade(nucleus=nucleus, area=1, size=1) for nucleus in (7, 255)]
+    bag = bag_of(tmp_path / 'cascades', [('cascades', one, k) for k, one in enumerate(cascades)])
+    found = report.write(bag, tmp_path / 'report')
+    assert found['cascades']['count'] == 2
+    assert [line for line in found['lacking'] if line.startswith('catalogue')] == [
+        'catalogue: 1 of 2 cascades left out: they begin at no block of the table, so the '
+        'recording is damaged or does not say its table'
+    ]
+    assert len((tmp_path / 'report/catalogue.csv').read_text().splitlines()) == 2
 
 
-def test_a_bag_that_was_made_has_no_delays():
-    found = {'latency_ms': {'blocks': report._summary(np.zeros(3))}, 'onset_latency_ms': {}}
-    words = report._of_another_clock(found)
-    assert words == ['delay of blocks: not measured, messages have the time of the image']
-    assert found['latency_ms'] == {}
+@pytest.mark.parametrize(
+    ('late_ms', 'said', 'kept'),
+    [
+        ([0.0, 0.0], ['not measured, messages have the time of the image'], {}),
+        ([1e12, -1e9], ['2 of 2 left out, beyond 600 s: times are 0 or of another clock'], {}),
+        ([0.0, 1e12], ['1 of 2 left out, beyond 600 s: times are 0 or of another clock',
+                       'not measured, messages have the time of the image'], {}),
+        ([1.0, 3.0, 1e12], ['1 of 3 left out, beyond 600 s: times are 0 or of another clock'],
+         {'blocks': {'p50': 2.0, 'p99': 2.98, 'max': 3.0, 'count': 2}}),
+    ],
+)  # fmt: skip
+def test_delays_that_are_none_are_told_apart(late_ms, said, kept):
+    found = {'latency_ms': {'blocks': report._summary(np.array(late_ms))}, 'onset_latency_ms': {}}
+    assert report._of_another_clock(found) == [f'delay of blocks: {line}' for line in said]
+    assert found['latency_ms'] == kept
 
 
 def test_too_few_cascades_are_not_fitted(tmp_path):
