@@ -41,7 +41,7 @@ SCIPY_S = {'S1': 20.0, 'S2': 12.0, 'S6a': 6.2, 'S6b': 6.0, 'S4L': 4.0, 'S4G': 6.
 OTHERS_S = 8.0  # for so long SciPy follows the other scenes
 ROTATION_S = 3.0  # for so long SciPy follows blocks that rotate
 PARTS = ('own', 'convergence', 'rotation', 'peers', 'tolerance', 'live')
-RANDOM_SCENES = 500
+RANDOM_SCENES = ((False, 500), (True, 100))  # whether blocks rotate
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -262,7 +262,8 @@ def _order(settings: list[float], errors: list[float]) -> float:
 
 def tolerance_rows() -> list[dict]:
     """Return, for each path, errors of random scenes in units of the tolerance asked for."""
-    found = [random_scenes.judge(seed) for seed in track(range(RANDOM_SCENES), 'random scenes')]
+    work = [(seed, rotates) for rotates, scenes in RANDOM_SCENES for seed in range(scenes)]
+    found = [random_scenes.judge(*one) for one in track(work, 'random scenes')]
     rows = []
     for path in sorted({one.path for one in found}):
         of_path = [one for one in found if one.path == path]

@@ -11,7 +11,6 @@ from eol_ros.core.physics.scene import Scene
 from support.scipy_solver import Event, between_events
 
 LEVER = (np.sqrt(2) + np.arcsinh(1)) / 6  # of the side, by integration over the square
-CAPTURE_MPS, ARM_S = 1e-7, 1e-6
 
 
 class Springs:
@@ -23,44 +22,35 @@ class Springs:
         spun = scene.rotation
         assert spun is not None
         self.lever = LEVER * spun.side_m
-        lattice = self.lattice
-        self.inner = lattice.second < lattice.n
+        lattice, ends = self.lattice, np.arange(scene.n)[:, None]
         self.mass = np.column_stack(
             [lattice.mass, lattice.mass, lattice.mass * spun.side_m**2 / 6 / self.lever**2]
         )
-        self.arm, self.arm_j = spun.arm, np.where(self.inner[:, None], spun.arm_j, 0.0)
+        self.arm = _complex(spun.arm)
+        self.arm_j = np.where(lattice.second < lattice.n, _complex(spun.arm_j), 0.0)
+        self.rest, self.unmoved = _complex(lattice.rest), np.zeros(len(lattice.anchors))
+        self.here = (lattice.first == ends).astype(float)  # (n, springs)
+        self.there = (lattice.second == ends).astype(float)
 
     def pull(self, t: float, q: np.ndarray) -> np.ndarray:
         """Return force and torque / lever (n, 3) on blocks at q (n, 3): x, y, lever * yaw."""
-        lattice, inner = self.lattice, self.inner
-        yaw = q[:, 2] / self.lever
-        own = _turned(self.arm, yaw[lattice.first])
-        there = np.where(inner, lattice.second, 0)
-        tip = _turned(self.arm_j, np.where(inner, yaw[there], 0.0))
-        led = self.scene.drive.displacement(t, lattice.anchors)
-        far = (
-            np.where(
-                inner[:, None], q[there, :2], led[np.where(inner, 0, lattice.second - lattice.n)]
-            )
-            if len(led)
-            else q[there, :2]
-        )
-        moved = far + tip - self.arm_j - q[lattice.first, :2] - own + self.arm
+        lattice, at = self.lattice, _complex(q)
+        turned = np.exp(1j * np.concatenate([q[:, 2] / self.lever, self.unmoved]))
+        own, tip = self.arm * turned[lattice.first], self.arm_j * turned[lattice.second]
+        far = np.concatenate([at, _complex(self.scene.drive.displacement(t, lattice.anchors))])
+        d = far[lattice.second] + tip - self.arm_j - at[lattice.first] - own + self.arm
         if lattice.geometric:
-            d = moved + lattice.rest
-            f = d * (lattice.k * (1 - lattice.natural / np.hypot(*d.T)))[:, None]
+            d += self.rest
+            f = lattice.k * (1 - lattice.natural / np.abs(d)) * d
         else:
-            f = moved * lattice.k[:, None]
-        total = np.zeros((lattice.n, 3))
-        for ends, arm, force in ((lattice.first, own, f), (there[inner], tip[inner], -f[inner])):
-            torque = arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]
-            np.add.at(total, ends, np.column_stack([force, torque / self.lever]))
-        return total
+            f = lattice.k * d
+        torque = self.here @ (own.conj() * f).imag - self.there @ (tip.conj() * f).imag
+        force = (self.here - self.there) @ f
+        return np.column_stack([force.real, force.imag, torque / self.lever])
 
 
-def _turned(arm: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.column_stack([c * arm[:, 0] - s * arm[:, 1], s * arm[:, 0] + c * arm[:, 1]])
+def _complex(places: np.ndarray) -> np.ndarray:
+    return places[:, 0] + 1j * places[:, 1]
 
 
 def _way(pull: np.ndarray, mass: np.ndarray, kinetic: float) -> np.ndarray:
@@ -79,9 +69,13 @@ def _way(pull: np.ndarray, mass: np.ndarray, kinetic: float) -> np.ndarray:
 
 
 def solve(
-    scene: Scene, times: np.ndarray, rtol: float = 1e-12
+    scene: Scene,
+    times: np.ndarray,
+    rtol: float = 1e-12,
+    capture_mps: float = 1e-7,
+    arm_s: float = 1e-6,
 ) -> tuple[np.ndarray, np.ndarray, list[Event]]:
-    """Return u (k, n, 2), yaw (k, n) and events."""
+    """Return u (k, n, 2), yaw (k, n) and events; the options are those of `scipy_run`."""
     springs, kinetic, spun = Springs(scene), scene.kinetic_force, scene.rotation
     mass, half = springs.mass, 3 * scene.n
     q = np.column_stack([scene.u0, springs.lever * spun.yaw0])
@@ -99,7 +93,8 @@ def solve(
         return np.concatenate([np.where(on[:, None], x, 0.0).ravel() for x in (v, rate)])
 
     out, events = between_events(
-        scene, np.concatenate([q.ravel(), v.ravel()]), times, rtol, CAPTURE_MPS, ARM_S,
+        scene, np.concatenate([q.ravel(), v.ravel()]), times, rtol, capture_mps,
+        arm_s,
         slope=slope, pull=pull, way=lambda i, force: _way(force, mass[i], kinetic[i]),
         longest=lambda on: 0.1 * np.pi / w,
     )  # fmt: skip

@@ -12,9 +12,10 @@ import numpy as np
 
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.result import sample_times
-from eol_ros.core.physics.scene import from_mapping
+from eol_ros.core.physics.scene import Scene, from_mapping
 from eol_ros.lab.choose import along_x, simulate
-from support.scipy_solver import scipy_run
+from support import physics_rotating
+from support.scipy_solver import Event, scipy_run
 from support.witness import spring_forces
 
 SURE = (3e-13, 1e-8, 1e-6)  # relative tolerance; a stop's speed, m/s; how long after a start, s
@@ -32,8 +33,8 @@ class Judged(NamedTuple):
     motion_m: float
 
 
-def draw(seed: int) -> tuple[builders.Plain, float]:
-    """Return a scene and a tolerance."""
+def draw(seed: int, rotates: bool = False) -> tuple[builders.Plain, float]:
+    """Return a scene, the same for both values of `rotates` but for that, and a tolerance."""
     random = np.random.default_rng([seed, 49])
     rows, columns = random.integers(1, 4, 2)
     n, k = int(rows * columns), 10 ** random.uniform(1, 2.7)
@@ -52,28 +53,57 @@ def draw(seed: int) -> tuple[builders.Plain, float]:
         u0=builders.offsets(n, size_m, seed, along_x),
         v0=random.uniform(-0.3, 0.3, (n, 2)) * [1, not along_x],
     )  # fmt: skip
+    spin = np.random.default_rng([seed, 7])
+    if rotates:
+        scene['rotation'] = {
+            'side': float(10 ** spin.uniform(-2, -0.5)),
+            'yaw0': spin.uniform(-0.3, 0.3, n).tolist(),
+            'spin0': spin.uniform(-3, 3, n).tolist(),
+        }
     return scene, 10 ** random.uniform(-11, -4)
 
 
-def judge(seed: int) -> Judged:
+def _places(scene: Scene, u: np.ndarray, yaw: np.ndarray | None) -> np.ndarray:
+    """Return u (k, n, 2), or (k, n, 3) with lever * yaw, m, where blocks rotate."""
+    if yaw is None:
+        return u
+    return np.dstack([u, physics_rotating.Springs(scene).lever * yaw[:, :, None]])
+
+
+def _reference(scene: Scene, times: np.ndarray, *exact: float) -> tuple[np.ndarray, list[Event]]:
+    if scene.rotation is None:
+        return scipy_run(scene, times, *exact)
+    u, yaw, events = physics_rotating.solve(scene, times, *exact)
+    return _places(scene, u, yaw), events
+
+
+def _pull(scene: Scene, places: np.ndarray, t: float) -> np.ndarray:
+    if scene.rotation is None:
+        return spring_forces(scene, places, t)
+    return physics_rotating.Springs(scene).pull(t, places)
+
+
+def judge(seed: int, rotates: bool = False) -> Judged:
     """Return how a scene's error compares with its tolerance, of the largest displacement."""
-    given, tolerance = draw(seed)
+    given, tolerance = draw(seed, rotates)
     scene = from_mapping(given)
     times = sample_times(scene.duration_s, scene.duration_s / SAMPLES)
     run = simulate(scene, scene.duration_s / SAMPLES, tolerance=tolerance, ledger=False)
-    truth, events = scipy_run(scene, times, *SURE)
+    found = _places(scene, run.u, run.yaw)
+    truth, events = _reference(scene, times, *SURE)
     stops = [(when, block) for when, block, start in events if not start]
     every = np.union1d(times, [when for when, _ in stops])
-    check, again = scipy_run(scene, every, *CHECK)
+    check, again = _reference(scene, every, *CHECK)
     place = np.searchsorted(every, [when for when, _ in stops])
     pulls = [
-        np.hypot(*spring_forces(scene, check[k], when)[block]) / scene.kinetic_force[block]
+        np.linalg.norm(_pull(scene, check[k], when)[block]) / scene.kinetic_force[block]
         for k, (when, block) in zip(place, stops, strict=True)
     ]
-    doubtful = not along_x(scene) and max(pulls, default=0.0) > 1
+    doubtful = (rotates or not along_x(scene)) and max(pulls, default=0.0) > 1
     check = check[np.isin(every, times)]
     motion = float(np.abs(truth - truth[0]).max())
     alike = [event[1:] for event in events] == [event[1:] for event in again]
     certain = alike and not doubtful and np.abs(check - truth).max() <= tolerance * motion
-    error = float(np.abs(run.u - truth).max()) / (tolerance * motion) if certain else np.nan
-    return Judged(run.path, tolerance, error, len(events), motion)
+    error = float(np.abs(found - truth).max()) / (tolerance * motion) if certain else np.nan
+    path = f'{run.path} with rotation' if rotates else run.path
+    return Judged(path, tolerance, error, len(events), motion)

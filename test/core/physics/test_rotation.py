@@ -175,13 +175,7 @@ def test_arms_want_rotation_and_exact_does_not_turn():
 @pytest.mark.parametrize('seed', [61, 543])
 def test_a_block_that_all_but_stops_under_a_pull_above_friction_goes_on(seed):
     """At 1e-7 m/s it would be taken for one at rest, and end 4e-7 m from where it must."""
-    given, _ = random_scenes.draw(seed)
-    random, n = np.random.default_rng([seed, 7]), given['n']
-    given['rotation'] = {
-        'side': float(10 ** random.uniform(-2, -0.5)),
-        'yaw0': random.uniform(-0.3, 0.3, n).tolist(),
-        'spin0': random.uniform(-3, 3, n).tolist(),
-    }
+    given, _ = random_scenes.draw(seed, rotates=True)
     coarse, fine = (solve(given, tolerance=tolerance) for tolerance in (1e-8, 1e-13))
     motion_m = np.abs(fine.u - fine.u[0]).max()
     assert np.abs(coarse.u - fine.u).max() < 10 * 1e-8 * motion_m
