@@ -11,14 +11,15 @@ import re
 import unicodedata
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from eol_ros.errors import UsageError, nearest
 from eol_ros.said import said
 from eol_ros.settings import fields_of, live_fields
 from eol_ros.streams.graph import NODES
+
+if TYPE_CHECKING:  # bringup loads this module and no numpy
+    import numpy as np
 
 SET, CUE = 'set', 'cue'
 
@@ -255,7 +256,7 @@ def no_request(kind: str) -> str:
 PROVED = ('tracker', 'motion', 'grains')  # their results are recomputed from a bag
 PEOPLE = ('sleep', 'wake', 'test')  # asked of the work, not of a machine or a room
 _OF_CUES = (SET, 'mute', 'unmute')  # and by a cue, which is part of the work
-Columns = Mapping[str, np.ndarray] | np.ndarray  # of a table, by name
+Columns: TypeAlias = 'Mapping[str, np.ndarray] | np.ndarray'  # of a table, by name
 _WRITING = ('move_grain', 'restore_grain')  # to files that are there when it is replayed
 _KEPT = (SET, 'background', 'covers')  # hold until the next such request
 
@@ -326,14 +327,14 @@ def value_of(value: Any) -> Any:
     names = ('', 'bool_value', 'integer_value', 'double_value', 'string_value', 'byte_array_value',
              'bool_array_value', 'integer_array_value', 'double_array_value',
              'string_array_value')  # fmt: skip
-    take = value.__getitem__ if isinstance(value, np.void) else lambda name: getattr(value, name)
+    take = value.__getitem__ if hasattr(value, 'dtype') else lambda name: getattr(value, name)
     number = int(take('type'))
     if not 0 < number < len(names):
         return None
     found = take(names[number])
     if number < 5:
-        return found.item() if isinstance(found, np.generic) else found
-    return tuple(v.item() if isinstance(v, np.generic) else v for v in found)
+        return found.item() if hasattr(found, 'item') else found
+    return tuple(v.item() if hasattr(v, 'item') else v for v in found)
 
 
 def values_of(parameters: Iterable[Any]) -> dict[str, Any]:
@@ -349,7 +350,7 @@ def recorded(requests: Columns, results: Columns) -> list[Heeded]:
     asked = [_asked(requests, i) for i in range(len(requests['id']))]
     pictures = {heeded.asked.id: heeded.asked.data for heeded in asked if heeded.asked.data}
     found = []
-    for i in np.flatnonzero(results['accepted']).tolist():
+    for i in results['accepted'].nonzero()[0].tolist():
         one = _asked(results, i, accepted=True)
         data = pictures.get(one.asked.id, b'')
         found.append(replace(one, asked=replace(one.asked, data=data)) if data else one)
@@ -361,7 +362,7 @@ def _asked(columns: Columns, i: int, accepted: bool = False) -> Heeded:
         str(columns['kind'][i]),
         str(columns['node'][i]),
         {str(v['name']): value_of(v['value']) for v in columns['values'][i]},
-        b'' if accepted else np.asarray(columns['data'][i], np.uint8).tobytes(),
+        b'' if accepted else bytes(columns['data'][i]),
         int(columns['from_stamp'][i].astype('i8')),
         str(columns['id'][i]),
         '' if accepted else str(columns['source'][i]),

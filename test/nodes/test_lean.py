@@ -4,6 +4,7 @@
 import json
 import os
 import subprocess
+import sys
 
 import pytest
 import yaml
@@ -91,6 +92,11 @@ def test_a_verb_loads_nothing_that_it_does_not_use(words, tmp_path, monkeypatch)
     row = verb_row(words)
     assert row['modules'] > 50
     assert row['faults'] == []
+
+
+def test_bringup_loads_no_numpy():
+    code = 'import sys, eol_ros.bringup.run; sys.exit("numpy" in sys.modules)'
+    assert subprocess.run([sys.executable, '-c', code]).returncode == 0
 
 
 def test_the_list_finds_what_a_node_must_not_have():
