@@ -42,7 +42,7 @@ WAYS = {  # in which a block can be silent, in words
     'slips': ('slips', 'slipped', 'slip no longer'),
     'taps': ('knocks', 'told of a knock', 'tell of knocks no longer'),
 }
-NOT_TOLD = 'not reported for many bags: energies, 1/f, patterns of light; `eol report BAG` has them'
+NOT_TOLD = 'not reported for many bags: energies, 1/f, light; `eol report BAG` has them'
 ALL_S = 1.0  # a bag shorter than that is none of an exhibition
 
 

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The light of a bag: who flashed when, whether that is chance, and a cascade's light in frames.
+"""The light of a bag: how blocks flash, and the light of a cascade in frames.
 
 `Measure` has the figures of a flash: how long it lasts, how many blocks are lit, contrast in space
 and time, falls in a second and how often the limit is reached. `order` compares the order of
 lighting with that of the onsets. `eol report` and `eol bench light` use the same functions.
 """
 
-import dataclasses
 import math
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -21,10 +20,9 @@ from eol_ros.core.light.flash import FLASH_DEPTH
 from eol_ros.core.light.local import SQUARE_FALLS, block_falls, squares
 from eol_ros.core.table import Table
 from eol_ros.errors import ConfigError
-from eol_ros.lab.science import patterns
 from eol_ros.streams.slips import START
 
-MOMENT_S = 0.2  # most flashes of a cascade fall into one or two of them
+MOMENT_S = 0.2  # from its onset, within which a block of a cascade lights up
 FLASH = 48  # levels (of 255) that a light rises by from packet to packet when it flashes up
 CHUNK_S = 600.0  # of packets in memory at a time
 RATE_HZ = 120.0  # of the grid on which light is measured
@@ -37,29 +35,6 @@ LEAST_AREA = 5  # of a cascade whose order of lighting is measured
 FRAMES, FRAME_S = 3, 0.5  # of a cascade, and from one to the next, as in the paper's figure
 FIRST_S = 0.05  # from the onset to the first frame: its light is lit by then
 FRAMES_S = FIRST_S + FRAME_S * np.arange(FRAMES)
-JUDGED = (
-    'No person has judged patterns of flashing blocks: the measures were compared with '
-    'judgements of other black and white patterns, at rest (docs/explanation/science.md).'
-)
-
-
-def flashes(bag: Bag) -> np.ndarray:
-    """Return which blocks flashed up in each moment of MOMENT_S, (t, rows, columns) of bool."""
-    table = recorded_table(bag)
-    moments = np.zeros((int(bag.duration_s / MOMENT_S) + 1, table.cells), bool)
-    last = np.zeros((1, table.cells), np.int16)
-    for begin_s in np.arange(0.0, bag.duration_s + 1e-9, CHUNK_S):
-        sent = bag.table('led_commands', begin_s, begin_s + CHUNK_S)
-        if not len(sent):
-            continue
-        at_s, white = shown(bag, sent)
-        level = np.concatenate([last, white])
-        last = level[-1:]
-        packet, block = np.nonzero(np.diff(level, axis=0) >= FLASH)
-        moment = np.floor(at_s[packet] / MOMENT_S).astype(int)
-        inside = (moment >= 0) & (moment < len(moments))
-        moments[moment[inside], block[inside]] = True
-    return table.grid(moments)
 
 
 def shown(bag: Bag, commands: Messages) -> tuple[np.ndarray, np.ndarray]:
@@ -314,11 +289,11 @@ def measured(bag: Bag) -> dict[str, Any]:
 
 
 def ask(bag: Bag) -> dict[str, Any] | None:
-    """Return what is to be said of light and its patterns; None where the bag has no light."""
+    """Return what is to be said of the light of a bag; None where the bag has none."""
     if not bag.count('led_commands'):
         return None
     if why := series.sparse(bag):
-        return {'sentences': [f'patterns of light: {why}']}
+        return {'sentences': [f'light: {why}']}
     flash = measured(bag)
     said = flash.pop('sentences')
     if drawn := frames(bag, bag.table('cascades') if bag.count('cascades') else None):
@@ -333,23 +308,7 @@ def ask(bag: Bag) -> dict[str, Any] | None:
                 else f'; {changed:.0%} of lit blocks change from frame to frame'
             )
         )
-    table = recorded_table(bag)
-    if table.rows != table.columns or table.rows < 3 or table.absent:
-        why = 'their measures are of square tables of 3 rows or more, without absent blocks'
-        return {'sentences': [f'patterns of light: {why}', *said], 'flash': flash}
-    try:
-        found = patterns.ask(flashes(bag), 1 / MOMENT_S, np.random.default_rng(1))
-    except patterns.TooFew as why:
-        return {'sentences': [f'patterns of light: {why}', *said], 'flash': flash}
-    return {
-        'sentences': [*found.sentences, JUDGED, *said],
-        'flash': flash,
-        'random': found.random,
-        'moments': found.moments,
-        'asked': found.asked,
-        'static': [dataclasses.asdict(c) for c in found.static],
-        'follows': dataclasses.asdict(found.follows),
-    }
+    return {'sentences': said, 'flash': flash}
 
 
 def greatest(bag: Bag, cascades: Messages) -> tuple[float, int]:

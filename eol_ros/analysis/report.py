@@ -117,7 +117,7 @@ def _lacking(bag: Bag) -> list[str]:
     if not bag.count('cascades'):
         lines.append('cascades: no law and no energies, since the bag has no cascades')
     if not bag.count('led_commands'):
-        lines.append('patterns of light: not measured, since the bag has no led_commands')
+        lines.append('light: not measured, since the bag has no led_commands')
     return lines
 
 

@@ -151,7 +151,7 @@ def test_an_empty_or_foreign_bag_says_what_it_cannot_say(tmp_path, capsys, topic
     assert cli.main(['report', str(tmp_path / 'run'), '--output', str(tmp_path / 'out')]) == 0
     lines = [
         'cascades: no law and no energies, since the bag has no cascades',
-        'patterns of light: not measured, since the bag has no led_commands',
+        'light: not measured, since the bag has no led_commands',
     ]
     page = (tmp_path / 'out/report.html').read_text()
     words = capsys.readouterr().out

@@ -36,17 +36,13 @@ class FitError(EolError):
 
 
 class TooFew(FitError):
-    """There are fewer than `needed`."""
+    """There are fewer than `needed` cascades."""
 
-    def __init__(self, count: int, name: str, law: str, needed: int) -> None:
-        super().__init__(too_few(count, name, law, needed))
-        self.needed = needed
+    needed = FEWEST_CASCADES
 
-
-def too_few(count: int, name: str, law: str, needed: int) -> str:
-    """Return, for people, that `law` takes `needed` and there are `count`; `name` is of one."""
-    there = f'{count} {name} is' if count == 1 else f'{count} {name}s are'
-    return f'{there} too few for {law}: {needed} are needed'
+    def __init__(self, count: int) -> None:
+        there = '1 cascade is' if count == 1 else f'{count} cascades are'
+        super().__init__(f'{there} too few for a power law of areas: {self.needed} are needed')
 
 
 @dataclass(frozen=True)
@@ -242,7 +238,7 @@ def cascade_law(areas: np.ndarray, blocks: int = Table().count) -> CascadeLaw:
     """
     areas = np.asarray(areas, np.int64)  # logarithms of uint8 would be of half precision
     if len(areas) < FEWEST_CASCADES:
-        raise TooFew(len(areas), 'cascade', 'a power law of areas', FEWEST_CASCADES)
+        raise TooFew(len(areas))
     fits = candidates(histogram(areas), blocks)
     return CascadeLaw(nearest(fits), goodness(areas, fits, np.random.default_rng(1)), fits)
 
