@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from support import fake_board
 from support.fake_clock import FakeClock
 from support.jack import Jack
 from support.running import Graph, busy, stand_in
@@ -168,7 +169,7 @@ class Soak:
 
     def plug(self) -> None:
         """Put the board in."""
-        words = ['-m', 'eol_ros.devices.board.fake', '--link', str(self.board_port)]
+        words = [fake_board.__file__, '--link', str(self.board_port)]
         self.board = subprocess.Popen(
             [sys.executable, *words], stdout=subprocess.PIPE, text=True, stderr=subprocess.DEVNULL,
             preexec_fn=parent_death.following(),

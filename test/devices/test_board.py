@@ -5,12 +5,12 @@ import threading
 import time
 
 import pytest
+from support.fake_board import FakeBoard
 from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.devices.backoff import Backoff
 from eol_ros.devices.board.board import KNOCK_SPAN_S, Board
-from eol_ros.devices.board.fake import FakeBoard
 from eol_ros.devices.ports import Port, find
 from eol_ros.errors import DeviceMissing
 

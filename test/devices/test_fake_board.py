@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from support import fake_board
 from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as p
@@ -49,7 +50,7 @@ def test_while_a_block_is_silent_that_might_flash_nothing_falls(bridge):
 
 def test_runs_as_a_program(tmp_path):
     link, log, taps = tmp_path / 'board', tmp_path / 'log.csv', []
-    command = [sys.executable, '-m', 'eol_ros.devices.board.fake']
+    command = [sys.executable, fake_board.__file__]
     options = ['--link', str(link), '--taps', '50', '--log', str(log)]
     program = subprocess.Popen(command + options, stdout=subprocess.PIPE, text=True)
     board = Board(str(link), taps.append)

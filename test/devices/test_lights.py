@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from support.fake_board import FakeBoard
 from support.flashes import changes
 from support.set_clock import SetClock
 from support.waiting import wait_until
@@ -13,7 +14,6 @@ from support.waiting import wait_until
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.table import Table
 from eol_ros.devices.board.board import State
-from eol_ros.devices.board.fake import FakeBoard
 from eol_ros.devices.board.lights import Lights, Played, faults
 from eol_ros.devices.board.twin import LINK_NS, Felt, Lamps, Radio, TwinBoard
 from eol_ros.settings import LedsSettings
@@ -567,7 +567,7 @@ def test_the_blocks_of_the_twin_do_what_their_board_says(make_lights):
     wait_until(lambda: lights.twin.fake.levels()[9])
     light, _ = lamps.advance(10.0, 10.0, [])
     assert light[9] == pytest.approx(0.6, abs=0.01) and np.count_nonzero(light) == 1
-    lights.twin.fake.fault('unplug')
+    lights.twin.fake.unplug()
     wait_until(lambda: not radio.linked)
     radio.close()
     before, after = (lamps.advance(10.5, t, [])[0][9] for t in (10.5, 11.5))

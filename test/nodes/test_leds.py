@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from eol_msgs.msg import NodeState, Slip
 from rclpy.parameter import Parameter
+from support.fake_board import FakeBoard
 from support.spinning import Nodes
 
 from eol_ros.core.table import Table
 from eol_ros.core.vision.states import TRACKING
-from eol_ros.devices.board.fake import FakeBoard, latency_s
+from eol_ros.devices.board.fake import latency_s
 from eol_ros.devices.board.twin import Felt, Radio
 from eol_ros.errors import ConfigError
 from eol_ros.nodes.leds import LedsNode

@@ -11,6 +11,7 @@ import time
 import numpy as np
 import pytest
 from eol_msgs.msg import Slip
+from support.fake_board import FakeBoard
 from support.fields_of_view import RATE_HZ, fields, most_in_a_second
 from support.flashes import changes
 from support.paper import rest_lattice
@@ -18,7 +19,6 @@ from support.spinning import Nodes
 
 from eol_ros.bringup.shared_memory import Ports
 from eol_ros.core.light.bridge import Bridge
-from eol_ros.devices.board.fake import FakeBoard
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.settings import MotionSettings

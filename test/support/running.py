@@ -22,6 +22,7 @@ from eol_ros.bringup import priority, status
 from eol_ros.devices.board.fake import Arrival, latency_s
 from eol_ros.errors import EolError
 from eol_ros.streams.graph import SHORT
+from support import fake_board
 from support.watch import Watch
 
 TICK_HZ = os.sysconf('SC_CLK_TCK')
@@ -92,7 +93,7 @@ class Graph:
         leds = values['nodes'].get('leds')
         if leds is not None and leds['port'] == 'pty':
             self.board = subprocess.Popen(
-                [sys.executable, '-m', 'eol_ros.devices.board.fake', '--log', str(self.board_log)],
+                [sys.executable, fake_board.__file__, '--log', str(self.board_log)],
                 stdout=subprocess.PIPE,
                 text=True,
                 preexec_fn=parent_death.following(),

@@ -3,13 +3,13 @@ import json
 import threading
 
 import pytest
+from support.fake_board import FakeBoard
 from support.waiting import wait_until
 
 from eol_ros import cli
 from eol_ros.core import serial_protocol as protocol
 from eol_ros.core.clock_sync import HostTime
 from eol_ros.devices.board.board import TapReport
-from eol_ros.devices.board.fake import FakeBoard
 from eol_ros.verbs import board
 
 VERSION = '.'.join(map(str, protocol.FIRMWARE))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The twin's board: a fake one on a pty. The twin's blocks tell it by radio what they feel.
+"""The twin's board: a fake one. The twin's blocks tell it by radio what they feel.
 
 And it tells them what the host wants of them. The radio is a pair of Unix datagram sockets, for
 the board runs with `leds`, in another process than the twin, and what blocks and their board say to
@@ -166,7 +166,6 @@ class TwinBoard:
         self.fake = FakeBoard(
             name='twin',
             on_message=self._on_message,
-            socket_pair=True,
             log_file=log,
             table=table,
         ).start()
