@@ -159,7 +159,6 @@ PLACES = {
     'measure scene': ('scene.yaml', 'measure friction X --bag SAMPLE'),
     'corpus': ('sound.wav', 'corpus X'),
     'labels': ('labels.txt', 'corpus G/sound.wav --segment labels --labels X'),
-    'corpus show': ('corpus.json', 'corpus show X -o out.png'),
     'corpus move': ('corpus.json', 'corpus move X 1 0.5 0.5'),
     'track': ('stack.npy', 'track X'),
     'stamps': ('stamps.txt', 'track G/stack.npy --stamps X'),
@@ -272,7 +271,7 @@ def said(error):
 READERS = {
     'scene.yaml': ('check',),
     'bag.mcap': ('bag info', 'bag recover'),
-    'corpus.json': ('corpus show',),
+    'corpus.json': ('corpus move',),
 }
 FEW = 'empty', 'half', 'gone', 'folder'
 

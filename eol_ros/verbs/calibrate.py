@@ -18,7 +18,7 @@ from eol_ros.errors import ConfigError, EolError, UsageError
 
 HELP = 'Calibrate the camera on the resting blocks, on known points, or on a ChArUco board.'
 EXAMPLES = [
-    'eol calibrate blocks still.png --output table.yaml --picture residual.png',
+    'eol calibrate blocks still.png --output table.yaml',
     'eol calibrate blocks bags/2026-11-21 --lens camera_info.yaml --output table.yaml',
     'eol calibrate points corners.csv --size 1280x800 --output table.yaml',
     'eol calibrate board flat.png held1.png held2.png held3.png held4.png --output table.yaml',
@@ -45,7 +45,6 @@ def add_arguments(parser):
         'CSV of u,v,x,y a line: pixels, then metres (x right, y away)',
     )
     parser.add_argument('-o', '--output', metavar='C.yaml', help='calibration file to write')
-    parser.add_argument('--picture', metavar='P.png', help='figure of the residuals')
     parser.add_argument('--lens', metavar='YAML', help='camera_info file with the lens')
     parser.add_argument(
         '--focal',
@@ -109,7 +108,6 @@ def run(args) -> int:
     if args.way == 'print':
         return _print(args)
     args.table = Table.of(scenes.load(args.scene).table) if args.scene else Table()
-    image = None
     if args.way == 'points':
         solution = _points(args)
     else:
@@ -118,7 +116,6 @@ def run(args) -> int:
             wanted = args.table if args.scene else recorded
             check_same(recorded, wanted, args.sources[0], args.scene, 'leave out --scene')
             args.table = Table.of(wanted)
-        image = images[0]
         solution = (_blocks if args.way == 'blocks' else _board)(args, images)
     if solution.calibration.mirrored and not args.mirror:
         raise ConfigError(
@@ -136,10 +133,6 @@ def run(args) -> int:
     _tell(args, solution)
     if solution.note:
         print(solution.note, file=sys.stderr)
-    if args.picture:
-        from eol_ros.devices.files import calibration_picture
-
-        calibration_picture.save(args.picture, solution, image)
     refusal = solution.refusal()
     if refusal:
         raise ConfigError(f'calibration refused, poor: {refusal}')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""eol corpus: cut sounds into grains, describe and lay them out; look at the space; move one."""
+"""eol corpus: cut sounds into grains, describe and lay them out; move one."""
 
 import dataclasses
 import hashlib
@@ -22,7 +22,6 @@ EXAMPLES = [
     'eol corpus door.ogg --segment onset --csv door.csv --labels-out door.labels.txt',
     'eol corpus door.ogg --segment labels --labels door.labels.txt --output door.json',
     'eol corpus                               (the procedural ice recording)',
-    'eol corpus show iceberg.json --output iceberg.png',
     'eol corpus move iceberg.json 17 0.5 0.25',
 ]
 
@@ -33,7 +32,7 @@ def add_arguments(parser):
         'words',
         nargs='*',
         metavar='AUDIO',
-        help='sound files or folders; or show CORPUS, or move CORPUS GRAIN X Y',
+        help='sound files or folders; or move CORPUS GRAIN X Y',
     )
     add = parser.add_argument
     add(
@@ -100,7 +99,7 @@ def add_arguments(parser):
         default=1,
         help='seed of the ice recording, if no sound is given',
     )
-    add('-o', '--output', metavar='FILE', help='corpus file (JSON); with show, the image')
+    add('-o', '--output', metavar='FILE', help='corpus file (JSON)')
     add('--csv', metavar='FILE', help='table with one line a grain')
     add('--labels-out', metavar='FILE', help='Audacity label track of the grains')
     add('--json', action='store_true', help='print the corpus as JSON')
@@ -110,8 +109,8 @@ _NAMES = ', '.join(DESCRIPTORS)
 
 
 def run(args):
-    """Make, show or change a corpus."""
-    return {'show': _show, 'move': _move}.get(''.join(args.words[:1]), _make)(args)
+    """Make or change a corpus."""
+    return (_move if args.words[:1] == ['move'] else _make)(args)
 
 
 def _make(args):
@@ -187,27 +186,6 @@ def _summary(corpus):
         values = values[np.isfinite(values)]
         cells = np.percentile(values, [0, 10, 50, 90, 100]) if len(values) else []
         print(f'{name:18}' + ''.join(f'{v:12.4g}' for v in cells))
-
-
-def _show(args):
-    from eol_ros.devices.corpus import corpus_build, corpus_file
-
-    words = args.words[1:]
-    if len(words) > 1:
-        raise UsageError('show takes one corpus JSON or sound')
-    if words and words[0].endswith('.json'):
-        corpus = corpus_file.load(Path(words[0]))
-    else:
-        sounds = [Path(words[0])] if words else [corpus_build.make_ice(args.seed)]
-        sounds = [s for sound in sounds for s in corpus_file.sounds_of(sound)]
-        with Progress('describing the grains') as progress:
-            corpus = corpus_build.build_cached(sounds, _options(args), progress)
-    from eol_ros.analysis.corpus_space import draw
-
-    out = Path(args.output or f'{Path(corpus.sources[0].path).stem}.png')
-    draw(corpus, out)
-    print(out)
-    return 0
 
 
 def _move(args):

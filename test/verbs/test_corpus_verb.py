@@ -67,25 +67,6 @@ def test_overlap_without_a_number_is_a_half(capsys, floe):
     assert code == 0 and starts == [0, 0.125, 0.25]
 
 
-@pytest.mark.slow
-def test_show_draws_the_space(capsys, floe, tmp_path):
-    pytest.importorskip('matplotlib', reason='images: pip install matplotlib')
-    eol(capsys, floe, '--output', tmp_path / 'c.json')
-    code, out, _ = eol(capsys, 'show', tmp_path / 'c.json', '--output', tmp_path / 'c.png')
-    assert code == 0 and out.strip() == str(tmp_path / 'c.png')
-    import cv2
-
-    picture = cv2.imread(str(tmp_path / 'c.png'))
-    assert picture.shape[1] > 1000 and len(np.unique(picture.reshape(-1, 3), axis=0)) > 200
-    code, _, err = eol(capsys, 'show', tmp_path / 'c.json', '--output', tmp_path / 'no' / 'c.png')
-    assert code == 78 and 'cannot be written' in err
-    second = shutil.copy(floe, tmp_path / 'second.wav')
-    eol(capsys, floe, second, '--region', 'second left', '--output', tmp_path / 'c.json')
-    assert eol(capsys, 'show', tmp_path / 'c.json', '--output', tmp_path / 'c.svg')[0] == 0
-    told = (tmp_path / 'c.svg').read_text()  # which names what it draws in comments
-    assert all(f'<!-- {words} -->' in told for words in ('floe.wav', 'second.wav'))
-
-
 def test_move_keeps_the_place_beside_the_sound(capsys, floe, tmp_path):
     eol(capsys, floe, '--output', tmp_path / 'c.json')
     before = corpus_file.load(tmp_path / 'c.json').digest
@@ -122,8 +103,6 @@ def test_no_sound_means_the_ice(capsys, monkeypatch):
         (['{floe}', '--labels', 'x'], 2, 'only with --segment labels'),
         (['{floe}', '--output', '{dir}/no/c.json'], 78, 'cannot be written'),
         (['{floe}', '{floe}', '--labels-out', 'x'], 2, 'is for one sound'),
-        (['show', 'no.json'], 69, 'no such corpus'),
-        (['show', 'a', 'b'], 2, 'show takes one'),
         (['move', 'no.json', '1', '0', '0'], 69, 'no such corpus'),
         (['move', 'c.json', '1'], 2, 'move takes'),
     ],

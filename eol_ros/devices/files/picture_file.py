@@ -44,21 +44,6 @@ def load_grey(path: str | Path, flags: int = GREY | cv2.IMREAD_ANYDEPTH) -> np.n
     return picture
 
 
-def write_text(
-    picture: np.ndarray,
-    text: str,
-    place: tuple[int, int],
-    colour: tuple[int, int, int],
-    size: float = 0.5,
-    width: int = 1,
-) -> None:
-    """Write a line with a black outline into an image (h, w, 3), from `place` (u, v) on."""
-    for tint, line in (((0, 0, 0), 3 * width), (colour, width)):
-        cv2.putText(
-            picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, tint, line, cv2.LINE_AA
-        )  # fmt: skip
-
-
 def save(path: str | Path, picture: np.ndarray) -> None:
     """Write an image in the format that the name ends with; raises ConfigError."""
     try:
