@@ -99,6 +99,7 @@ setup(
     package_data={
         'eol_ros': ['py.typed', 'lang/*'],
         'eol_ros.web': ['static/*'],
+        'eol_ros.devices.corpus': ['ice.flac'],
         'eol_ros.devices.files': ['walls/*'],
     },
     data_files=[

@@ -12,12 +12,17 @@ ice sticks and slips irregularly. Intervals are gamma-distributed, modes inharmo
 plate, and what has a pitch is one mode at a time that glides.
 """
 
+import argparse
+import io
+import sys
+
 import numpy as np
+import soundfile
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import lfilter, sosfilt
 
+from assets.butterworth import band_pass, high_pass, low_pass
 from eol_ros.core import elementary
-from eol_ros.core.sound.butterworth import band_pass, high_pass, low_pass
 
 EVENTS_PER_S = 1.1
 CALVING_EVERY_S = 40.0
@@ -49,11 +54,15 @@ KINDS = (0.24, 0.36, 0.14, 0.08, 0.18)  # groan, crack, debris, boom, moan
 def _mastered(sound: np.ndarray, rate: int) -> np.ndarray:
     """Return `sound` (n,) leaning to no side, its peaks rounded off, faded in and out."""
     sound = sosfilt(high_pass(20.0, rate), sound)  # impulses may all be of one sign
-    sound = 0.8 * elementary.tanh(1.2 * sound / np.percentile(np.abs(sound), 99.9))
+    sound = 0.8 * _tanh(1.2 * sound / np.percentile(np.abs(sound), 99.9))
     for edge, length in ((slice(None), 0.01), (slice(None, None, -1), 0.1)):
         m = min(round(length * rate), len(sound))
         sound[edge][:m] *= 0.5 - 0.5 * elementary.cos(np.pi * np.arange(m) / m)
     return sound.astype(np.float32)
+
+
+def _tanh(x: np.ndarray) -> np.ndarray:
+    return 1.0 - 2.0 / (elementary.exp(2.0 * x) + 1.0)
 
 
 def _rumble(random: np.random.Generator, n: int, rate: int) -> np.ndarray:
@@ -284,3 +293,21 @@ def _unit(sound: np.ndarray) -> np.ndarray:
 
 def _peak(sound: np.ndarray) -> np.ndarray:
     return sound / max(float(np.abs(sound).max()), 1e-12)
+
+
+def main() -> int:
+    """Write a recording as FLAC; `eol_ros/devices/corpus/ice.flac` is that of the defaults."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('output', help='the .flac file to write')
+    parser.add_argument('--seconds', type=float, default=120.0, help='length')
+    parser.add_argument('--seed', type=int, default=1, help='seed; another seed, another recording')
+    args = parser.parse_args()
+    wav = io.BytesIO()  # libsndfile rounds otherwise for FLAC
+    soundfile.write(wav, ice(args.seconds, 48000, args.seed), 48000, 'PCM_16', format='WAV')
+    wav.seek(0)
+    soundfile.write(args.output, *soundfile.read(wav, dtype='int16'), compression_level=1.0)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

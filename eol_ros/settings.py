@@ -462,7 +462,7 @@ FORMS = {
 class GrainsSettings:
     sound: str = live(
         '',
-        'audio file, folder of audio files, or corpus JSON; empty: the procedural recording of ice',
+        'audio file, folder of audio files, or corpus JSON; empty: the recording of ice',
         kind='path',
     )
     more_sounds: tuple[str, ...] = live(
@@ -617,7 +617,7 @@ class GrainsSettings:
         0,
         60,
     )
-    seed: int = live(1, 'random seed of the recording of ice and of all random variation', '', 0)
+    seed: int = live(1, 'random seed of all random variation', '', 0)
 
 
 @dataclass(frozen=True)

@@ -80,7 +80,7 @@ def test_a_name_that_is_no_text_ends_no_verb(folder, words, code, monkeypatch):
 def test_a_sound_without_a_name_in_text_is_left_out(folder):
     audio_file.write(folder / 'good.wav', np.full(8000, 0.1, 'f4'), 8000)
     options = Options()
-    sounds = corpus_file.all_sounds(str(folder), options, 0)
+    sounds = corpus_file.all_sounds(str(folder), options)
     corpus = corpus_build.build(sounds, options)
     assert [source.name for source in corpus.sources] == ['good']
     assert 'its name is not UTF-8' in corpus.notes[0]

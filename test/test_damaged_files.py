@@ -51,7 +51,6 @@ class Folders:
         monkeypatch.setenv('EOL_STATE', str(root / 'state'))
         monkeypatch.setenv('EOL_CACHE', str(root / 'cache'))
         monkeypatch.setenv('NUMBA_CACHE_DIR', str(root / 'numba'))
-        monkeypatch.setattr(corpus_build, 'ICE_S', 1.0)
         self.scene = scenes.Scene.alone('sound', 'grains')
 
     def write(self):
@@ -105,13 +104,13 @@ class Folders:
         }
         compiled.forget()
         corpus = corpus_build.build_cached(
-            corpus_file.all_sounds(str(self.root / 'corpus'), OPTIONS, 0), OPTIONS
+            corpus_file.all_sounds(str(self.root / 'corpus'), OPTIONS), OPTIONS
         )
         grains = corpus.grains
         files = [source.path for source in corpus.sources]
         bank = load_bank(files, grains['file'], grains['start_s'], grains['duration_s'], 16000)
         found |= {'grains': len(corpus), 'notes': corpus.notes, 'bank': len(bank)}
-        ice = corpus_build.make_ice(3)
+        ice = corpus_build.make_ice()
         found['ice'] = audio_file.read_mono(ice).samples.tobytes()
         media = _or_error(lambda: MediaFolder(self.root / 'media'))
         found['pairs'] = len(media.pairs) if isinstance(media, MediaFolder) else media

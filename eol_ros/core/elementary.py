@@ -108,16 +108,6 @@ def _scaled(n: Any, high: Any, low: Any) -> Any:
     return np.ldexp(y, np.where(n == n, n, 0.0).astype(np.int32))[()]
 
 
-def expm1(x: Any) -> Any:
-    """Return e to the power `x`, less 1, for |x| < 700 (Kahan: the error of exp cancels)."""
-    x = np.asarray(x, np.float64)
-    y = np.asarray(exp(x))
-    tiny, whole = y == 1.0, y - 1.0
-    near = (abs(x) < 1.0) & ~tiny
-    scale = np.where(near, x, 1.0) / np.where(near, log(np.where(near, y, 2.0)), 1.0)
-    return np.where(tiny, x, whole * scale)[()]
-
-
 @_in_blocks
 def log(x: Any) -> Any:
     """Return the natural logarithm of `x` >= 0; -inf for 0 and nan below it."""
@@ -171,13 +161,6 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     out.real = a.real * b.real - a.imag * b.imag
     out.imag = a.real * b.imag + a.imag * b.real
     return out
-
-
-def tanh(x: Any) -> Any:
-    """Return the hyperbolic tangent of `x`, within 4 ulp."""
-    x = np.asarray(x, np.float64)
-    up = expm1(2.0 * np.minimum(abs(x), 22.0))
-    return np.copysign(up / (up + 2.0), x)[()]
 
 
 @_in_blocks

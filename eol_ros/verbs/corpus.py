@@ -21,7 +21,7 @@ EXAMPLES = [
     'eol corpus ice.wav harbour.flac --region "ice left" --region "harbour right" -o two.json',
     'eol corpus door.ogg --segment onset --csv door.csv --labels-out door.labels.txt',
     'eol corpus door.ogg --segment labels --labels door.labels.txt --output door.json',
-    'eol corpus                               (the procedural ice recording)',
+    'eol corpus                               (the ice recording)',
     'eol corpus move iceberg.json 17 0.5 0.25',
 ]
 
@@ -93,12 +93,6 @@ def add_arguments(parser):
         metavar='0..1',
         help='0: measured places, 1: the layout',
     )
-    add(
-        '--seed',
-        type=within(0, 1e18, int),
-        default=1,
-        help='seed of the ice recording, if no sound is given',
-    )
     add('-o', '--output', metavar='FILE', help='corpus file (JSON)')
     add('--csv', metavar='FILE', help='table with one line a grain')
     add('--labels-out', metavar='FILE', help='Audacity label track of the grains')
@@ -120,7 +114,7 @@ def _make(args):
     if args.words:
         sounds = [s for word in args.words for s in corpus_file.sounds_of(Path(word))]
     else:
-        sounds = [corpus_build.make_ice(args.seed)]
+        sounds = [corpus_build.make_ice()]
     if args.labels and len(sounds) > 1:
         raise UsageError('--labels is for one sound; with several, put NAME.labels.txt beside each')
     if args.labels_out and len(sounds) > 1:

@@ -1,18 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
+import soundfile
 from scipy.stats import spearmanr
 
+from assets.ice import ice, main
 from eol_ros.core.sound import segments
 from eol_ros.core.sound.descriptors import analyse
-from eol_ros.core.sound.ice import ice
+from eol_ros.devices.corpus import corpus_build
 
 
-def test_same_arguments_same_sound():
-    first = ice(4.0, 24000, seed=7)
-    assert first.dtype == np.float32 and len(first) == 96000
-    np.testing.assert_array_equal(first, ice(4.0, 24000, seed=7))
-    assert np.abs(first - ice(4.0, 24000, seed=8)).max() > 0.1
+@pytest.mark.slow
+def test_what_ships_is_what_it_makes(tmp_path, monkeypatch):
+    made = tmp_path / 'made.flac'
+    monkeypatch.setattr(sys, 'argv', ['ice', str(made)])
+    assert main() == 0
+    shipped = Path(corpus_build.__file__).with_name('ice.flac')
+    np.testing.assert_array_equal(
+        *(soundfile.read(file, dtype='int16')[0] for file in (made, shipped))
+    )
+
+
+def test_another_seed_is_another_sound():
+    assert np.abs(ice(4.0, 24000, seed=7) - ice(4.0, 24000, seed=8)).max() > 0.1
 
 
 @pytest.mark.slow

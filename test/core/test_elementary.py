@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import butter, freqz, resample_poly, sosfreqz
 
+from assets import butterworth
 from eol_ros.core import algebra, elementary, elementary_kernels
 from eol_ros.core.compiled import njit
-from eol_ros.core.sound import butterworth
 from eol_ros.devices.audio import audio_file
 
 COUNT = 1500
@@ -42,8 +42,6 @@ def spread(rng, low, high):
         ('log', mpmath.log, lambda r: 1 + spread(r, -12, -0.5), 1.0),
         ('log2', lambda x: mpmath.log(x, 2), lambda r: abs(spread(r, -300, 300)), 3.0),
         ('log10', mpmath.log10, lambda r: abs(spread(r, -300, 300)), 3.0),
-        ('expm1', mpmath.expm1, lambda r: spread(r, -17, 2), 2.5),
-        ('tanh', mpmath.tanh, lambda r: spread(r, -17, 2), 4.0),
         ('sin', mpmath.sin, lambda r: spread(r, -17, 5), 2.0),
         ('cos', mpmath.cos, lambda r: spread(r, -17, 5), 2.0),
         ('tan', mpmath.tan, lambda r: spread(r, -17, 5), 4.0),

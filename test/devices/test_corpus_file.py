@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from support.waiting import wait_until
 
+from assets.ice import ice
 from eol_ros.core.sound.corpus import GRAIN
-from eol_ros.core.sound.ice import ice
 from eol_ros.devices.audio import audio_file
 from eol_ros.devices.corpus import corpus_build, corpus_file
 from eol_ros.devices.corpus.corpus_build import build, build_cached
@@ -257,7 +257,7 @@ def test_made_apart_is_the_same_and_leaves_no_weight(sound):
         'import sys, numpy as np\n'
         'from eol_ros.devices.corpus import corpus_build\n'
         'from eol_ros.devices.corpus.corpus_file import Options\n'
-        f'c = corpus_build.apart({str(sound)!r}, Options(), 1)\n'
+        f'c = corpus_build.apart({str(sound)!r}, Options())\n'
         'heavy = {"scipy", "soundfile", "numba", "matplotlib"} & set(sys.modules)\n'
         'print(len(c), sorted(heavy), float(c.grains["x"].sum()))\n'
     )
@@ -267,13 +267,12 @@ def test_made_apart_is_the_same_and_leaves_no_weight(sound):
 
 
 @pytest.mark.slow
-def test_the_ice_recording_is_made_on_first_use(monkeypatch):
-    monkeypatch.setattr(corpus_build, 'ICE_S', 2.0)
-    path = corpus_build.make_ice(3)
+def test_the_ice_recording_is_unpacked_on_first_use():
+    path = corpus_build.make_ice()
     before = path.stat().st_mtime_ns
-    assert corpus_build.make_ice(3) == path == corpus_file.ice_file(3)
+    assert corpus_build.make_ice() == path == corpus_file.ice_file()
     assert path.stat().st_mtime_ns == before
-    assert audio_file.read_mono(path).duration_s == 2.0
+    assert audio_file.read_mono(path).duration_s == 120.0
 
 
 def wait(loader):
@@ -285,7 +284,7 @@ def wait(loader):
 @pytest.mark.slow
 def test_the_newest_wish_wins(sound, tmp_path):
     loader = CorpusLoader()
-    specs = [(str(sound), Options(grain_s=g), 0) for g in (0.1, 0.2, 0.4)]
+    specs = [(str(sound), Options(grain_s=g)) for g in (0.1, 0.2, 0.4)]
     for spec in specs:
         assert loader.at_once(spec) is None
         loader.ask(spec)
@@ -295,13 +294,13 @@ def test_the_newest_wish_wins(sound, tmp_path):
     loader.ask(specs[1])
     loader.ask(specs[1])  # the very same again
     assert len(wait(loader)) == 20
-    loader.ask((str(tmp_path / 'no.wav'), Options(), 0))
+    loader.ask((str(tmp_path / 'no.wav'), Options()))
     assert isinstance(wait(loader), DeviceMissing)
     (tmp_path / 'bad.wav').write_text('no sound')
-    loader.ask((str(tmp_path / 'bad.wav'), Options(), 0))
+    loader.ask((str(tmp_path / 'bad.wav'), Options()))
     outcome = wait(loader)
     assert isinstance(outcome, EolError) and 'bad.wav: not a sound' in str(outcome)
-    loader.ask((str(sound), replace(Options(), grain_s=0.05), 0))
+    loader.ask((str(sound), replace(Options(), grain_s=0.05)))
     loader.close()
     assert not [t for t in threading.enumerate() if t.name == 'corpus']
 
@@ -317,7 +316,7 @@ def test_a_full_cache_is_one_line(sound, monkeypatch):
 
 def test_a_sound_that_goes_away_is_noticed_without_a_fault(sound):
     loader = CorpusLoader()
-    spec = (str(sound), Options(), 0)
+    spec = (str(sound), Options())
     assert [loader.changed(spec) for _ in range(2)] == [False, False]
     corpus_file.beside(sound, 'moved.csv').write_text('time_s,x,y\n')
     assert [loader.changed(spec) for _ in range(2)] == [True, False]
@@ -377,23 +376,23 @@ def test_each_sound_in_its_region(two):
 
 def test_all_sounds_of_the_settings_are_in_one_corpus(two):
     options = Options(more_sounds=(str(two[1]),))
-    corpus = corpus_build.apart(str(two[0]), options, 0)
+    corpus = corpus_build.apart(str(two[0]), options)
     assert [source.name for source in corpus.sources] == ['floe', 'shelf']
-    assert corpus_build.ready(str(two[0]), options, 0).same_as(corpus)
-    assert len(corpus_file.times(str(two[0]), options, 0)) == 2
+    assert corpus_build.ready(str(two[0]), options).same_as(corpus)
+    assert len(corpus_file.times(str(two[0]), options)) == 2
     corpus_file.save(corpus, two[0].with_name('c.json'))
     with pytest.raises(ConfigError, match='has its sounds and places already'):
-        corpus_build.ready(str(two[0].with_name('c.json')), options, 0)
+        corpus_build.ready(str(two[0].with_name('c.json')), options)
 
 
 def test_a_sound_added_to_a_folder_is_described_alone(two, tmp_path, monkeypatch):
     folder = tmp_path / 'voices'
     folder.mkdir()
     options, floe = Options(more_sounds=(str(folder),)), str(two[0])
-    before = build_cached(corpus_file.all_sounds(floe, options, 0), options)
-    times = corpus_file.times(floe, options, 0)
+    before = build_cached(corpus_file.all_sounds(floe, options), options)
+    times = corpus_file.times(floe, options)
     voice = two[1].rename(folder / 'voice.wav')
-    assert corpus_file.times(floe, options, 0) != times  # by which a running node sees it
+    assert corpus_file.times(floe, options) != times  # by which a running node sees it
     described, cut = [], corpus_build._cut
 
     def counted(heard, *words):
@@ -401,7 +400,7 @@ def test_a_sound_added_to_a_folder_is_described_alone(two, tmp_path, monkeypatch
         return cut(heard, *words)
 
     monkeypatch.setattr(corpus_build, '_cut', counted)
-    after = build_cached(corpus_file.all_sounds(floe, options, 0), options)
+    after = build_cached(corpus_file.all_sounds(floe, options), options)
     assert described == [str(voice)] and len(after) > len(before)
     floe_now = after.grains[after.grains['file'] == 0]
     for name in ('start_s', 'centroid_mean_hz', 'rms_db'):

@@ -259,11 +259,11 @@ def test_bad_sounds_of_many_are_left_out_by_name(sounds, way, monkeypatch):
         named = [str(sounds / name) for name in (*bad, 'gone.wav')]
         more = tuple(named) if way == 'files' else (str(sounds), str(sounds / 'nowhere'))
     options = Options(more_sounds=more, regions=('empty left',) if way == 'folder' else ())
-    corpus = corpus_build.apart(sound, options, 0)
+    corpus = corpus_build.apart(sound, options)
     assert {source.name for source in corpus.sources} == {'good'}
     for name in bad if way != 'files' else set(bad) - {'dir.wav'}:  # may be filled later
         assert sum(f'/{name}: ' in note for note in corpus.notes) >= 1, name
-    again = corpus_build.ready(sound, options, 0)
+    again = corpus_build.ready(sound, options)
     assert again is not None and again.digest == corpus.digest
 
 

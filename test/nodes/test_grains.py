@@ -11,8 +11,8 @@ from support.spinning import Nodes
 from support.tables import on_tables
 from support.waiting import GENEROUS_S
 
+from assets.ice import ice
 from eol_ros.core.sound.corpus import DESCRIPTORS
-from eol_ros.core.sound.ice import ice
 from eol_ros.core.sound.select import Selector
 from eol_ros.core.table import Table
 from eol_ros.devices.audio import audio_file

@@ -19,7 +19,7 @@ from std_msgs.msg import String
 from support.spinning import Nodes
 
 import eol_ros
-from eol_ros.core.sound.ice import ice
+from assets.ice import ice
 from eol_ros.devices.audio import audio_file
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.ros.echo import listen

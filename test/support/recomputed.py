@@ -70,9 +70,9 @@ def light() -> dict:
 
 def sound() -> dict:
     """A corpus of ice, its descriptors and layout, and what the mixer makes of its grains."""
+    from assets.ice import ice
     from eol_ros.core.sound import descriptors, layout, ranks, segments
     from eol_ros.core.sound.bank import Bank
-    from eol_ros.core.sound.ice import ice
     from eol_ros.core.sound.offline import play
     from eol_ros.core.sound.triggers import TRIGGER
     from eol_ros.core.sound.voicing import Voicing, new_mixer

@@ -5,11 +5,11 @@ import shutil
 import numpy as np
 import pytest
 
+from assets.ice import ice
 from eol_ros import cli
 from eol_ros.core.sound.corpus import GRAIN
-from eol_ros.core.sound.ice import ice
 from eol_ros.devices.audio import audio_file
-from eol_ros.devices.corpus import corpus_build, corpus_file
+from eol_ros.devices.corpus import corpus_file
 
 
 @pytest.fixture(autouse=True)
@@ -80,10 +80,9 @@ def test_move_keeps_the_place_beside_the_sound(capsys, floe, tmp_path):
 
 
 @pytest.mark.slow
-def test_no_sound_means_the_ice(capsys, monkeypatch):
-    monkeypatch.setattr(corpus_build, 'ICE_S', 3.0)
-    code, out, err = eol(capsys, '--seed', 4)
-    assert code == 0 and '12 grains' in out and 'nothing written' in err
+def test_no_sound_means_the_ice(capsys):
+    code, out, err = eol(capsys)
+    assert code == 0 and '480 grains' in out and 'nothing written' in err
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ import hashlib
 import io
 import json
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -28,7 +27,7 @@ from eol_ros.disk import DISK, check_file, read
 from eol_ros.errors import ConfigError, DeviceMissing, EolError, writing
 from eol_ros.said import said
 
-ICE_S, ICE_RATE = 120.0, 48000
+ICE_BYTES = 11_520_000  # of samples in it
 CUT = (
     'segment',
     'grain_s',
@@ -40,15 +39,17 @@ CUT = (
 )
 
 
-def make_ice(seed: int) -> Path:
-    """Return the procedural ice recording of this seed, made on first use."""
-    path = corpus_file.ice_file(seed)
+def make_ice() -> Path:
+    """Return the ice recording that ships, as a file of the cache: others may lie beside it."""
+    path = corpus_file.ice_file()
     if not _is_ice(path):
-        from eol_ros.core.sound.ice import ice
+        import soundfile
+
         from eol_ros.devices.audio import audio_file
 
+        samples, rate = soundfile.read(Path(__file__).with_name('ice.flac'), dtype='int16')
         with writing(path), DISK.replacing(path) as part:
-            audio_file.write(part, ice(ICE_S, ICE_RATE, seed), ICE_RATE, 'PCM_16')
+            audio_file.write(part, samples, rate, 'PCM_16')
     return path
 
 
@@ -60,15 +61,15 @@ def _is_ice(path: Path) -> bool:
             file.seek(0)
             head = file.read(4)
             file.seek(-min(size, 4096), os.SEEK_END)
-            return head == b'RIFF' and size > 2 * ICE_S * ICE_RATE and any(file.read())
+            return head == b'RIFF' and size > ICE_BYTES and any(file.read())
     except OSError:
         return False
 
 
 def of_this_machine(sound: str) -> Path:
-    """Return the file `sound` of a corpus made elsewhere: the ice recording is made here, too."""
-    ice = re.fullmatch(rf'ice-{corpus_file.ICE_RECIPE}-(\d+)\.wav', os.path.basename(sound))
-    return Path(sound) if ice is None or os.path.isfile(sound) else make_ice(int(ice[1]))
+    """Return the file `sound` of a corpus made elsewhere: the ice recording is here, too."""
+    ice = os.path.basename(sound) == corpus_file.ICE and not os.path.isfile(sound)
+    return make_ice() if ice else Path(sound)
 
 
 def build(
@@ -100,10 +101,10 @@ def build(
     Examples
     --------
     >>> import tempfile
-    >>> from eol_ros.core.sound.ice import ice
+    >>> import numpy as np
     >>> from eol_ros.devices.audio import audio_file
-    >>> file = Path(tempfile.mkdtemp()) / 'ice.wav'
-    >>> audio_file.write(file, ice(2.0, 16000), 16000)
+    >>> file = Path(tempfile.mkdtemp()) / 'noise.wav'
+    >>> audio_file.write(file, np.random.default_rng(1).uniform(-0.5, 0.5, 32000), 16000)
     >>> len(build([file], Options(grain_s=0.25)))
     8
     """
@@ -179,11 +180,11 @@ def build_cached(
     return corpus
 
 
-def ready(sound: str, options: Options, seed: int) -> Corpus | None:
+def ready(sound: str, options: Options) -> Corpus | None:
     """Return the corpus of the setting `sound` if nothing has to be made for it, else None.
 
-    `sound` is a file, a folder, a corpus JSON, or empty for the ice recording of `seed`. Raises
-    DeviceMissing if it is absent, ConfigError if it is no corpus.
+    `sound` is a file, a folder, a corpus JSON, or empty for the ice recording. Raises DeviceMissing
+    if it is absent, ConfigError if it is no corpus.
     """
     if sound.endswith('.json'):
         if options.more_sounds or options.regions:
@@ -192,20 +193,18 @@ def ready(sound: str, options: Options, seed: int) -> Corpus | None:
                 ' regions out, or name sounds'
             )
         return corpus_file.load(Path(sound))
-    return corpus_file.cached(corpus_file.all_sounds(sound, options, seed), options)
+    return corpus_file.cached(corpus_file.all_sounds(sound, options), options)
 
 
-def apart(
-    sound: str, options: Options, seed: int, started: Callable = lambda child: None
-) -> Corpus:
+def apart(sound: str, options: Options, started: Callable = lambda child: None) -> Corpus:
     """As `ready`, but what must be made is made now, in another process.
 
     `started` is given the child process. Raises what the making raises.
     """
-    corpus = ready(sound, options, seed)
+    corpus = ready(sound, options)
     if corpus is None:
-        sounds = corpus_file.all_sounds(sound, options, seed)
-        order: dict = {'ice': None if sound else seed, 'sounds': [str(s) for s in sounds]}
+        sounds = corpus_file.all_sounds(sound, options)
+        order: dict = {'ice': not sound, 'sounds': [str(s) for s in sounds]}
         order |= {'options': asdict(options), 'parent': os.getpid()}
         with subprocess.Popen(
             [sys.executable, '-m', 'eol_ros.devices.corpus.corpus_build'],
@@ -222,7 +221,7 @@ def apart(
                 words.splitlines()[-1] if words else f'making the corpus: exit {child.returncode}'
             )
             raise kinds.get(child.returncode, EolError)(last)
-        corpus = ready(sound, options, seed)
+        corpus = ready(sound, options)
     if corpus is None:
         raise EolError(f'{folders.cache("corpus")}: the corpus just made is not there; is it full?')
     return corpus
@@ -326,8 +325,8 @@ def _child() -> int:
     order = json.load(sys.stdin)
     parent_death.follow(order['parent'])
     try:
-        if order['ice'] is not None:
-            make_ice(order['ice'])
+        if order['ice']:
+            make_ice()
         build_cached([Path(s) for s in order['sounds']], _options(order['options']))
     except EolError as error:
         print(error, file=sys.stderr)

@@ -26,7 +26,7 @@ from eol_ros.said import said
 from eol_ros.settings import DESCRIPTORS, GrainsSettings
 
 VERSION = 1  # of the JSON
-ICE_RECIPE = 2  # counts up whenever the same seed gives another ice recording
+ICE = 'ice-2-1.wav'  # by which bags know it
 ANALYSIS = 3  # increased whenever the same sound gives other grains or descriptors
 SOUNDS = {'.wav', '.flac', '.ogg', '.oga', '.opus', '.aif', '.aiff', '.mp3', '.caf', '.au', '.w64'}
 LEFT_OUT = 'left out: '  # with which a note on a sound or its companions begins
@@ -63,22 +63,22 @@ class Options:
         return cls(**{f.name: getattr(settings, f.name) for f in fields(cls) if f.name in names})
 
 
-# Settings of `grains` that make another corpus.
+# Settings of `grains` that make another corpus; and the seed, which cannot glide either.
 REMAKING = frozenset({'sound', 'seed', *(f.name for f in fields(Options))})
 
 
-def ice_file(seed: int) -> Path:
-    """Return where the procedural ice recording of this seed is kept once made."""
-    return folders.cache('ice') / f'ice-{ICE_RECIPE}-{seed}.wav'
+def ice_file() -> Path:
+    """Return where the ice recording is kept once unpacked."""
+    return folders.cache('ice') / ICE
 
 
-def all_sounds(sound: str, options: Options, seed: int) -> list[Path]:
+def all_sounds(sound: str, options: Options) -> list[Path]:
     """Return all sound files of the setting `sound`, empty for ice, and of `more_sounds`.
 
     What is not there is among them if anything else is: `build` leaves it out and names it. Raises
     as `sounds_of` where nothing is there.
     """
-    found: list[Path] = [] if sound else [ice_file(seed)]
+    found: list[Path] = [] if sound else [ice_file()]
     errors: list[EolError] = []
     for each in map(Path, (*([sound] if sound else []), *options.more_sounds)):
         try:
@@ -120,10 +120,10 @@ def beside(sound: Path, ending: str) -> Path:
     return sound.with_name(f'{sound.stem}.{ending}')
 
 
-def times(sound: str, options: Options, seed: int) -> list[tuple[str, int]]:
+def times(sound: str, options: Options) -> list[tuple[str, int]]:
     """Return name and time of change, ns, of every file that the corpus of `sound` is made of."""
     try:
-        heard = [Path(sound)] if sound.endswith('.json') else all_sounds(sound, options, seed)
+        heard = [Path(sound)] if sound.endswith('.json') else all_sounds(sound, options)
         files = [(s, beside(s, 'moved.csv'), label_file(s, options)) for s in heard]
         found = [p for row in files for p in row if p is not None and p.exists()]
         return [(str(p), p.stat().st_mtime_ns) for p in found]

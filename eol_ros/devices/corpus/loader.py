@@ -11,13 +11,13 @@ from eol_ros.devices.corpus.corpus_file import Options
 from eol_ros.errors import EolError
 from eol_ros.settings import GrainsSettings
 
-CorpusSpec = tuple[str, Options, int]
+CorpusSpec = tuple[str, Options]
 Seen = tuple[CorpusSpec, list[tuple[str, int]]]  # when its files were changed
 
 
 def corpus_spec(settings: GrainsSettings) -> CorpusSpec:
     """Return what the settings ask for; equal specs mean the same corpus."""
-    return settings.sound, Options.of(settings), 0 if settings.sound else settings.seed
+    return settings.sound, Options.of(settings)
 
 
 class CorpusLoader:
