@@ -61,8 +61,8 @@ KEYS = {  # key: example, meaning (docs/reference/scene.md)
     ),
     'nodes': (
         'nodes: {camera: {device: auto}, tracker: {}}',
-        'nodes of the scene, each with the settings that differ from their defaults; `off` '
-        'leaves out the recorder or a node of the included scene',
+        'nodes of the scene, each with its settings that differ from the defaults. `off` leaves '
+        'out a node of the included scene, or the recorder, which runs otherwise',
     ),
     'network': (
         'network: secure',

@@ -486,7 +486,12 @@ class GrainsSettings:
         choices=('chop', 'onset', 'gate', 'none', 'labels'),
     )
     grain_s: float = live(
-        0.25, 'length of a grain; with segment: onset, the greatest length', 's', 0.02, 60
+        0.25,
+        'length of a grain; with segment: onset, the greatest length; without effect on a corpus '
+        'JSON, which is cut already',
+        's',
+        0.02,
+        60,
     )
     overlap: float = live(0.0, 'share of a grain that the next grain repeats', '', 0, 0.9)
     x_axis: str = live(
@@ -660,7 +665,8 @@ class SoundSettings:
     gain_db: float = live(-6.0, 'master gain (volume)', 'dB', -90, 24)
     polyphony: int = setting(
         512,
-        'maximum number of simultaneous voices; beyond it the quietest voice is stolen',
+        'maximum number of simultaneous voices; beyond it the voice with the lowest gain fades '
+        'out in 2 ms (is stolen)',
         '',
         1,
         4096,
@@ -820,8 +826,9 @@ class SoundSettings:
     )
     midi_map: tuple[str, ...] = live(
         (),
-        'lines that map MIDI to actions: cc|note|program [CHANNEL:]NUMBER and NODE.SETTING '
-        '[LEAST MOST], NODE.SETTING VALUE, recall PRESET, cue CUE or morph PRESET PRESET',
+        'lines KIND [CHANNEL:]NUMBER ACTION that map MIDI to actions. KIND is cc, note or program. '
+        'ACTION is NODE.SETTING [LEAST MOST], NODE.SETTING VALUE, recall PRESET, cue CUE or '
+        'morph PRESET PRESET',
         kind='MIDI ACTION',
     )
 

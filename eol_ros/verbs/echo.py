@@ -14,6 +14,7 @@ EXAMPLES = [
     'eol echo slips',
     'eol echo blocks --once',
     'eol echo cascades --json >> cascades.jsonl',
+    "eol echo blocks --json | jq -c '.blocks[7] | [.x, .y]'      # one block: entry N is block N",
     'eol echo slips --lan                           # from another machine',
 ]
 

@@ -116,7 +116,7 @@ def _level(v, frame):
 
 @njit(cache=True)
 def _make_room(m, frame):
-    """If all voices are in use at `frame`, fade out the one with the least left to say."""
+    """If all voices are in use at `frame`, fade out the one with the lowest gain."""
     s = m.state[0]
     alive, quietest, least = 0, -1, np.inf
     for i in range(s.voices):

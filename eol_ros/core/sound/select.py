@@ -62,7 +62,7 @@ class Selector:
     Parameters
     ----------
     settings : GrainsSettings
-        Reach, mode (fence or bow), caps and envelopes.
+        Reach, mode (fence, bow, beat, chain or continue), caps and envelopes.
     corpus : Corpus, optional
         The grains; without one nothing sounds.
     table : Table
