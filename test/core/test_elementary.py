@@ -142,8 +142,9 @@ def test_filters_agree_with_scipy(low, high):
     assert first == pytest.approx(freqz(*butter(1, low, fs=48000), w)[1], abs=1e-10)
 
 
-@pytest.mark.parametrize('rates', [(44100, 48000), (48000, 44100), (96000, 48000), (22050, 48000)])
+@pytest.mark.parametrize('rates', [(44100, 48000), (48000, 44100), (96000, 44100), (22050, 48000)])
 def test_another_rate_sounds_as_scipy_makes_it(rates):
     sound = np.random.default_rng(14).standard_normal(4000).astype(np.float32)
     wanted = resample_poly(sound.astype(float), rates[1], rates[0])
-    assert audio_file.resample(sound.astype(float), *rates) == pytest.approx(wanted, abs=2e-6)
+    found = np.concatenate(list(audio_file.resampled([sound.astype(float)], *rates)))
+    assert found == pytest.approx(wanted, abs=2e-6)

@@ -9,8 +9,8 @@ from eol_ros.devices.audio import audio_file
 from eol_ros.errors import ConfigError, DeviceMissing
 
 
-def tone(rate, seconds=0.5, channels=1, hz=440):
-    mono = 0.5 * np.sin(2 * np.pi * hz * np.arange(round(seconds * rate)) / rate)
+def tone(rate, seconds=0.5, channels=1):
+    mono = 0.5 * np.sin(2 * np.pi * 440 * np.arange(round(seconds * rate)) / rate)
     return np.repeat(mono[:, None], channels, axis=1)
 
 
@@ -52,11 +52,6 @@ def test_another_rate_is_the_same_sound(tmp_path):
     assert sound.rate == 48000 and sound.duration_s == pytest.approx(1.0, abs=1e-4)
     middle = slice(4800, -4800)
     np.testing.assert_allclose(sound.samples[middle], tone(48000, 1.0)[middle, 0], atol=1e-3)
-
-
-def test_resampling_does_not_alias():
-    high = tone(96000, 0.5, hz=30000)[:, 0].astype(np.float32)
-    assert np.abs(audio_file.resample(high, 96000, 44100)[500:-500]).max() < 1e-2
 
 
 def test_absent_file_and_folder(tmp_path):

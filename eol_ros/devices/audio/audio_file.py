@@ -136,13 +136,11 @@ def outline(path, start_s: float, duration_s: float, count: int) -> np.ndarray:
     return np.nan_to_num(found, posinf=0.0, neginf=0.0)
 
 
-def resample(samples: np.ndarray, rate_from: int, rate_to: int) -> np.ndarray:
-    """Return (n,) float32 at another rate by an anti-aliased polyphase filter."""
-    return np.concatenate(list(resampled([samples], rate_from, rate_to)))
-
-
 def resampled(pieces: Iterable[np.ndarray], rate_from: int, rate_to: int) -> Iterator[np.ndarray]:
-    """Yield the pieces of one sound at another rate, float32, a step at a time."""
+    """Yield the pieces of one sound at another rate, by an anti-aliased polyphase filter.
+
+    float32, a step at a time.
+    """
     from scipy.signal import resample_poly  # 60 MB, needed only where rates differ
 
     up, down = (rate // math.gcd(rate_to, rate_from) for rate in (rate_to, rate_from))
