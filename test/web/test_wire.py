@@ -109,10 +109,7 @@ def test_the_day_counts_areas_and_begins_anew_at_midnight():
 
 
 def test_a_day_goes_on_after_a_restart():
-    day = notices.Day()
-    for area in (1, 1, 7):
-        day.add(cascade(NOON, area), NOON)
-    day.fit()
+    day = day_of((1, 1, 7))
     again = notices.Day(json.loads(json.dumps(day.kept())))
     assert again.notice() == day.notice()
     assert not again.turn(NOON + 60) and sum(again.notice()['areas']) == 3
@@ -127,13 +124,20 @@ def test_a_day_goes_on_after_a_restart():
         assert sum(notices.Day(broken).notice()['areas']) == 0
 
 
+def day_of(areas):
+    """Return a day of cascades of these areas, fitted."""
+    day = notices.Day()
+    for area in areas:
+        day.add(cascade(NOON, int(area)), NOON)
+    assert day.fit()
+    return day
+
+
 def test_the_law_of_the_day_is_that_of_the_report():
     areas = powerlaw.sample(1.6, 1, 25, 300, np.random.default_rng(3))
     few = powerlaw.FEWEST_CASCADES - 1
-    day = notices.Day()
-    for area in areas[:few]:
-        day.add(cascade(NOON, int(area)), NOON)
-    assert day.fit() and not day.fit()
+    day = day_of(areas[:few])
+    assert not day.fit()
     assert day.notice()['law'] == {'fitted': few, 'fewest': few + 1}
     assert 'why' in report.law(areas[:few], 25)
     for area in areas[few:]:
@@ -154,20 +158,13 @@ def test_the_law_of_the_day_is_that_of_the_report():
 
 
 def test_areas_of_one_size_have_no_law():
-    day = notices.Day()
-    for _ in range(260):
-        day.add(cascade(NOON, 1), NOON)
-    day.fit()
-    assert day.notice()['law'] == {'fitted': 260, 'fewest': powerlaw.FEWEST_CASCADES}
+    law = day_of([1] * 260).notice()['law']
+    assert law == {'fitted': 260, 'fewest': powerlaw.FEWEST_CASCADES}
 
 
 def test_a_law_that_its_test_rejects_is_called_so_in_panel_and_report():
     areas = np.minimum(np.random.default_rng(1).geometric(0.2, 400), 25)
-    day = notices.Day()
-    for area in areas:
-        day.add(cascade(NOON, int(area)), NOON)
-    day.fit()
-    law, found = day.notice()['law'], report.law(areas, 25)
+    law, found = day_of(areas).notice()['law'], report.law(areas, 25)
     assert law['rejected'] and found['rejected'] and 'b' not in law
     assert (law['ks'], law['p'], law['count']) == (found['ks'], found['p_value'], found['fitted'])
     assert found['sentence'].startswith('not a power law: KS 0.')

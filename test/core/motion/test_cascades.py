@@ -12,28 +12,24 @@ def start(slip, block, at):
     return SlipEvent(START, slip, block, at, at, 1e-3, 0.0, 0.0, 0.1)
 
 
-def stop(slip, block, onset, end, distance=0.01):
-    return SlipEvent(STOP, slip, block, end, onset, 1e-3, 0, 0, 0.1, distance, end - onset)
+def stop(slip, block, onset, end):
+    return SlipEvent(STOP, slip, block, end, onset, 1e-3, 0, 0, 0.1, 0.01, end - onset)
 
 
-def run(rows):
-    """Feed (stamp, events); return what closed, by cascade number."""
+def run(*slips):
+    """Feed slips (block, onset_s, end_s) as they begin and end; return what closed, by number."""
     cascades, closed = Cascades(MotionSettings()), []
-    for stamp, events in rows:
-        closed += cascades.update(stamp, events)[1]
+    events = [start(k, block, onset) for k, (block, onset, _) in enumerate(slips)]
+    events += [stop(k, *slip) for k, slip in enumerate(slips)]
+    for stamp in np.arange(1.05, 2.0, 0.1):
+        due = [event for event in events if stamp - 0.1 < event.stamp_s <= stamp]
+        due.sort(key=lambda event: event.stamp_s)
+        closed += cascades.update(stamp, due)[1]
     return closed
 
 
 def test_neighbours_in_time_are_one_cascade():
-    closed = run([
-        (1.0, [start(1, 12, 1.0)]),
-        (1.1, [start(2, 13, 1.08), start(3, 18, 1.09)]),
-        (1.2, [stop(1, 12, 1.0, 1.15)]),
-        (1.3, [stop(2, 13, 1.08, 1.25), stop(3, 18, 1.09, 1.28), start(4, 12, 1.29)]),
-        (1.5, [stop(4, 12, 1.29, 1.4)]),
-        (2.0, []),
-    ])  # fmt: skip
-    (cascade,) = closed
+    (cascade,) = run((12, 1.0, 1.14), (13, 1.08, 1.24), (18, 1.09, 1.28), (12, 1.29, 1.4))
     assert cascade.nucleus == 12
     assert cascade.blocks == (12, 13, 18)
     assert (cascade.area, cascade.size) == (3, 4)
@@ -54,24 +50,12 @@ def test_slips_at_once_of_blocks_that_touch_are_one_cascade(table):
 
 
 def test_far_blocks_and_later_times_are_other_cascades():
-    closed = run([
-        (1.0, [start(1, 0, 1.0), start(2, 24, 1.0)]),
-        (1.2, [stop(1, 0, 1.0, 1.1), stop(2, 24, 1.0, 1.1)]),
-        (1.3, [start(3, 0, 1.2)]),
-        (1.5, [stop(3, 0, 1.2, 1.4)]),
-        (2.0, []),
-    ])  # fmt: skip
+    closed = run((0, 1.0, 1.1), (24, 1.0, 1.1), (0, 1.2, 1.4))
     assert [(c.nucleus, c.area) for c in closed] == [(0, 1), (24, 1), (0, 1)]
 
 
 def test_a_bridge_makes_two_cascades_one():
-    closed = run([
-        (1.0, [start(1, 10, 1.0), start(2, 12, 1.01)]),
-        (1.1, [start(3, 11, 1.05)]),
-        (1.3, [stop(1, 10, 1, 1.2), stop(2, 12, 1.01, 1.2), stop(3, 11, 1.05, 1.2)]),
-        (2.0, []),
-    ])  # fmt: skip
-    (cascade,) = closed
+    (cascade,) = run((10, 1.0, 1.2), (12, 1.01, 1.2), (11, 1.06, 1.2))
     assert cascade.cascade == 1
     assert cascade.blocks == (10, 12, 11)
 

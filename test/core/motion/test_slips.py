@@ -178,18 +178,15 @@ def test_a_block_that_is_met_moving_does_not_pass_for_noise():
     assert late == pytest.approx([1.5] * N_BLOCKS, abs=0.006)
 
 
-def two_slips(fps, images, phase, acceleration=2.5, length_m=0.02):
+def two_slips(fps, images, phase):
     """Path of a block that slides twice, and (end, onset) of its rest, which holds `images`."""
-    first = 2.0 + phase / fps
-    end = first + 2 * np.sqrt(length_m / acceleration)
+    lasts_s = 2 * np.sqrt(0.02 / 2.5)
+    end = 2.0 + phase / fps + lasts_s
     # The rest lasts `images` periods and its ends lie half a period off the nearest image, so that
     # it holds exactly so many, wherever the slip began.
     end = (np.floor(end * fps) + 0.5) / fps
-    begin = end - 2 * np.sqrt(length_m / acceleration)
-    onset = end + images / fps
-    path = lambda t: (  # noqa: E731
-        slide(t, begin, acceleration, length_m) + slide(t, onset, acceleration, length_m)
-    )
+    begin, onset = end - lasts_s, end + images / fps
+    path = lambda t: slide(t, begin) + slide(t, onset)  # noqa: E731
     return path, begin, end, onset
 
 
@@ -351,13 +348,18 @@ def test_how_hard_blocks_are_pulled_is_learnt_from_their_slips(acceleration):
     assert np.sqrt(np.mean(np.square(known))) < 0.002
 
 
-def starts_of_block_7(way_m, sigma_m, seen):
-    """Images with a START of block 7, and the noise learned of it; way, sigma and seen by image."""
+def starts_of_block_7(way_m, sigma_m, seen, others=None):
+    """Images with a START of block 7, and the noise learned of it; way, sigma and seen by image.
+
+    others: what changes the sigmas and the mask of an image.
+    """
     random, detector, found = np.random.default_rng(1), SlipDetector(MotionSettings()), []
     for k, (away, sigma, there) in enumerate(zip(way_m, sigma_m, seen, strict=True)):
         sigmas, mask = np.full(N_BLOCKS, 2e-5), SEEN.copy()
         sigmas[7], mask[7] = sigma, there
         place = rest_lattice() + random.normal(0, 1, (N_BLOCKS, 2)) * sigmas[:, None]
+        if others:
+            others(k, sigmas, mask)
         place[7, 0] += away
         events = detector.update(k / 60, place[:, 0], place[:, 1], mask, sigmas)
         found += [k for e in events if (e.kind, e.block) == (START, 7)]
@@ -381,13 +383,10 @@ def test_an_uncertain_first_place_does_not_hide_small_slips():
 
 def test_a_sigma_that_is_no_number_while_a_block_is_hidden_silences_no_block():
     """Other trackers send NaN for the numbers of a block that is not seen."""
-    random, detector, found = np.random.default_rng(2), SlipDetector(MotionSettings()), []
-    for k in range(240):
-        mask, sigmas = SEEN.copy(), np.full(N_BLOCKS, 2e-5)
+
+    def hide(k, sigmas, mask):
         if k > 99:
-            mask[3], sigmas[3] = False, np.nan
-        place = rest_lattice() + random.normal(0, 2e-5, (N_BLOCKS, 2))
-        place[7, 0] += 3e-3 * (k > 199)
-        events = detector.update(k / 60, place[:, 0], place[:, 1], mask, sigmas)
-        found += [k for e in events if (e.kind, e.block) == (START, 7)]
-    assert found == [200]
+            sigmas[3], mask[3] = np.nan, False
+
+    k = np.arange(240)
+    assert starts_of_block_7(3e-3 * (k > 199), 2e-5 + 0 * k, k >= 0, hide)[0] == [200]
