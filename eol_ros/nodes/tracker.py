@@ -10,7 +10,8 @@ import time
 from eol_msgs.msg import BlockTap
 from eol_msgs.msg import Calibration as CalibrationMessage
 from eol_msgs.msg import Table as TableMessage
-from sensor_msgs.msg import CompressedImage
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from eol_ros.core.vision.appearance import learnt
 from eol_ros.core.vision.calibration.model import Calibration
@@ -22,14 +23,17 @@ from eol_ros.devices.camera.preview import Preview
 from eol_ros.devices.files.tracker_files import TrackerFiles
 from eol_ros.errors import ConfigError, EolError
 from eol_ros.ros.definitions import definition
+from eol_ros.ros.intake import ConversionCost
 from eol_ros.ros.node import EolNode
 from eol_ros.ros.requests import LATER
 from eol_ros.ros.stamps import NS, to_msg
 from eol_ros.said import clauses, said
 from eol_ros.streams import blocks, calibrations, images, tables, taps
+from eol_ros.streams.graph import IMAGE_SOURCES
 from eol_ros.streams.requests import Asked, for_tracker
 
 LEARNT_EVERY_S = 60.0  # between two looks at what was learnt of the blocks
+LENS_APART_PX = 1.0  # of two lenses, from which it is told: 1.8 mm on the table at 545 px/m
 
 
 class TrackerNode(EolNode):
@@ -67,11 +71,17 @@ class TrackerNode(EolNode):
             covers=self.on_covers,
         )  # fmt: skip
         if self.jpeg:
+            self.cost = ConversionCost(self)
             self.subscribe(
-                'camera/image_raw/compressed', self.on_image, read=images.read_compressed, slow=True
+                'camera/image_raw/compressed', self.on_image, read=self.read_jpeg, slow=True
             )
         else:
             self.subscribe('camera/image_raw', self.on_image, slow=True)
+        self.lens: CameraInfo | None = None  # of a driver that is not ours
+        self.lens_compared: Calibration | None = None
+        self.lens_differs = ''
+        if self.settings.calibration and not set(self.scene.nodes) & set(IMAGE_SOURCES):
+            self.infos: Subscription | None = self.subscribe('camera/camera_info', self.on_lens)
 
     def restart(self) -> None:
         self.tracker = Tracker(self.settings, self.files.calibration, self.table)
@@ -127,6 +137,37 @@ class TrackerNode(EolNode):
     def on_covers(self, asked: Asked) -> None:
         self.covers = b''  # as above
         self.hand_over(asked)
+
+    def read_jpeg(self, message: CompressedImage) -> images.Grey:
+        began_s = time.perf_counter()
+        taken = images.read_compressed(message)
+        self.cost.add(message.format or 'compressed', time.perf_counter() - began_s)
+        return taken
+
+    def on_lens(self, info: CameraInfo) -> None:
+        """Keep what the driver says of its lens; the first message is enough."""
+        if self.executor is not None and self.infos is not None:
+            self.executor.create_task(self.destroy_subscription, self.infos)
+            self.infos = None
+        if not any(info.k):  # not calibrated
+            return
+        if info.distortion_model == 'plumb_bob' and len(info.d) == 5:
+            self.lens = info
+        else:
+            self.get_logger().warning(
+                f'camera/camera_info: distortion model {info.distortion_model!r} is not compared '
+                'with the calibration, which has plumb_bob'
+            )
+
+    def compare_lens(self) -> None:
+        """Compare the driver's lens with the calibration, when either is new."""
+        calibration = self.tracker.calibration
+        if self.lens is None or calibration is None or calibration is self.lens_compared:
+            return
+        self.lens_compared = calibration
+        apart_px = calibration.lens_difference_px(self.lens.k, self.lens.d)
+        differs = apart_px > LENS_APART_PX
+        self.lens_differs = said('lens_differs', px=f'{apart_px:.1f}') if differs else ''
 
     def on_image(self, taken: images.Grey) -> None:
         self.stamp_ns, image = taken.stamp_ns + self.offset_ns, taken.pixels
@@ -187,6 +228,9 @@ class TrackerNode(EolNode):
             self.requests.answer(asked, not outcome.refused, outcome.text)
         self.files.look(self.tracker, tracked)
         good, text = self.files.words(tracked)
+        self.compare_lens()
+        if self.lens_differs:
+            good, text = False, clauses([text, self.lens_differs])
         (self.health.ok if good else self.health.warn)(text)
 
     def _show(self, stamp_ns: int, jpeg: bytes) -> None:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Between DDS and a node: decodes each message, checks it by the table, counts what it rejects."""
 
+import statistics
+import time
 from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -18,7 +20,26 @@ from eol_ros.streams.graph import topic_of
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
 
+COSTS = 20  # images whose conversion is timed
 FAULTS = EolError, ValueError, TypeError, LookupError, RuntimeError, MemoryError  # RMWError, too
+
+
+class ConversionCost:
+    """Logs once what it costs to convert images of another encoding to grey."""
+
+    def __init__(self, node: 'EolNode'):
+        self._node = node
+        self._took_s: list[float] = []
+
+    def add(self, encoding: str, took_s: float) -> None:
+        """Count an image; the median of the first ones is logged."""
+        if len(self._took_s) < COSTS:
+            self._took_s.append(took_s)
+            if len(self._took_s) == COSTS:
+                cost_ms = 1e3 * statistics.median(self._took_s)
+                self._node.get_logger().info(
+                    f'images are {encoding}: converted to mono8, {cost_ms:.1f} ms each'
+                )
 
 
 class InTurn:
@@ -85,6 +106,7 @@ class Intake:
             self._kind = message_class(type_name)
             self._check = Check(type_name, definition(type_name), node.table)
             self._flat = Flat.of(type_name, definition(type_name)) if node.READS_ONLY else None
+        self._cost = ConversionCost(node) if isinstance(self._codec, images.Codec) else None
 
     def __call__(self, raw: bytes) -> Any:
         """Return the message in `raw`; None where it is bad, which the node's health counts."""
@@ -105,7 +127,10 @@ class Intake:
                 message = deserialize_message(raw, self._kind)
             wrong = self._check(message, span)
         else:
+            began_s = time.perf_counter()
             message = self._codec.read(raw)
+            if self._cost and self._codec.encoding:
+                self._cost.add(self._codec.encoding, time.perf_counter() - began_s)
             wrong = off('stamp', message.stamp_ns, span)
         if wrong:
             raise ValueError(wrong)

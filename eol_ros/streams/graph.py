@@ -99,7 +99,7 @@ _NODES = (
              publishes=('blocks', 'camera/image_raw/compressed', 'calibration', 'table',
                         *_ANSWERS),
              subscribes=('camera/image_raw', 'block_taps', 'requests'),
-             optional=('camera/image_raw/compressed',)),
+             optional=('camera/image_raw/compressed', 'camera/camera_info')),
     NodeSpec('motion', settings.MotionSettings, requires='blocks', real_time=SHORT,
              publishes=('slips', 'felt_slips', 'cascades'), on_request=_ANSWERS,
              subscribes=('blocks', 'block_taps', 'requests')),

@@ -27,12 +27,16 @@ class Grey(NamedTuple):
 
 
 class Codec:
-    """Writes mono8 images by the definition of sensor_msgs/msg/Image, and reads images."""
+    """Writes mono8 images by the definition of sensor_msgs/msg/Image, and reads images.
+
+    encoding: that of the last image that was converted to grey; '' where none was.
+    """
 
     def __init__(self, definition: str, frame_prefix: str = ''):
         self._frame_id = frame_prefix + FRAME_ID
         self._decoder = Decoder(TYPE, definition)
         self._shape: tuple[int, ...] = ()
+        self.encoding = ''
         self._known: dict[int, tuple[Fixed, tuple[str, int, int]]] = {}  # by size
 
     def pack(self, stamp_ns: int, image: np.ndarray) -> bytes:
@@ -85,8 +89,8 @@ class Codec:
         if step != width or encoding not in (b'mono8', b'8UC1'):
             from eol_ros.core.vision.encodings import grey  # OpenCV, for those who need it
 
-            name = encoding.decode(errors='replace')
-            pixels = grey(name, pixels, width, bool(big_endian))
+            self.encoding = encoding.decode(errors='replace')
+            pixels = grey(self.encoding, pixels, width, bool(big_endian))
         return Grey(seconds * NS + nanoseconds, pixels)
 
 

@@ -33,24 +33,28 @@ import numpy as np
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-path, encoding, width, height = sys.argv[1:5]
+path, encoding, width, height, k, d = sys.argv[1:7]
 data = np.load(path)
 rclpy.init(args=sys.argv)
 node = Node('usb_cam', namespace='eol')
 kind = CompressedImage if encoding == 'jpeg' else Image
 topic = 'camera/image_raw/compressed' if encoding == 'jpeg' else 'camera/image_raw'
 images = node.create_publisher(kind, topic, qos_profile_sensor_data)
+infos = node.create_publisher(CameraInfo, 'camera/camera_info', qos_profile_sensor_data)
 if encoding == 'jpeg':
     image = CompressedImage(format='jpeg', data=data.tobytes())
 else:
     image = Image(encoding=encoding, width=int(width), height=int(height), step=data.shape[1])
     image.data = data.tobytes()
+info = CameraInfo(width=int(width), height=int(height), distortion_model='plumb_bob')
+info.k, info.d = (np.array(text.split(','), float).tolist() for text in (k, d))
 
 def publish():
-    image.header.stamp = node.get_clock().now().to_msg()
+    image.header.stamp = info.header.stamp = node.get_clock().now().to_msg()
     images.publish(image)
+    infos.publish(info)
 
 node.create_timer(0.05, publish)
 rclpy.spin(node)
@@ -76,22 +80,26 @@ def calibrated(tmp_path):
     return path, camera
 
 
-def drive(tmp_path, camera, encoding):
+def drive(tmp_path, camera, encoding, focal=1.0):
     """Start the driver with an image of blocks at rest."""
     rest = rest_lattice()
     image = Renderer(RenderOptions(), camera, 3).render(rest[:, 0], rest[:, 1], np.zeros(25), 0)
     data = {
         'rgb8': lambda: np.pad(np.repeat(image, 3, axis=1), ((0, 0), (0, 32))),
+        'mono8': lambda: image,
         'jpeg': lambda: cv2.imencode('.jpg', image)[1],
     }[encoding]()
     np.save(tmp_path / 'image.npy', data)
+    matrix = camera.camera_matrix * [[focal], [focal], [1]]
+    matrix[:2, 2] = camera.camera_matrix[:2, 2]
+    numbers = (','.join(map(repr, a.ravel().tolist())) for a in (matrix, LENS))
     command = [sys.executable, '-c', DRIVER, str(tmp_path / 'image.npy'), encoding, '1280', '800']
-    return subprocess.Popen(command, env={**os.environ, 'PYTHONPATH': ''})
+    return subprocess.Popen([*command, *numbers], env={**os.environ, 'PYTHONPATH': ''})
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('encoding', ['rgb8', 'jpeg'])
-def test_blocks_come_of_images_of_a_stock_driver(ros, tmp_path, calibrated, encoding):
+def test_blocks_come_of_images_of_a_stock_driver(ros, tmp_path, calibrated, encoding, capfd):
     path, camera = calibrated
     transport = 'compressed' if encoding == 'jpeg' else 'raw'
     settings = TrackerSettings(calibration=str(path), image_transport=transport)
@@ -99,11 +107,33 @@ def test_blocks_come_of_images_of_a_stock_driver(ros, tmp_path, calibrated, enco
     driver = drive(tmp_path, camera, encoding)
     try:
         with Nodes(node, listener) as nodes:
-            nodes.until(lambda: len(listener.blocks) > 25)
+            nodes.until(lambda: len(listener.blocks) > 25 and node.lens)
             assert listener.blocks[-1].rows['seen'].all()
             found = np.stack([listener.blocks[-1].rows[axis] for axis in 'xy'], axis=1)
             assert np.abs(found - rest_lattice()).max() < 5e-4
-            assert node.health.level == 0
+            assert node.health.level == 0 and not node.lens_differs
+            nodes.until(lambda: len(list(node.subscriptions)) == settled(node))
+    finally:
+        driver.kill()
+        driver.wait()
+    assert f'images are {encoding}: converted to mono8, ' in capfd.readouterr().err
+
+
+def settled(node):
+    """All but `camera_info`, of which one message was enough."""
+    return sum(s.topic_name != '/eol/camera/camera_info' for s in node.subscriptions)
+
+
+@pytest.mark.slow
+def test_a_lens_that_is_not_that_of_the_calibration_is_told(ros, tmp_path, calibrated):
+    path, camera = calibrated
+    node = TrackerNode(TrackerSettings(calibration=str(path)))
+    driver = drive(tmp_path, camera, 'mono8', focal=1.02)
+    try:
+        with Nodes(node) as nodes:
+            nodes.until(lambda: node.lens_differs)
+            nodes.until(lambda: node.health.level == 1)
+            assert 'camera_info of the driver differs from the calibration by' in node.health.text
     finally:
         driver.kill()
         driver.wait()
@@ -140,3 +170,15 @@ def test_jpeg_images_are_for_other_drivers_only(tmp_path):
     del nodes['twin']
     path.write_text(yaml.safe_dump({'nodes': nodes, 'elsewhere': ['camera']}))
     assert load(path).nodes['tracker'].image_transport == 'compressed'
+
+
+def test_the_difference_of_two_lenses_is_that_of_their_points():
+    ideal = Calibration.ideal()
+    same = ideal.lens_difference_px(ideal.camera_matrix, np.zeros(5))
+    moved = ideal.camera_matrix + [[0, 0, 3], [0, 0, 0], [0, 0, 0]]
+    assert same < 1e-9 and ideal.lens_difference_px(moved, np.zeros(5)) == pytest.approx(3)
+    # the corner is 640 px from the middle: k1 moves it by f * x * k1 * r2
+    x, y = 640 / 1000, 400 / 1000
+    wanted = 1000 * x * 0.1 * (x * x + y * y)
+    found = ideal.lens_difference_px(ideal.camera_matrix, [0.1, 0, 0, 0, 0])
+    assert found == pytest.approx(wanted, rel=0.01)

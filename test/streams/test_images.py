@@ -84,6 +84,7 @@ def test_a_colour_image_and_padded_rows_are_read_in_grey(codec):
     colours = np.repeat(pixels, 3, axis=1)
     made = message(pixels, encoding='bgr8', step=36, data=colours.tobytes())
     assert np.array_equal(codec.read(serialize_message(made)).pixels, pixels)
+    assert codec.encoding == 'bgr8'
 
 
 def test_a_message_that_is_cut_is_refused(codec):

@@ -214,6 +214,22 @@ class Calibration:
             axis=1,
         )
 
+    def lens_difference_px(self, matrix: ArrayLike, distortion: ArrayLike) -> float:
+        """Return how far a lens moves a point of the image from where this one has it, at most.
+
+        matrix: (3, 3); distortion: (5,), plumb_bob. Compared on a grid over the image.
+        """
+        u, v = np.linspace(0, self.image_width - 1, 9), np.linspace(0, self.image_height - 1, 9)
+        grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+        other = replace(
+            self,
+            camera_matrix=np.reshape(matrix, (3, 3)),
+            distortion_coefficients=np.asarray(distortion, float),
+        )
+        rays = project(algebra.inverse(self.camera_matrix), self.undistort(grid))
+        there = other.distort(project(other.camera_matrix, rays))
+        return float(np.abs(there - grid).max())
+
     def to_table(self, px: ArrayLike) -> np.ndarray:
         """Map pixels to the table.
 
