@@ -96,6 +96,9 @@ def topics_page() -> str:
         'frame `world` keep their names. `eol topics` lists the topics of a running graph.',
         'Every node also publishes `node_states` and `/diagnostics`, once a second and at each '
         'change of level, and subscribes to `ready`, which the image source publishes.',
+        'A topic in brackets below is not always there. The node publishes it only after a person, '
+        'a program or another node sent a request, and subscribes to it only if a setting of the '
+        'node needs it.',
         '## Frames',
         'Coordinate system of `table`: the origin is the centre of the platform, x points right, '
         'y away from the front edge, z up. `world` is the same frame: the transform from `world` '
@@ -103,9 +106,6 @@ def topics_page() -> str:
         '`camera_optical` is the camera, placed by the calibration; `/tf_static` lacks it if the '
         'camera sees the table in a mirror.',
         '## Nodes',
-        'A topic in brackets is not always there. The node publishes it only after a person, a '
-        'program or another node sent a request, and subscribes to it only if a setting of the '
-        'node needs it.',
         node_table(),
         '## Topics',
         topic_table(),
