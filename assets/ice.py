@@ -300,7 +300,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('output', help='the .flac file to write')
     parser.add_argument('--seconds', type=float, default=120.0, help='length')
-    parser.add_argument('--seed', type=int, default=1, help='seed; another seed, another recording')
+    parser.add_argument('--seed', type=int, default=1, help='random seed of the recording')
     args = parser.parse_args()
     wav = io.BytesIO()  # libsndfile rounds otherwise for FLAC
     soundfile.write(wav, ice(args.seconds, 48000, args.seed), 48000, 'PCM_16', format='WAV')

@@ -64,8 +64,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--rate', type=float, help='of exhibition, times real time (default: the highest)'
     )
-    parser.add_argument('--faults-hours', type=float, default=2.0, help='of faults, real time')
-    parser.add_argument('--fps', type=float, default=60.0, help='images a second, of faults')
+    parser.add_argument(
+        '--faults-hours',
+        type=float,
+        default=2.0,
+        help='duration of the fault test, hours of real time',
+    )
+    parser.add_argument('--fps', type=float, default=60.0, help='image rate of the fault test, Hz')
     parser.add_argument(
         '--run-minutes', type=float, default=10.0, help='how long a run is recorded to be played'
     )

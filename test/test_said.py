@@ -45,7 +45,7 @@ def test_what_fills_a_place_keeps_its_code():
         said('is_not_there', what=said('serial_port'), wanted='/dev/ttyUSB0'),
     ],
 )
-def test_chinese_characters_have_no_space_between_them_and_numbers_have(text):
+def test_chinese_text_is_spaced_only_around_numbers(text):
     chinese = translated(text, 'zh-Hant')
     assert not re.search('[\u3000-\u9fff\uff00-\uffef] +[\u3000-\u9fff\uff00-\uffef]', chinese)
     assert not re.search('[\u4e00-\u9fff][0-9a-z/]|[0-9a-z][\u4e00-\u9fff]', chinese)

@@ -344,10 +344,7 @@ def add_products(typing_context, sums, weight, values, other_weight, other_value
 
 @njit_intrinsic
 def add_weighted(typing_context, sums, weight, values):
-    """Add to the rows of sums (m, 8) the products of weight with each of m + 1 values but one.
-
-    That is the last.
-    """
+    """Add weight * values[i] to row i of sums (m, 8), for the first m of m + 1 values."""
 
     def codegen(context, builder, sig, args):
         array = context.make_array(sig.args[0])(context, builder, args[0])

@@ -10,7 +10,7 @@ from collections import deque
 
 BACK_S = 0.2  # stamps fall back by less where messages overtake each other
 AHEAD_S = 2.0  # a message may have waited so long for a busy reader before the newest did not
-LATEST = 16  # stamps: more than are on their way where everything stands still for a while
+LATEST = 16  # stamps, chosen: more than are in transit during a stall
 NS = 1e9
 # What is asked between two images counts from this long after the first: less than any camera's
 # period, more than a step of seconds since the epoch in double precision.
@@ -23,7 +23,7 @@ class StampWatch:
     def __init__(self, back_s: float = BACK_S, ahead_s: float = AHEAD_S):
         self._back_ns, self._ahead_ns = round(back_s * NS), round(ahead_s * NS)
         self._newest_ns = 0  # stamp
-        # From steady time to the last stamps: the least late of them shows how the clocks stand.
+        # Of the last stamps from steady time; the greatest, of the least late, is the offset.
         self._ahead: deque[int] = deque(maxlen=LATEST)
 
     def take(self, stamp_ns: int, steady_ns: int) -> int:

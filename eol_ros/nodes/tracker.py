@@ -33,7 +33,9 @@ from eol_ros.streams.graph import IMAGE_SOURCES
 from eol_ros.streams.requests import Asked, for_tracker
 
 LEARNT_EVERY_S = 60.0  # between two looks at what was learnt of the blocks
-LENS_APART_PX = 1.0  # of two lenses, from which it is told: 1.8 mm on the table at 545 px/m
+LENS_APART_PX = (
+    1.0  # px, chosen: a lens difference that raises a warning; 1.8 mm on the table at 545 px/m
+)
 
 
 class TrackerNode(EolNode):
@@ -145,7 +147,7 @@ class TrackerNode(EolNode):
         return taken
 
     def on_lens(self, info: CameraInfo) -> None:
-        """Keep what the driver says of its lens; the first message is enough."""
+        """Store the lens of the driver; one message is enough."""
         if self.executor is not None and self.infos is not None:
             self.executor.create_task(self.destroy_subscription, self.infos)
             self.infos = None
@@ -155,12 +157,12 @@ class TrackerNode(EolNode):
             self.lens = info
         else:
             self.get_logger().warning(
-                f'camera/camera_info: distortion model {info.distortion_model!r} is not compared '
-                'with the calibration, which has plumb_bob'
+                f'camera/camera_info: distortion model {info.distortion_model!r} cannot be '
+                'compared with the calibration, only plumb_bob; check the calibration file'
             )
 
     def compare_lens(self) -> None:
-        """Compare the driver's lens with the calibration, when either is new."""
+        """Compare the driver's lens with the calibration after either changes."""
         calibration = self.tracker.calibration
         if self.lens is None or calibration is None or calibration is self.lens_compared:
             return

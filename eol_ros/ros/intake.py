@@ -25,14 +25,14 @@ FAULTS = EolError, ValueError, TypeError, LookupError, RuntimeError, MemoryError
 
 
 class ConversionCost:
-    """Logs once what it costs to convert images of another encoding to grey."""
+    """Logs the median time to convert an image to grey, once."""
 
     def __init__(self, node: 'EolNode'):
         self._node = node
         self._took_s: list[float] = []
 
     def add(self, encoding: str, took_s: float) -> None:
-        """Count an image; the median of the first ones is logged."""
+        """Add the time of one conversion; log the median after COSTS of them."""
         if len(self._took_s) < COSTS:
             self._took_s.append(took_s)
             if len(self._took_s) == COSTS:

@@ -111,7 +111,7 @@ def test_values_that_cannot_be_are_told_or_left_out(tmp_path):
          {'blocks': {'p50': 2.0, 'p99': 2.98, 'max': 3.0, 'count': 2}}),
     ],
 )  # fmt: skip
-def test_delays_that_are_none_are_told_apart(late_ms, said, kept):
+def test_invalid_delays_are_reported_by_cause(late_ms, said, kept):
     found = {'latency_ms': {'blocks': report._summary(np.array(late_ms))}, 'onset_latency_ms': {}}
     assert report._of_another_clock(found) == [f'delay of blocks: {line}' for line in said]
     assert found['latency_ms'] == kept

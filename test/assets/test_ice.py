@@ -14,7 +14,7 @@ from eol_ros.devices.corpus import corpus_build
 
 
 @pytest.mark.slow
-def test_what_ships_is_what_it_makes(tmp_path, monkeypatch):
+def test_the_shipped_ice_recording_is_reproducible(tmp_path, monkeypatch):
     made = tmp_path / 'made.flac'
     monkeypatch.setattr(sys, 'argv', ['ice', str(made)])
     assert main() == 0

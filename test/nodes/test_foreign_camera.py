@@ -125,7 +125,7 @@ def settled(node):
 
 
 @pytest.mark.slow
-def test_a_lens_that_is_not_that_of_the_calibration_is_told(ros, tmp_path, calibrated):
+def test_a_lens_unlike_the_calibration_raises_a_warning(ros, tmp_path, calibrated):
     path, camera = calibrated
     node = TrackerNode(TrackerSettings(calibration=str(path)))
     driver = drive(tmp_path, camera, 'mono8', focal=1.02)
@@ -172,7 +172,7 @@ def test_jpeg_images_are_for_other_drivers_only(tmp_path):
     assert load(path).nodes['tracker'].image_transport == 'compressed'
 
 
-def test_the_difference_of_two_lenses_is_that_of_their_points():
+def test_the_lens_difference_is_the_largest_distance_of_points():
     ideal = Calibration.ideal()
     same = ideal.lens_difference_px(ideal.camera_matrix, np.zeros(5))
     moved = ideal.camera_matrix + [[0, 0, 3], [0, 0, 0], [0, 0, 0]]

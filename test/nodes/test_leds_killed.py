@@ -45,7 +45,7 @@ class Motion(EolNode):
         self.slips.publish(message)
 
 
-def diary_of(bridge):
+def record_calls(bridge):
     """Return a list to which the bridge adds what is done to it: methods and arguments."""
     diary = []
 
@@ -118,7 +118,7 @@ def test_killing_breaks_no_limit(ros, tmp_path, kills, killed, limit):
     rng, lit, ports = random.Random(kills), 0, Ports()
     port = str(tmp_path / 'board')
     with FakeBoard(port) as fake, Nodes(Motion()) as nodes, contextlib.ExitStack() as stack:
-        diary, leds = diary_of(fake.bridge), None
+        diary, leds = record_calls(fake.bridge), None
         for _ in range(kills):
             fake.log.clear()
             if leds is None:

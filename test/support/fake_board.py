@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The software board on a pty, where a host opens it by name, and with faults.
 
-PYTHONPATH=test python -m support.fake_board --link /tmp/board --taps 2
+python test/support/fake_board.py --link /tmp/board --taps 2
 """
 
 import argparse

@@ -9,7 +9,9 @@ from eol_ros.core.physics.result import Energy, Run
 from eol_ros.core.physics.scene import Scene
 
 ON_LIMIT = 1e-13  # a force this close to the limit, relative, is on it: simultaneous breaks
-FARTHEST_M = 1.0  # of a table's springs: else, of blocks too heavy to move, no step would be fine
+FARTHEST_M = (
+    1.0  # chosen: a greater scale, of blocks too heavy to move, would make every step too coarse
+)
 MISSED = 1e-4  # of the largest energy, or J: more than any tolerance leaves open
 GAUSS_X, GAUSS_W = algebra.gauss_legendre(10)  # for the powers of a step, on 0..1
 GAUSS_X, GAUSS_W = 0.5 * (GAUSS_X + 1), 0.5 * GAUSS_W
@@ -18,7 +20,7 @@ GAUSS_X, GAUSS_W = 0.5 * (GAUSS_X + 1), 0.5 * GAUSS_W
 def length_scale(scene: Scene) -> float:
     """Return the displacement (m) at which a spring first balances friction, or the offsets.
 
-    Friction that holds a stretch of more than FARTHEST_M counts as if it held that.
+    It is at most FARTHEST_M, or the greatest offset.
     """
     static = scene.lattice.static
     stiff = scene.lattice.k.max(initial=0.0)

@@ -149,7 +149,7 @@ class Tracker:
         return self.calibration.cover_height_m if self.calibration is not None else 0.0
 
     def warm_up(self) -> None:
-        """Compile or load all code that images need, on throw-away state, before one comes."""
+        """Compile or load all code that images need, on throw-away state, in advance."""
         if self.calibration is None:
             import eol_ros.core.vision.calibration.self_calibration  # noqa: F401 with scipy
         camera = self.calibration or Calibration.ideal(table=self.table)

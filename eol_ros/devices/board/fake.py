@@ -262,7 +262,7 @@ class FakeBoard:
                 return
             packet = protocol.encode(message, self._sequence)
             self._sequence = (self._sequence + 1) & 0xFF
-            # Who does not read, or has pulled the plug, does not make a board wait.
+            # the board does not wait for a host that does not read or is unplugged
             with contextlib.suppress(OSError):
                 os.write(self._fds[0], self._spoilt(packet))
 

@@ -140,7 +140,7 @@ def test_the_ledger_closes_where_blocks_are_too_heavy_to_move(rotation):
     assert abs(run.energy.residual_J) < 1e-8
 
 
-def test_a_ledger_that_is_far_off_is_told():
+def test_a_large_ledger_residual_adds_a_note():
     scene = from_mapping(builders.single(PULL, 4.0))
     run = simulate(scene)
     booked = np.array([run.energy.work_J, run.energy.friction_J])

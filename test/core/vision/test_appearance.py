@@ -347,7 +347,7 @@ def test_blocks_of_15_to_118_px_are_tracked(size, px_per_m):
     assert off.max() * px_per_m < 0.2
 
 
-def test_a_table_that_jumped_is_found_in_the_same_image_and_after_a_dark_one_in_the_next():
+def test_a_displaced_table_is_reacquired_in_one_image():
     renderer = Renderer(RenderOptions(noise='L2'), None, 1)
     tracker, there = Tracker(TrackerSettings(), renderer.calibration), REST + (0.03, -0.02)
     for k in range(30):

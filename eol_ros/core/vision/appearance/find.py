@@ -68,7 +68,7 @@ def noise_by_level(image, out):
 
 
 def _samples() -> np.ndarray:
-    """Return (2, SAMPLES) samples, half sides: of a square, then of its ring, side by side."""
+    """Return samples (2, SAMPLES) in half sides: of a square, then of the sides of its ring."""
     inner = 0.8 * (2 * np.arange(INNER) / (INNER - 1) - 1)
     along, far = 0.9 * (2 * np.arange(RING) / (RING - 1) - 1), np.full(RING, 1.0 + 2 * GAP)
     a = np.concatenate([np.repeat(inner, INNER), far, along, -far, along])
@@ -90,7 +90,7 @@ def _stands_out(image, u, v, ua, va, ub, vb, noise, at):
     if u < reach_u or v < reach_v or u + reach_u > cols - 1 or v + reach_v > rows - 1:
         return 0.0
     width = np.int32(cols)
-    for n in range(SAMPLES):  # a loop that compilers make into vectors
+    for n in range(SAMPLES):  # by itself, so that it vectorises
         row = np.int32(v + A[n] * va + B[n] * vb + 0.5)
         at[n] = row * width + np.int32(u + A[n] * ua + B[n] * ub + 0.5)
     flat, total = image.reshape(-1), 0

@@ -355,7 +355,7 @@ def solve(equations, without, prior, towards, m):
 
 @njit(inline='always')
 def _cluster(px, first, stop, group, side):
-    """Return which residuals err together with those of a group: its part of a side, or a band."""
+    """Return the cluster of correlated residuals of a group: parts of a side, or a band."""
     if side == 4:
         return CLUSTERS + (group - first) * APART_SUMS // (stop - first)
     return int(px[group, PART]) // TOGETHER
@@ -370,7 +370,7 @@ def covariance(
     Of the residuals themselves: those of TOGETHER parts of a side err together (Liang and Zeger,
     Biometrika 73, 1986), as lamps, arms and uneven light make them. Call it after solve, which
     gives m and `kept`. usual (INFLUENCES, 3): influences that last, which move no block from image
-    to image. sums, as large: filled with those of this image. pulls: scratch.
+    to image. sums (INFLUENCES, 3): filled with those of this image. pulls: scratch.
     """
     by, at, side_fit = np.empty((3, COLUMNS)), (3, 4, NUMBERS), np.empty(COLUMNS)
     sums[:] = 0.0

@@ -133,7 +133,7 @@ class Follower:
             lost = np.flatnonzero(self.table.present & ~good)
             if len(self._all) - len(lost) < self.least:  # all may have jumped at once
                 good, passed_s = self._acquire(stamp_s, image), math.inf
-                if not good.any():  # or this image alone is dark
+                if not good.any():  # a dark image: search in the next one
                     self._sought_s = -math.inf
             else:
                 if len(lost):  # one an image: a search takes as long as eight blocks in sight
@@ -364,7 +364,7 @@ class Follower:
     def _approach(self, image: np.ndarray) -> float:
         """Fit all blocks from places that are some px off; return the evidence of their sides."""
         found = self.found
-        # the first time it takes more than one fit until the width of edges has settled
+        # fits are repeated until the width of edges has converged
         for start_px in (5.0,) if self.lattice else (5.0, 3.0, 2.0, 1.0):
             found['start_px'] = start_px
             self._register(image, self._all, fresh=True)

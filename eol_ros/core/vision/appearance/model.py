@@ -43,7 +43,7 @@ SETTLED = 1.0  # of the standard deviation of a pose: a smaller step ends the it
 MODEL_PX = 0.012  # what the edge function leaves of a real edge
 MOVING_SHARE = 0.05  # and of one that moves, of its way in an image: 3 ms of exposure at 60 Hz
 JUDGED_PX = 0.03  # a pose that was taken to be less sure is fitted once more
-RESTED_PX = 0.08  # a block that moved by less is found in one step, which errs by its cube: 2e-4 px
+RESTED_PX = 0.08  # px: below it one Gauss-Newton step suffices, whose error is cubic: some 2e-4 px
 TOGETHER = 3  # adjacent parts of a side whose errors are correlated
 PARTS = 12  # of a side, each trusted by itself: 3.8 px at 545 px/m
 # Mean squared residual, in the usual one: of a part of a side, from which it is trusted less, and

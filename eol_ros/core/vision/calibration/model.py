@@ -215,7 +215,7 @@ class Calibration:
         )
 
     def lens_difference_px(self, matrix: ArrayLike, distortion: ArrayLike) -> float:
-        """Return how far a lens moves a point of the image from where this one has it, at most.
+        """Return the largest distance (px) between images of one ray by this lens and another.
 
         matrix: (3, 3); distortion: (5,), plumb_bob. Compared on a grid over the image.
         """
