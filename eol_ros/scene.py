@@ -543,7 +543,7 @@ def load(name: str | Path) -> Scene:
         reader.wrong(domain, 'domain', said)
     namespace = _namespace(reader, values.get('namespace'))
     title = values.get('scene')
-    together = _together(reader, values.get('together'), nodes)
+    together = _together(reader, values.get('together'), nodes, values.get('nodes'))
     machines = _machines(reader, values.get('machines'), nodes, together, network)
     if 'machine' in nodes and not machines:
         place = top.value['nodes']
@@ -813,8 +813,9 @@ def _programs(reader: Reader, place: Place | None) -> dict[str, tuple[str, ...]]
 
 
 def _together(
-    reader: Reader, place: Place | None, nodes: dict[str, Any]
+    reader: Reader, place: Place | None, nodes: dict[str, Any], listed: Place | None
 ) -> tuple[tuple[str, ...], ...]:
+    """Return groups of nodes that share a process, without the nodes that `listed` turns off."""
     if place is None:
         return ()
     groups = place.bare
@@ -825,10 +826,13 @@ def _together(
         reader.wrong(place, 'together', 'not a list of lists of nodes, such as [[camera, tracker]]')
         return ()
     seen: set[str] = set()
+    written = listed.value if listed and isinstance(listed.value, dict) else {}
+    off = {name for name, value in written.items() if _off(value)}
     for name in [name for group in groups for name in group]:
-        if name not in nodes:
+        if name not in nodes and name not in off:
             reader.wrong(place, 'together', f'{name}: not a node of this scene')
         elif name in seen:
             reader.wrong(place, 'together', f'{name} stands twice')
         seen.add(name)
-    return tuple(tuple(group) for group in groups)
+    left = (tuple(name for name in group if name in nodes) for group in groups)
+    return tuple(group for group in left if group)

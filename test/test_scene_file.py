@@ -249,6 +249,12 @@ def test_machines_that_make_no_graph(tmp_path, right, wrong, what):
     assert what in '\n'.join(said for *_, said in mistakes(write(tmp_path, text)))
 
 
+def test_a_node_that_is_off_leaves_the_groups_of_the_included_scene(tmp_path):
+    assert scenes.load('instrument').together == (('motion', 'leds'),)
+    off = scenes.load(write(tmp_path, 'include: instrument\nnodes: {leds: off}'))
+    assert 'leds' not in off.nodes and off.together == (('motion',),)
+
+
 def test_the_node_machine_needs_machines(tmp_path):
     path = write(tmp_path, 'nodes: {twin: {}, machine: {}}')
     assert mistakes(path)[0][3] == 'runs where the scene has `machines`'
