@@ -6,11 +6,12 @@ What people ask for counts from a stamp that the answer names, so that a bag can
 
 import base64
 import time
+from typing import NamedTuple
 
+import numpy as np
 from eol_msgs.msg import BlockTap
 from eol_msgs.msg import Calibration as CalibrationMessage
 from eol_msgs.msg import Table as TableMessage
-from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from eol_ros.core.vision.appearance import learnt
@@ -33,9 +34,17 @@ from eol_ros.streams.graph import IMAGE_SOURCES
 from eol_ros.streams.requests import Asked, for_tracker
 
 LEARNT_EVERY_S = 60.0  # between two looks at what was learnt of the blocks
-LENS_APART_PX = (
-    1.0  # px, chosen: a lens difference that raises a warning; 1.8 mm on the table at 545 px/m
-)
+LENS_APART_PX = 1.0  # chosen: a lens difference that raises a warning; 1.8 mm at 545 px/m
+
+
+class Lens(NamedTuple):
+    """What a driver states of its lens: model, image size, whether of the whole image, k, d."""
+
+    model: str
+    size: tuple[int, int]
+    whole: bool
+    k: tuple[float, ...]
+    d: tuple[float, ...]
 
 
 class TrackerNode(EolNode):
@@ -79,11 +88,11 @@ class TrackerNode(EolNode):
             )
         else:
             self.subscribe('camera/image_raw', self.on_image, slow=True)
-        self.lens: CameraInfo | None = None  # of a driver that is not ours
+        self.lens: Lens | None = None  # of a driver that is not ours
         self.lens_compared: Calibration | None = None
         self.lens_differs = ''
         if self.settings.calibration and not set(self.scene.nodes) & set(IMAGE_SOURCES):
-            self.infos: Subscription | None = self.subscribe('camera/camera_info', self.on_lens)
+            self.subscribe('camera/camera_info', self.on_lens)
 
     def restart(self) -> None:
         self.tracker = Tracker(self.settings, self.files.calibration, self.table)
@@ -147,29 +156,33 @@ class TrackerNode(EolNode):
         return taken
 
     def on_lens(self, info: CameraInfo) -> None:
-        """Store the lens of the driver; one message is enough."""
-        if self.executor is not None and self.infos is not None:
-            self.executor.create_task(self.destroy_subscription, self.infos)
-            self.infos = None
-        if not any(info.k):  # not calibrated
-            return
-        if info.distortion_model == 'plumb_bob' and len(info.d) == 5:
-            self.lens = info
-        else:
-            self.get_logger().warning(
-                f'camera/camera_info: distortion model {info.distortion_model!r} cannot be '
-                'compared with the calibration, only plumb_bob; check the calibration file'
-            )
+        """Store what a driver states of its lens."""
+        whole = info.binning_x < 2 and info.binning_y < 2 and not info.roi.width
+        lens = Lens(
+            info.distortion_model, (info.width, info.height), whole, tuple(info.k), tuple(info.d)
+        )
+        if lens != self.lens:
+            self.lens, self.lens_compared = lens, None
 
     def compare_lens(self) -> None:
         """Compare the driver's lens with the calibration after either changes."""
-        calibration = self.tracker.calibration
-        if self.lens is None or calibration is None or calibration is self.lens_compared:
+        lens, calibration = self.lens, self.tracker.calibration
+        if lens is None or calibration is None or calibration is self.lens_compared:
             return
-        self.lens_compared = calibration
-        apart_px = calibration.lens_difference_px(self.lens.k, self.lens.d)
-        differs = apart_px > LENS_APART_PX
-        self.lens_differs = said('lens_differs', px=f'{apart_px:.1f}') if differs else ''
+        self.lens_compared, self.lens_differs = calibration, ''
+        size = calibration.image_width, calibration.image_height
+        finite = np.isfinite([*lens.k, *lens.d]).all()
+        if not (lens.whole and lens.size == size and finite and lens.k[0] > 0 and lens.k[4] > 0):
+            return  # not calibrated, or not for these images
+        if lens.model != 'plumb_bob' or len(lens.d) > 5:
+            self.get_logger().warning(
+                f'camera/camera_info: distortion model {lens.model!r} cannot be compared with the '
+                'calibration, only plumb_bob; check the calibration file'
+            )
+            return
+        apart_px = calibration.lens_difference_px(lens.k, [*lens.d, *[0.0] * (5 - len(lens.d))])
+        if apart_px > LENS_APART_PX:
+            self.lens_differs = said('lens_differs', px=f'{apart_px:.1f}')
 
     def on_image(self, taken: images.Grey) -> None:
         self.stamp_ns, image = taken.stamp_ns + self.offset_ns, taken.pixels
