@@ -65,7 +65,8 @@ class Follower:
         self.last_s = -math.inf
         self.lattice = False  # whether it was ever found
         self.ambiguous = not trust_start and len(table.turns) > 1
-        self._seen_s = self._sought_s = -math.inf  # when it was last in sight, and sought in vain
+        # when it was last in sight, sought in vain, and sought because all blocks were lost at once
+        self._seen_s = self._sought_s = self._jumped_s = -math.inf
         self._near, self._weights = (
             np.zeros((n, 4)),
             neighbours.weigh(table.rest, self.lengths.width),
@@ -131,10 +132,14 @@ class Follower:
                 self._register(image, lost)
                 good[lost] = self._judge(lost)[lost]
             lost = np.flatnonzero(self.table.present & ~good)
-            if len(self._all) - len(lost) < self.least:  # all may have jumped at once
+            sought_s = max(self._sought_s, self._jumped_s)
+            few = len(self._all) - len(lost) < self.least  # all may have jumped at once
+            if few and not 0.0 <= stamp_s - sought_s < model.SEEK_S:
+                before, self._jumped_s = self._sought_s, stamp_s
+                blocks['evidence'] = np.minimum(blocks['evidence'], 0.0)  # it is of other places
                 good, passed_s = self._acquire(stamp_s, image), math.inf
-                if not good.any():  # a dark image: search in the next one
-                    self._sought_s = -math.inf
+                if good.sum() < self.least:  # a dark or blurred image: search in the next one, too
+                    self._sought_s = before
             else:
                 if len(lost):  # one an image: a search takes as long as eight blocks in sight
                     self._turn += 1
@@ -364,8 +369,8 @@ class Follower:
     def _approach(self, image: np.ndarray) -> float:
         """Fit all blocks from places that are some px off; return the evidence of their sides."""
         found = self.found
-        # fits are repeated until the width of edges has converged
-        for start_px in (5.0,) if self.lattice else (5.0, 3.0, 2.0, 1.0):
+        # before a face is known, fits are repeated until the width of edges has converged
+        for start_px in (5.0,) if self.blocks['known'].any() else (5.0, 3.0, 2.0, 1.0):
             found['start_px'] = start_px
             self._register(image, self._all, fresh=True)
             self._sharpen((found['visible'] > 0.8) & (found['ratio'] > 2.0))
