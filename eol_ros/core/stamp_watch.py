@@ -10,7 +10,7 @@ from collections import deque
 
 BACK_S = 0.2  # stamps fall back by less where messages overtake each other
 AHEAD_S = 2.0  # a message may have waited so long for a busy reader before the newest did not
-LATEST = 16  # stamps, chosen: more than are in transit during a stall
+LATEST = 700  # stamps: more than a queue keeps (qos.STREAM), which a stall makes late
 NS = 1e9
 # What is asked between two images counts from this long after the first: less than any camera's
 # period, more than a step of seconds since the epoch in double precision.
