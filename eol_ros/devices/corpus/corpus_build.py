@@ -47,7 +47,13 @@ def make_ice() -> Path:
 
         from eol_ros.devices.audio import audio_file
 
-        samples, rate = soundfile.read(Path(__file__).with_name('ice.flac'), dtype='int16')
+        shipped = Path(__file__).with_name('ice.flac')
+        try:
+            samples, rate = soundfile.read(shipped, dtype='int16')
+        except soundfile.LibsndfileError as error:
+            raise ConfigError(f'{shipped}: {error.error_string}; install eol_ros again') from None
+        if samples.nbytes != ICE_BYTES:
+            raise ConfigError(f'{shipped}: is cut off; install eol_ros again')
         with writing(path), DISK.replacing(path) as part:
             audio_file.write(part, samples, rate, 'PCM_16')
     return path
