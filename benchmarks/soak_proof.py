@@ -86,12 +86,11 @@ def _missing(path: Path, bag: BagReader) -> tuple[int, int]:
 
 
 def growth(looks: list[dict[str, Held]]) -> list[dict[str, Any]]:
-    """Return what each process held at first, once warm, and at last; flat: within 5 %, or level.
+    """Return what each process held at first, once warm, and at last; flat: within 5 %.
 
     Looks are medians of a tenth of them each, so that one image on its way does not count. Of
     memory 2 MB are allowed beside the 5 %, of open files and threads 2. `growth_mb` is that of
-    memory over the run, with its 95 % interval (Theil and Sen, of the medians of 20 parts): level
-    where that begins at 0 or below.
+    memory over the run, with its 95 % interval (Theil and Sen, of the medians of 20 parts).
     """
     rows = []
     warm = looks[int(len(looks) * WARM) :]
@@ -102,8 +101,7 @@ def growth(looks: list[dict[str, Held]]) -> list[dict[str, Any]]:
             for part in (warm[:tenth], warm[-tenth:])
         )
         grown_mb = _over_run([look[name].pss_mb for look in warm if name in look])
-        level = grown_mb is not None and grown_mb[1] <= 0
-        flat = (level or last[2] <= first[2] * 1.05 + 2) and (last[:2] <= first[:2] + 2).all()
+        flat = last[2] <= first[2] * 1.05 + 2 and (last[:2] <= first[:2] + 2).all()
         row = {'name': name, 'flat': bool(flat), 'growth_mb': grown_mb}
         for k, what in enumerate(Held._fields):
             row[what] = [round(float(first[k]), 1), round(float(last[k]), 1)]

@@ -683,9 +683,12 @@ def test_a_wall_without_a_server_keeps_its_pair_and_fades_to_black(graph, browse
     run(browser, cut)
     kept = 'const wall = document.getElementById("wall");'
     kept += 'return [eol.link.age(), wall.classList.contains("lost")];'
+    looked = 0
     while (found := run(browser, kept))[0] < 0.6:  # until then the pair stands
         assert not found[1]
+        looked += 1
         assert picture(browser).std() > 5 or run(browser, kept)[0] > 0.6
+    assert looked
     wait_until(lambda: picture(browser, 'wall-lost').max() < 8)
     assert run(browser, 'return document.body.innerText.trim()') == ''
     run(browser, 'eol.link.open = eol.opening; eol.link.open();')
