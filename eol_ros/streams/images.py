@@ -89,8 +89,9 @@ class Codec:
         if step != width or encoding not in (b'mono8', b'8UC1'):
             from eol_ros.core.vision.encodings import grey  # OpenCV, for those who need it
 
-            self.encoding = encoding.decode(errors='replace')
-            pixels = grey(self.encoding, pixels, width, bool(big_endian))
+            name = encoding.decode(errors='replace')
+            pixels = grey(name, pixels, width, bool(big_endian))
+            self.encoding = '' if name in ('mono8', '8UC1') else name
         return Grey(seconds * NS + nanoseconds, pixels)
 
 

@@ -57,6 +57,14 @@ def test_the_greatest_cascade_is_shown_as_its_light_was(bag):
     np.testing.assert_allclose(level[:, 8] * 255, [200, 255, 100])
 
 
+def test_light_that_comes_in_parts_is_the_same(bag, monkeypatch):
+    ((begin_s, whole),) = light.levels(bag)
+    monkeypatch.setattr(light, 'CHUNK_S', 0.75)
+    parts = list(light.levels(bag))
+    assert begin_s == 0.0 and whole.max() == 1.0 and len(parts) == 4
+    np.testing.assert_array_equal(np.concatenate([levels for _, levels in parts]), whole)
+
+
 def test_turnover_counts_blocks_that_only_one_of_two_frames_has():
     lit = np.array([[1, 1, 0, 0], [1, 0, 1, 0], [0, 0, 0, 1]], bool)
 

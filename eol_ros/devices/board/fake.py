@@ -61,10 +61,7 @@ def obey(bridge: Bridge, now_s: float, message: protocol.Message) -> None:
 
 
 class FakeBoard:
-    """A board on a line within this process, which `open_line` opens.
-
-    What goes through a pty is carried by a worker of the kernel that has no real-time priority, and
-    waits for some milliseconds where both processors are taken.
+    """A board on a line within this process, which `open_line` opens: faster than a pty.
 
     `on_message` is called in the board's thread with each received message and its arrival.
     `log_file`: CSV file of all arrivals.
