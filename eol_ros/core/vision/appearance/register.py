@@ -209,7 +209,9 @@ def _fit(camera, looks, f, patch, at, px, room):
         for side in range(4):
             fit.restore(room.kept[side], work[:, 7], z[3], own[side])
         sure_px = math.sqrt(max(work[0, 8], 0.0))
-        least_px = m.RESTED_PX if rests else m.SETTLED * sure_px
+        least_px = m.SETTLED * sure_px
+        if rests:  # the light of covers in relief does not move with their sides: steps fall short
+            least_px = m.RESTED_PX if flat else m.JUDGED_PX
         close = sigma_px <= max(m.JUDGED_PX, 2 * sure_px, 2.5 * f.edge_px)
         judged = whole and close and f.step_px < least_px
         begins = rests and not (judged and abs(work[3, 7]) < m.STEADY * z[3])
