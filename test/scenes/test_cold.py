@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A first start: what is not in the cache is compiled by a process of its own, which tells."""
 
-import json
-import shutil
 import subprocess
 import sys
 import time
@@ -17,22 +15,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 SCENE = 'nodes: {twin: {}, recorder: off}'
 
 
-def most_loops():
-    """Return seven of eight compiled loops of the twin; none where the cache is cold."""
-    for folder in compiled.folders():
-        if (manifest := folder / 'twin.json').exists():
-            files = [folder / name for name in json.loads(manifest.read_text())['objects']]
-            files.sort(key=lambda path: -path.stat().st_size)
-            return [path for k, path in enumerate(files) if k % 8 != 4]
-    return []
-
-
-@pytest.mark.parametrize('warm', [most_loops, pytest.param(list, marks=pytest.mark.soak)])
-def test_a_cold_start_compiles_first_and_says_so(tmp_path, monkeypatch, warm):
-    there = warm()
+def test_a_cold_start_compiles_first_and_says_so(tmp_path, monkeypatch):
     monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path / 'cache'))
-    for loop in there:
-        shutil.copy(loop, compiled.writable())
     path = tmp_path / 'cold.yaml'
     path.write_text(SCENE)
     assert compiled.cold(['twin', 'montage']) == ['twin']
