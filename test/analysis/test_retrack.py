@@ -2,7 +2,6 @@
 """Images through the real nodes into a bag; the bag's images give the bag's results again."""
 
 import argparse
-import copy
 import dataclasses
 import json
 
@@ -17,7 +16,6 @@ from eol_ros.analysis.bag import open_bag
 from eol_ros.analysis.retrack import DIFFERENT, Comparison, retrack
 from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError
 from eol_ros.streams import calibrations
 
@@ -40,29 +38,6 @@ def scene_of_blocks(count=150):
         if 90 <= i < 95:
             at[7] -= [0.0, 0.002]
         yield at.copy(), yaw.copy()
-
-
-class Remembering(Tracker):
-    """Gives from memory what a tracker before it made of the same images and requests."""
-
-    memory: dict = {}
-
-    def __init__(self, *given):
-        super().__init__(*given)
-        self.past, self.skipped = None, []
-
-    def update(self, stamp_s, image):
-        before = self.past or (self.calibration.digest, repr(self.requests._waiting))
-        self.past = hash((before, stamp_s, image.tobytes()))
-        if self.past in self.memory:
-            self.skipped.append(self.past)
-        else:
-            for past in self.skipped:
-                super().update(*self.memory[past][:2])
-            self.skipped.clear()
-            found = copy.deepcopy(super().update(stamp_s, image))
-            self.memory[self.past] = stamp_s, image.copy(), found
-        return self.memory[self.past][2]
 
 
 @pytest.fixture(scope='module')
@@ -140,10 +115,7 @@ def run(tmp_path_factory, any_stamp):
             nodes.until(lambda i=i: recorder.recording.received['/eol/blocks'] == i + 1)
         nodes.run(0.3)
     rclpy.try_shutdown()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr('eol_ros.core.vision.tracker.Tracker', Remembering)
-        yield open_bag(root)
-    Remembering.memory.clear()
+    return open_bag(root)
 
 
 @pytest.fixture(scope='module')
