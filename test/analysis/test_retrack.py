@@ -173,7 +173,8 @@ def test_the_calibration_is_that_in_the_bag(run, monkeypatch):
     assert found[0].digest == ideal.digest != found[1].digest
     assert rows['digest'].tolist() == [c.digest for c in found]
 
-    other = dataclasses.replace(ideal, cover_height_m=0.1, homography=1.01 * ideal.homography)
+    wider = ideal.homography @ np.diag([1.01, 1.01, 1.0])  # a hundredth more px for each metre
+    other = dataclasses.replace(ideal, homography=wider)
     monkeypatch.setattr(tracker_files, 'calibration_of', lambda settings, table: other)
     assert retrack(run).equal  # the file has changed since
     monkeypatch.setattr(run, 'count', lambda topic: 0 if topic == 'calibration' else 150)
