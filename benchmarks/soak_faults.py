@@ -9,7 +9,6 @@ import socket
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -36,7 +35,6 @@ PATIENCE_S = 120.0  # nothing that takes longer comes back at all
 HEALTHY_S = 65.0  # who was killed is left alone so long, as its back-off starts again after 60 s
 SETTLED_S = 1.5  # all must be well for so long: a heartbeat comes each second
 HELD_S = 8.0  # how long what is pulled out stays out
-FROZEN_S = 5.0  # without a turn: this process was stopped, or the machine
 LOOK_S = 10.0  # between two looks at memory
 NOTICES = 'which way round', 'messages dropped'
 DISK = '1g'  # on which the bags are, where one can be mounted
@@ -50,28 +48,6 @@ EXTRAS_IN_2_H = {
     'eight busy processes': 10,
 }
 CLOCK_STEPS_S = (-3600.0, 86400.0 * 30, -86400.0 * 30)
-
-
-class Frozen(threading.Thread):
-    """Adds up how long this process stood still, as where the machine was suspended."""
-
-    def __init__(self) -> None:
-        super().__init__(daemon=True)
-        self.seconds, self._done = 0.0, threading.Event()
-        self.start()
-
-    def run(self) -> None:
-        """Look every half a second."""
-        before = time.monotonic()
-        while not self._done.wait(0.5):
-            now = time.monotonic()
-            self.seconds += now - before if now - before > FROZEN_S else 0.0
-            before = now
-
-    def close(self) -> None:
-        """End it."""
-        self._done.set()
-        self.join()
 
 
 class Soak:
@@ -96,7 +72,6 @@ class Soak:
         self.observer = Observer(folder / 'observed.jsonl', folder / 'bags', self.graph.domain)
 
     def _begin(self) -> None:
-        self.frozen = self._stack.enter_context(contextlib.closing(Frozen()))
         self.clock = FakeClock(self.folder)
         self.jack = Jack('eol-soak')
         self.jack.start()
@@ -209,12 +184,12 @@ class Soak:
 
     def await_well(self, too: Callable[[], bool] = lambda: True) -> float:
         """Wait until all is well and stays so, and `too`; return how long it took in seconds."""
-        begun = self.now_s()
+        begun = time.monotonic()
         since = None
-        while since is None or self.now_s() - since < SETTLED_S:
+        while since is None or time.monotonic() - since < SETTLED_S:
             well = self.well() and too()
-            since = (since or self.now_s()) if well else None
-            if self.now_s() - begun > PATIENCE_S:
+            since = (since or time.monotonic()) if well else None
+            if time.monotonic() - begun > PATIENCE_S:
                 rows = self.rows() or {}
                 bad = {n: row['text'] for n, row in rows.items() if row['level']}
                 raise EolError(f'not back after {PATIENCE_S:g} s: {bad or "nobody answers"}')
@@ -222,10 +197,6 @@ class Soak:
                 self.graph.start()
             time.sleep(0.1)
         return since - begun
-
-    def now_s(self) -> float:
-        """Return the time without that in which this process, and so the work, stood still."""
-        return time.monotonic() - self.frozen.seconds
 
     def fault(self, kind: str, target: str, do: Callable[[], Any], too=lambda: True) -> None:
         """Do something bad; tell how long it took until all was well again."""

@@ -9,9 +9,7 @@ from eol_ros.core.physics.result import Energy, Run
 from eol_ros.core.physics.scene import Scene
 
 ON_LIMIT = 1e-13  # a force this close to the limit, relative, is on it: simultaneous breaks
-FARTHEST_M = (
-    1.0  # chosen: a greater scale, of blocks too heavy to move, would make every step too coarse
-)
+FARTHEST_M = 1.0  # chosen: a greater scale, of blocks too heavy to move, makes steps too coarse
 MISSED = 1e-4  # of the largest energy, or J: more than any tolerance leaves open
 GAUSS_X, GAUSS_W = algebra.gauss_legendre(10)  # for the powers of a step, on 0..1
 GAUSS_X, GAUSS_W = 0.5 * (GAUSS_X + 1), 0.5 * GAUSS_W
