@@ -45,7 +45,6 @@ GROUPS = {
         'echo': 'print the messages of a topic',
         'param': 'list, read and change the settings of a running node',
         'call': 'send a request to the nodes, as the panel does',
-        'midi': 'list MIDI inputs, watch them, assign controllers',
     },
     'record': {
         'replay': 'play a bag',
@@ -72,7 +71,7 @@ GROUPS = {
 VERBS = {verb: text for group in GROUPS.values() for verb, text in group.items()}
 # that go on until they are stopped, or say themselves how far they are
 LASTING = {
-    'run', 'kiosk', 'echo', 'midi', 'replay', 'camera', 'board', 'measure',
+    'run', 'kiosk', 'echo', 'replay', 'camera', 'board', 'measure',
     'compile', 'status', 'bench', 'sweep', 'service',
 }  # fmt: skip
 # that decode sounds, images or films

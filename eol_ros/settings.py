@@ -453,7 +453,6 @@ _SHARE = r'(0|1|0?\.\d+|[01]\.0*)'
 FORMS = {
     'NAME WEIGHT': rf'\S.* {_SHARE}',
     'DESCRIPTOR WEIGHT SOURCE': rf'({"|".join(DESCRIPTORS)}) {_NUMBER} (x|y|speed|last)',
-    'MIDI ACTION': r'(cc|note|program) (\d{1,2}:)?\d{1,3} \S.*',
     'NAME REGION': rf'\S.* (left|right|near|far|{_SHARE}(,{_SHARE}){{3}})',
 }
 
@@ -818,18 +817,6 @@ class SoundSettings:
         'Hz',
         1,
         60,
-    )
-    midi: str = setting(
-        '',
-        'MIDI input by name or part of the name; auto: the first; virtual: a port to which '
-        'others connect; jack:NAME and so on: by JACK; empty: none',
-    )
-    midi_map: tuple[str, ...] = live(
-        (),
-        'lines KIND [CHANNEL:]NUMBER ACTION that map MIDI to actions. KIND is cc, note or program. '
-        'ACTION is NODE.SETTING [LEAST MOST], NODE.SETTING VALUE, recall PRESET, cue CUE or '
-        'morph PRESET PRESET',
-        kind='MIDI ACTION',
     )
 
 

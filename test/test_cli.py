@@ -72,7 +72,6 @@ def test_half_of_an_option_is_refused(words, capsys):
         (['bag', 'cut', 'x'], '-o/--output is missing (new bag folder'),
         (['simulate'], 'SCENE is missing (JSON file'),
         (['calibrate'], 'way is missing (blocks, points, board, print); FILE is missing (images'),
-        (['midi', 'lern'], "action: no such choice as 'lern'. Did you mean learn?"),
         (['measure', 'all'], "what: no such choice as 'all'. There are springs, friction"),
         (['topics', '--seconds'], '--seconds needs a value'),
         (['check', 'museum', 'lights'], 'lights: more words than it takes'),
@@ -147,9 +146,7 @@ def test_a_pipe_without_a_reader_and_a_full_disk_are_no_traceback(words, buffere
         assert (no_room.returncode, no_room.stderr) == (78, 'eol: No space left on device\n')
 
 
-@pytest.mark.parametrize(
-    'words', [['track', 'broken.mp4'], ['track', 'broken.npy'], ['midi', 'watch', '--input', 'xx']]
-)
+@pytest.mark.parametrize('words', [['track', 'broken.mp4'], ['track', 'broken.npy']])
 def test_libraries_say_nothing_of_a_fault_beside_our_line(words, tmp_path):
     for ending in ('mp4', 'npy'):
         (tmp_path / f'broken.{ending}').write_text('hello')
@@ -163,24 +160,11 @@ def test_libraries_say_nothing_of_a_fault_beside_our_line(words, tmp_path):
     assert line.startswith(f'eol {words[0]}: ') and 'pickle' not in line
 
 
-@pytest.mark.parametrize('words', [['param', 'get', 'grains'], ['midi', 'learn']])
+@pytest.mark.parametrize('words', [['param', 'get', 'grains'], ['simulate']])
 def test_a_line_begins_with_the_command_once(words, capsys):
     assert cli.main(words) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f'eol {words[0]}: ') and line.count('eol') == 1
-
-
-def test_a_midi_system_that_is_missing_is_said_once(monkeypatch, capsys):
-    rtmidi = pytest.importorskip('rtmidi')
-
-    def none(*_):
-        raise rtmidi.SystemError('no')
-
-    monkeypatch.setattr(rtmidi, 'MidiIn', none)
-    for words in (['midi', 'list'], ['midi', 'watch', '--input', 'xx']):
-        assert cli.main(words) == 69
-        (line,) = capsys.readouterr().err.splitlines()
-        assert line.startswith('eol midi: no MIDI here (no); ')
 
 
 def test_a_place_where_no_file_can_be_is_one_line(capsys):

@@ -131,7 +131,6 @@ PLACES = {
     'restore': ('backup.tar.gz', 'restore X there --force'),
     'notify': ('scene.yaml', 'notify X'),
     'service': ('scene.yaml', 'service install X -o out'),
-    'midi': ('scene.yaml', 'midi learn sound.filter_hz X --for 0.1'),
     'camera scene': ('scene.yaml', 'camera focus --scene X --device none'),
     'camera film': ('stack.npy', 'camera focus --device X --seconds 0.1'),
     'keys': ('laptop.conf', 'keys join X'),

@@ -49,11 +49,6 @@ class SoundNode(EolNode):
         self.mixer = new_mixer(s, self.epoch_ns // NS, self.table)
         self.voicing = Voicing(s, self.table)
         self.on_settings(s)
-        self.midi = None
-        if s.midi:  # python-rtmidi only then
-            from eol_ros.nodes.sound_midi import Midi
-
-            self.midi = Midi(self, self.instrument)
         self.meter, self.banks = Meter(self.mixer), BankLoader(s.sample_rate)
         folder = Path(self.scene.settings('recorder').folder)
         named = folder / time.strftime('sound-%Y%m%d-%H%M%S.wav') if s.device == 'wav' else ''
@@ -312,7 +307,5 @@ class SoundNode(EolNode):
             raise EolError(f'{text}: only a new process gets it back')
 
     def close(self) -> None:
-        if self.midi:
-            self.midi.close()
         self.banks.close()
         self.player.close(self.settings.fade_out_s)

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One place that plays the live settings of grains and sound from outside: by name, and as presets.
+"""Presets of the live settings of grains and sound: saved, recalled, and mixed.
 
-MIDI and the requests of the panel come here. The settings of the node itself it sets; those of
-the other are asked for, so that a bag has both.
+The settings of the node itself are set; those of the other are asked for, so that a bag has both.
 """
 
 import functools
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +22,7 @@ from eol_ros.ros.requests import parameters
 from eol_ros.said import said
 from eol_ros.settings import live_fields
 from eol_ros.streams.graph import INSTRUMENT, NODES
-from eol_ros.streams.requests import SET, Asked, as_setting
+from eol_ros.streams.requests import SET, Asked
 
 if TYPE_CHECKING:
     from eol_ros.ros.node import EolNode
@@ -38,12 +37,6 @@ class Instrument:
         self._glide: Any = None
         self._pair: tuple[str, str] | None = None
         self._told: dict[str, dict[str, Any]] = {}  # of the morph between this pair
-
-    def change(self, target: str, name: str, given: Sequence[Any]) -> None:
-        """Set one live setting to what was given; raises ConfigError where that cannot be."""
-        if target not in INSTRUMENT or name not in live_fields(NODES[target].settings):
-            raise ConfigError('there is no such live setting')
-        self.set(target, {name: as_setting(NODES[target].settings, name, given)})
 
     def set(self, target: str, values: Mapping[str, Any]) -> None:
         """Set live settings of a node; raises ConfigError; what only the other knows it refuses."""

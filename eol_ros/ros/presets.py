@@ -4,21 +4,17 @@
 nodes: {grains: {radius: 0.05, mode: chain}, sound: {gain_db: -6.0}}
 """
 
-import dataclasses
 import unicodedata
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from eol_ros import folders
-from eol_ros.core.sound.midi import Mapping
 from eol_ros.disk import DISK, content
 from eol_ros.errors import ConfigError, DeviceMissing, UsageError, writing
 from eol_ros.ros.parameters import checked_live
 from eol_ros.said import said
-from eol_ros.scene import check_value
 from eol_ros.settings import by_today
 from eol_ros.streams.graph import INSTRUMENT, NODES
 from eol_ros.streams.requests import is_name
@@ -82,18 +78,3 @@ def save(path: Path, values: Preset) -> None:
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         DISK.write(path, yaml.safe_dump({'nodes': nodes}, sort_keys=False, allow_unicode=True))
-
-
-def midi_mapping(lines: Iterable[str]) -> Mapping:
-    """Return the mapping of the setting `midi_map`; raises ConfigError that quotes the line."""
-    mapping = Mapping(lines, {node: NODES[node].settings for node in INSTRUMENT})
-    for line, change in mapping.changes:
-        kind = NODES[change.node].settings
-        field = next(f for f in dataclasses.fields(kind) if f.name == change.name)
-        try:
-            check_value(field, change.value)
-        except ConfigError as error:
-            raise ConfigError(f'midi_map {line!r}: {error}') from None
-    for name in mapping.presets:
-        path_of(name, folder())
-    return mapping

@@ -15,7 +15,7 @@ from typing import Any
 
 from eol_ros import folders
 from eol_ros import scene as scenes
-from eol_ros.errors import ConfigError, DeviceMissing, EolError, nearest, printable
+from eol_ros.errors import ConfigError, DeviceMissing, EolError, printable
 from eol_ros.ros import installed, network
 from eol_ros.scene import Scene
 from eol_ros.yaml_text import Mistake
@@ -171,9 +171,6 @@ def _settings(scene: Scene) -> Iterator[Check]:
     tracker, leds = scene.nodes.get('tracker'), scene.nodes.get('leds')
     if tracker and cameras and tracker.calibration:
         yield 'tracker.calibration', lambda: _same_size(tracker.calibration, *cameras[0])
-    sound, hours = scene.nodes.get('sound'), scene.settings('hours')
-    if sound and sound.midi_map:
-        yield 'sound.midi_map', lambda: _midi_map(sound.midi_map, hours.cues)
     for name, words in scene.programs.items():
         yield f'programs.{name}', functools.partial(_program, words, scene.folder_of(name))
     if tracker and leds:
@@ -254,21 +251,8 @@ def _sound(settings: Any, scene: Scene) -> Iterator[Check]:
 
     for name, what in ring.mistakes(settings):
         yield f'sound.{name}', what
-    if settings.midi:
-        from eol_ros.devices.audio.midi import MidiIn
-
-        yield 'sound.midi', lambda: MidiIn(settings.midi).close()
     if settings.wav:
         yield 'sound.wav', lambda: _writable(Path(settings.wav).parent)
-
-
-def _midi_map(lines: tuple[str, ...], cues: tuple[str, ...]) -> None:
-    from eol_ros.ros.presets import midi_mapping
-
-    known = {line.partition(' ')[0] for line in cues}
-    for line, name in midi_mapping(lines).cues:
-        if name not in known:
-            raise ConfigError(f'{line!r}: no such cue in hours.cues. {nearest(name, known)}')
 
 
 def _montage(settings: Any, scene: Scene) -> Iterator[Check]:

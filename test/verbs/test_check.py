@@ -103,21 +103,6 @@ def test_each_cue_that_could_not_be_given(check):
     assert len(found) == 11, words
 
 
-def test_a_midi_key_gives_a_cue_that_there_is(check):
-    nodes = """\
-  twin: {}
-  tracker: {}
-  grains: {}
-  sound: {device: wav, midi_map: [note 1 cue CUE]}
-  hours: {time_zone: Asia/Taipei, open: ['Mon-Sun 0:00-24:00'], cues: [night mute]}
-"""
-    assert check(nodes.replace('CUE', 'night'))[0] == 0
-    code, _, words = check(nodes.replace('CUE', 'nigt'))
-    assert code == 78
-    what = "'note 1 cue nigt': no such cue in hours.cues. Did you mean night?"
-    assert f'error sound.midi_map: {what}' in words
-
-
 @pytest.mark.parametrize(
     'hours',
     ["open: ['9999-12-31 closed']", "open: ['0001-01-01 10:00-12:00']", 'open: [9999-12-31]',
