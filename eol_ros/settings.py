@@ -901,9 +901,6 @@ class OscSettings:
         'routing table says',
     )
     send: tuple[str, ...] = setting((), 'OSC messages to send; empty: all', choices=OSC_MESSAGES)
-    addresses: tuple[str, ...] = setting(
-        (), 'lines that give OSC messages another address, such as slip /table/slip'
-    )
     rate_hz: float = setting(30.0, 'greatest rate of poses, stress and sound meter', 'Hz', 1, 240)
     port: int = setting(
         0, 'UDP port on which requests and settings are received; 0: none', '', 0, 65535

@@ -42,7 +42,7 @@ class OscNode(EolNode):
     def __init__(self, settings, **kwargs):
         super().__init__(settings, **kwargs)
         s = self.settings
-        names = osc.addresses(s.send, s.addresses, self.namespace)
+        names = osc.addresses(s.send, self.namespace)
         self.outs, self.tuio, self.tuio2 = (
             [UdpOut(target, s.send_from) for target in targets]
             for targets in (s.send_to, s.tuio, s.tuio2)

@@ -15,7 +15,7 @@ import numpy as np
 
 from eol_ros.core.sound.stress import stress
 from eol_ros.core.table import Table
-from eol_ros.errors import ConfigError, UsageError, nearest
+from eol_ros.errors import UsageError, nearest
 from eol_ros.settings import OSC_MESSAGES, live_fields
 from eol_ros.streams import corpus
 from eol_ros.streams.graph import NODES, full_name
@@ -102,19 +102,9 @@ ROWS = {
 assert tuple(ROWS) == OSC_MESSAGES
 
 
-def addresses(send: Iterable[str], renamed: Iterable[str], namespace: str) -> dict[str, str]:
-    """Return the address of each message that is sent; raise ConfigError that names a bad line."""
-    found = {name: full_name(name, namespace) for name in send or ROWS}
-    for line in renamed:
-        name, _, address = line.partition(' ')
-        address = address.strip()
-        if name not in ROWS:
-            raise ConfigError(f'{line!r}: no such message. {nearest(name, ROWS)}')
-        if not address.startswith('/') or set(address) & set(' #*,?[]{}') or not address.isascii():
-            raise ConfigError(f'{line!r}: give MESSAGE /ADDRESS, such as slip /table/slip')
-        if name in found:
-            found[name] = address
-    return found
+def addresses(send: Iterable[str], namespace: str) -> dict[str, str]:
+    """Return the address of each message that is sent."""
+    return {name: full_name(name, namespace) for name in send or ROWS}
 
 
 class Changes:

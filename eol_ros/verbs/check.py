@@ -291,11 +291,10 @@ def _midi(settings: Any, scene: Scene) -> Iterator[Check]:
 
 def _osc(settings: Any, scene: Scene) -> Iterator[Check]:
     from eol_ros.devices.address import networks, own_address, target
-    from eol_ros.streams.osc import IDLE, addresses
+    from eol_ros.streams.osc import IDLE
 
     if not (settings.send_to or settings.port or settings.tuio or settings.tuio2):
         yield 'osc', IDLE
-    yield 'osc.addresses', lambda: addresses(settings.send, settings.addresses, '')
     yield 'osc.peers', lambda: networks(settings.peers)
     yield 'osc.send_from', lambda: own_address(settings.send_from)
     for name in ('send_to', 'tuio', 'tuio2'):

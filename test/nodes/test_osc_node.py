@@ -210,11 +210,11 @@ def test_messages_leave_by_themselves(ros, ear):
     assert [words[1] for words in heard] == list(range(5))
 
 
-def test_a_scene_says_what_is_sent_and_where(node, ear):
-    one = node(send=('slip', 'grain'), addresses=('slip /table/slip',))
+def test_a_scene_says_what_is_sent(node, ear):
+    one = node(send=('slip', 'grain'))
     one.tell('slip', stamped(Slip(block=3), now_ns(), now_ns()))
     one.on_wall(stamped(Wall(), now_ns()))
-    assert [words[0] for words in ear.take()] == ['/table/slip']
+    assert [words[0] for words in ear.take()] == ['/eol/slip']
     topics = {s.topic_name for s in one.subscriptions if s.topic_name.startswith('/eol/')}
     assert topics - {'/eol/ready'} == {'/eol/slips', '/eol/corpus', '/eol/grain_triggers',
                                        '/eol/felt_triggers'}  # fmt: skip
@@ -395,7 +395,6 @@ def test_what_cannot_be(ros, ear):
         ({'send_to': ('here',)}, "'here': give HOST:PORT"),
         ({'tuio': ('127.0.0.1:x',)}, 'give HOST:PORT'),
         ({'port': 9, 'peers': ('synth.lan',)}, 'give an IPv4 address or network'),
-        ({'send_to': ('127.0.0.1:9',), 'addresses': ('slip',)}, 'give MESSAGE /ADDRESS'),
     ):
         with pytest.raises(ConfigError, match=what):
             OscNode(OscSettings(**settings))

@@ -138,7 +138,7 @@ EVERYTHING = """\
   grains: {sound: ice.wav}
   sound:
     device: wav
-  osc: {send_to: [nowhere], addresses: [slip], peers: [10.0.0.300]}
+  osc: {send_to: [nowhere], peers: [10.0.0.300]}
   montage: {pairs: pictures}
   panel:
     host: 0.0.0.0
@@ -166,13 +166,12 @@ def test_all_that_nodes_would_refuse_is_told_at_once(check, tmp_path):
         f'{scene}:7:18 error leds.flash_limit': 'needs a written reason',
         f'{scene}:8:18 error leds.blink_block': 'is 4, tracker.blink_block is 3',
         f'{scene}:12:18 error osc.send_to': 'give HOST:PORT',
-        f'{scene}:12:40 error osc.addresses': 'give MESSAGE /ADDRESS',
-        f'{scene}:12:55 error osc.peers': "'10.0.0.300': give an IPv4 address",
+        f'{scene}:12:36 error osc.peers': "'10.0.0.300': give an IPv4 address",
         f'{scene}:15:11 error panel.host': 'set panel.pin too',
         f'{scene}:16:22 error recorder.folder': 'nothing can be written in /dev/null',
     }.items():
         assert [line for line in lines if line.startswith(place) and what in line], (place, words)
-    assert lines[-1] == '12 errors. Nothing was started.'
+    assert lines[-1] == '11 errors. Nothing was started.'
 
 
 def test_a_node_osc_without_another_program_is_refused(check):
