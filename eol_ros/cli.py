@@ -72,7 +72,7 @@ VERBS = {verb: text for group in GROUPS.values() for verb, text in group.items()
 # that go on until they are stopped, or say themselves how far they are
 LASTING = {
     'run', 'kiosk', 'echo', 'replay', 'camera', 'board', 'measure',
-    'compile', 'status', 'bench', 'sweep', 'service',
+    'compile', 'bench', 'sweep', 'service',
 }  # fmt: skip
 # that decode sounds, images or films
 DECODING = {

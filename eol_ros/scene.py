@@ -42,7 +42,6 @@ from eol_ros.scene_secrets import SceneText, without
 from eol_ros.settings import (
     FORMS,
     MASK,
-    MOVED,
     NotifySettings,
     TableSettings,
     by_today,
@@ -307,10 +306,7 @@ class Reader(yaml_text.Reader):
                 )
                 key = before[key]
             if key not in fields:
-                if moved := MOVED.get(kind.__name__, {}).get(key):
-                    self.wrong(place.keys[key], where, f'a node has this now: write {moved}')
-                else:
-                    self.unknown(place, where, key, fields)
+                self.unknown(place, where, key, fields)
                 continue
             self.places[f'{name}.{key}'] = item.file, item.line, item.column
             for number, one in enumerate(item.value if isinstance(item.value, list) else ()):

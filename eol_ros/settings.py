@@ -1138,10 +1138,6 @@ RENAMED = {
 }
 
 
-# By class, the setting that took the place of one that another node has now.
-MOVED = {'SoundSettings': {'osc_out': 'osc: {send_to: [HOST:PORT]}', 'osc_in': 'osc: {port: PORT}'}}
-
-
 # The same of values; `true` was the limit of the whole field.
 REPLACED = {'LedsSettings': {'flash_limit': {'True': 'field', 'true': 'field', 'False': 'false'}}}
 

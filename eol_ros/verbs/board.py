@@ -64,7 +64,7 @@ def run(args) -> int:
 
     if (args.blink is not None) + args.knocks + (args.self_test is not None) > 1:
         raise UsageError('give one of --blink, --knocks and --self-test, not several')
-    tested = None if args.self_test in (None, 'all') else _number('--self-test', args.self_test)
+    tested = None if args.self_test in (None, 'all') else _number(args.self_test)
     seconds = args.seconds or (60.0 if args.knocks else 5.0)
     taps: list = []
     board = Board(args.port, taps.append)
@@ -121,9 +121,9 @@ def _list(blocks: dict, as_json: bool) -> int:
     return 1 if wrong else 0
 
 
-def _number(option: str, text: str, count: int = MOST_BLOCKS) -> int:
-    if not text.isdecimal() or int(text) >= count:
-        raise UsageError(f'{option} {text}: {_known(count)}')
+def _number(text: str) -> int:
+    if not text.isdecimal() or int(text) >= MOST_BLOCKS:
+        raise UsageError(f'--self-test {text}: {_known(MOST_BLOCKS)}')
     return int(text)
 
 

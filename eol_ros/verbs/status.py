@@ -2,35 +2,25 @@
 """eol status: how is the running graph?"""
 
 import json
-import time
 
 from eol_ros.bringup import status
-from eol_ros.errors import EolError
 from eol_ros.verbs import reach
 
 HELP = (
     'Print the state of the running graph. Exit code 0: all OK; 1: a warning or no answer; 2: an '
     'error; 69: no graph runs.'
 )
-EXAMPLES = ['eol status', 'eol status --watch', 'eol status --json', 'eol status --namespace north']
+EXAMPLES = ['eol status', 'eol status --json', 'eol status --namespace north']
 
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('--watch', action='store_true', help='refresh it every second')
     parser.add_argument('--json', action='store_true', help='print one JSON object')
     parser.add_argument('--namespace', metavar='NAME', help=reach.NAMESPACE_HELP)
 
 
 def run(args):
     """Print the table."""
-    while args.watch:
-        try:
-            text = status.table(reach.status_of(args))
-        except EolError as error:
-            text = str(error)
-        print(f'\033[2J\033[H{text}', flush=True)
-        time.sleep(1.0)
     answer = reach.status_of(args)
     print(json.dumps(answer, indent=2) if args.json else status.table(answer))
     worst = max((row['level'] for row in answer['nodes']), default=0)

@@ -43,14 +43,6 @@ def test_command_line(words, code, hint, capsys):
     [
         ('tracker: {tuio: ["a:1"]}', 'tracker.tuio: no such key; nodes.osc has it'),
         ('tracker: {pairs: x}', 'tracker.pairs: no such key; nodes.montage has it'),
-        (
-            'sound: {osc_out: "a:1"}',
-            'error sound.osc_out: a node has this now: write osc: {send_to: [HOST:PORT]}',
-        ),
-        (
-            'sound: {osc_in: 9000}',
-            'error sound.osc_in: a node has this now: write osc: {port: PORT}',
-        ),
     ],
 )
 def test_a_setting_of_another_node_is_told_whose_it_is(nodes, told, tmp_path, capsys):

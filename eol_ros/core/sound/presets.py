@@ -53,7 +53,7 @@ class Glide:
     """On the way from one preset to another: what changes with each step, so that it is told once.
 
     kinds: the class of settings of each node; start, end: values by node and name, of the same
-    names. What only one of them has stays as it is. 0 s: there at once.
+    names. What only one of them has stays as it is.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Glide:
 
     def step(self, elapsed_s: float) -> dict[str, dict[str, Any]]:
         """Return what changes by `elapsed_s` after the start, by node; nothing where none does."""
-        share = min(elapsed_s / self._over_s, 1.0) if self._over_s else 1.0
+        share = min(elapsed_s / self._over_s, 1.0)
         found = {}
         for node, kind in self._kinds.items():
             now = between(kind, self._start[node], self._end[node], share, self._whole)
