@@ -83,11 +83,6 @@ def look(name, play, poster=''):
     return f'{{"{name}": ["cover", 0.5, 0.5, "{play}", "{poster}"]}}'
 
 
-STANDS = (
-    '(eol.view.films.get("crack.webm").image.paused && !eol.view.films.get("crack.webm").seeking)'
-)
-
-
 @pytest.mark.parametrize('name', ['crack.webm', 'lean.gif'])
 def test_damage_runs_forward_and_heals_by_a_fade(wall, name):
     degree = [f'{name}#{percent}' for percent in (0, 33, 100)]
