@@ -109,7 +109,7 @@ class Value:
 
 
 def as_setting(settings: type, name: str, given: Sequence[Any]) -> Any:
-    """Return what OSC or MIDI sent as the setting has it: not all can send a boolean."""
+    """Return what OSC sent as the setting has it: not all can send a boolean."""
     field = fields_of(settings)[name]
     if isinstance(field.default, tuple):
         return list(given)
