@@ -362,7 +362,7 @@ def test_a_displaced_table_is_reacquired_in_one_image():
 
 def test_a_block_larger_than_its_room_overflows_nothing():
     camera = Calibration.ideal(1280, 800, 3000.0)  # a block of 252 px
-    d, (patches, px, at, *room) = np.empty(12), pixels.empty_patches(1)
+    d, (patches, px, _rests, at, *room) = np.empty(12), pixels.empty_patches(1)
     pixels.taylor(camera.packed(), 0.0, 0.0, 0.3, d)
     gather(800, 1280, d, HALF_M, 60.0, 90.0, FLAT, 1.0, patches[0], px[0], at[0], *room)
     assert 8000 < patches['starts'][0, 5] * pixels.LANES <= px.shape[1] * pixels.LANES

@@ -109,7 +109,7 @@ Numbers = namedtuple(
 
 
 @njit(cache=True, inner=True, forceinline=True)
-def _numbers(half, blur, noise, fit, sigma2_px):
+def numbers(half, blur, noise, fit, sigma2_px):
     """Return Numbers.
 
     half, blur: half a side and the standard deviation of its edge, px. noise (2,): variance of a
@@ -178,20 +178,23 @@ def _excess(r, grey):
 
 
 @njit(cache=True, inner=True, forceinline=True)
-def _derivatives(px, group, n, per_widen):
-    """Return Tukey's weight over the variance, the derivatives with the residual, Q and E."""
+def derivatives(px, group, n, per_widen):
+    """Return the weight, derivatives with the residual, Q, E and the reciprocal variance.
+
+    The weight is Tukey's over the variance.
+    """
     a, b, ta, tb, lit, e, out, r, grey, s2 = _seen(px, group, n)
     one, zero, over = constant(1.0), constant(0.0), _excess(r, grey)
-    s2 = one / s2
-    q = over * over * s2
-    s2 = s2 * per_widen
+    per = one / s2
+    q = over * over * per
+    s2 = per * per_widen
     z = most(less(one, r * r * s2, constant(1.0 / TUKEY)), zero)
     weight = above(grey, constant(FULL), zero, z * z * s2 * take(px, group, TRUST))
     turn = n.gain * less(ta * b, tb, a)
     back = zero - n.gain
     return weight, (
         back * ta, back * tb, turn, lit, one, a * n.per, b * n.per, lit * out, r,
-    ), q, e  # fmt: skip
+    ), q, e, per  # fmt: skip
 
 
 @njit(cache=True, inner=True)
@@ -201,16 +204,16 @@ def normal_equations(px, start, stop, every, half, blur, noise, fit, sigma2_px, 
     Of every `every`-th group from start to stop, of which Q and EDGE are set. widen: by which all
     variances are multiplied. sums (SUMS + COLUMNS, LANES): scratch.
     """
-    n, per_widen = _numbers(half, blur, noise, fit, sigma2_px), constant(1.0 / widen)
+    n, per_widen = numbers(half, blur, noise, fit, sigma2_px), constant(1.0 / widen)
     nothing = constant(0.0)
     for k in range(SUMS + COLUMNS):
         put(sums, k, 0, nothing)
     for group in range(start, stop, 2 * every):
-        weight, values, q, e = _derivatives(px, group, n, per_widen)
+        weight, values, q, e, _per = derivatives(px, group, n, per_widen)
         put(px, group, Q, q)
         put(px, group, EDGE, e)
         if group + every < stop:
-            other, others, q, e = _derivatives(px, group + every, n, per_widen)
+            other, others, q, e, _per = derivatives(px, group + every, n, per_widen)
             put(px, group + every, Q, q)
             put(px, group + every, EDGE, e)
         else:
@@ -272,7 +275,7 @@ def restore(kept, step, gain, own):
 
 
 @njit(cache=True, inner=True)
-def _of_side(fit, own, side_fit):
+def of_side(fit, own, side_fit):
     for i in range(NUMBERS):
         side_fit[i] = fit[i]
     side_fit[3], side_fit[4] = max(fit[3] + own[0], 1.0), fit[4] + own[1]
@@ -281,11 +284,11 @@ def _of_side(fit, own, side_fit):
 
 @njit(cache=True, inner=True)
 def all_residuals(px, starts, every, half, blur, noise, fit, own, sigma2_px):
-    """Set Q and EDGE of every `every`-th group; own (5, OWN): of each side. See _numbers."""
+    """Set Q and EDGE of every `every`-th group; own (5, OWN): of each side. See numbers."""
     side_fit = np.empty(COLUMNS)
     for side in range(5):
-        _of_side(fit, own[side], side_fit)
-        n = _numbers(half, blur, noise, side_fit, sigma2_px)
+        of_side(fit, own[side], side_fit)
+        n = numbers(half, blur, noise, side_fit, sigma2_px)
         for group in range(starts[side], starts[side + 1], every):
             _a, _b, _ta, _tb, _lit, e, _out, r, grey, s2 = _seen(px, group, n)
             r = _excess(r, grey)
@@ -307,7 +310,7 @@ def all_equations(
         if starts[side] == starts[side + 1]:
             kept[side], equations[side] = 0.0, 0.0
             continue
-        _of_side(fit, own[side], side_fit)
+        of_side(fit, own[side], side_fit)
         normal_equations(
             px, starts[side], starts[side + 1], every, half, blur, noise, side_fit, sigma2_px,
             widen, sums, m,
@@ -353,6 +356,24 @@ def solve(equations, without, prior, towards, m):
     return True
 
 
+@njit(cache=True, inner=True)
+def influences(kept, m, side, by):
+    """Fill by (3, COLUMNS): what the right sides of one side's equations add to the pose.
+
+    kept: of that side, its own numbers eliminated. m: after solve.
+    """
+    at = 3, 4, NUMBERS
+    for c in range(3):
+        by[c, NUMBERS] = 0.0
+        for i in range(NUMBERS):
+            by[c, i] = m[i, 8 + c]
+        for k in range(OWN if side < 4 else 0):
+            pull = 0.0
+            for i in range(NUMBERS):
+                pull += kept[k, i] * m[i, 8 + c]
+            by[c, at[k]] -= pull
+
+
 @njit(inline='always')
 def _cluster(px, first, stop, group, side):
     """Return the cluster of correlated residuals of a group: parts of a side, or a band."""
@@ -372,7 +393,7 @@ def covariance(
     gives m and `kept`. usual (INFLUENCES, 3): influences that last, which move no block from image
     to image. sums (INFLUENCES, 3): filled with those of this image. pulls: scratch.
     """
-    by, at, side_fit = np.empty((3, COLUMNS)), (3, 4, NUMBERS), np.empty(COLUMNS)
+    by, side_fit = np.empty((3, COLUMNS)), np.empty(COLUMNS)
     sums[:] = 0.0
     per_widen = constant(1.0 / widen)
     for i in range(COLUMNS):
@@ -380,20 +401,12 @@ def covariance(
     for side in range(5):
         if side == without:
             continue
-        for c in range(3):
-            by[c, NUMBERS] = 0.0
-            for i in range(NUMBERS):
-                by[c, i] = m[i, 8 + c]
-            for k in range(OWN if side < 4 else 0):
-                pull = 0.0
-                for i in range(NUMBERS):
-                    pull += kept[side, k, i] * m[i, 8 + c]
-                by[c, at[k]] -= pull
-        _of_side(fit, own[side], side_fit)
-        n = _numbers(half, blur, noise, side_fit, sigma2_px)
+        influences(kept[side], m, side, by)
+        of_side(fit, own[side], side_fit)
+        n = numbers(half, blur, noise, side_fit, sigma2_px)
         first, stop = starts[side], starts[side + 1]
         for group in range(first, stop):
-            weight, values, _q, _e = _derivatives(px, group, n, per_widen)
+            weight, values, _q, _e, _per = derivatives(px, group, n, per_widen)
             add_weighted(pulls, weight * values[COLUMNS], values)
             row = _cluster(px, first, stop, group, side)
             if group + 1 < stop and _cluster(px, first, stop, group + 1, side) == row:
@@ -415,7 +428,7 @@ def widening(px, groups, half, blur, noise, fit, reach):
     """Return sums (top, weight): their quotient is by how many px edges are wider than blur."""
     side_fit = np.zeros(COLUMNS)
     side_fit[:NUMBERS] = fit
-    n = _numbers(half, blur, noise, side_fit, 0.0)
+    n = numbers(half, blur, noise, side_fit, 0.0)
     zero, far, full = constant(0.0), constant(reach), constant(FULL)
     top = weight = zero
     for group in range(groups):
@@ -550,8 +563,8 @@ def side_nats(px, starts, half, blur, noise, fit, own, near, widen, out):
     side_fit = np.empty(COLUMNS)
     one, zero, full, close = constant(1.0), constant(0.0), constant(FULL), constant(near)
     for side in range(4):
-        _of_side(fit, own[side], side_fit)
-        n = _numbers(half, blur, noise, side_fit, 0.0)
+        of_side(fit, own[side], side_fit)
+        n = numbers(half, blur, noise, side_fit, 0.0)
         ground, within = constant(fit[4]), constant(half - near)
         count = sd = sdd = se = sed = see = sv = svd = sve = step = noises = zero
         for group in range(starts[side], starts[side + 1]):

@@ -47,7 +47,7 @@ from eol_ros.core.vision.outline import NONE, outside
 (
     U, V, A, B, AREA, LIGHT, LIGHT_A, LIGHT_B, SPREAD, PART, GREY, TRUST, Q, EDGE,
 ) = range(0, 14 * LANES, LANES)  # fmt: skip
-ROWS = 14
+ROWS, REST_ROWS = 14, 6  # and of `linear`
 CLUSTERS = 4 * PARTS // TOGETHER  # groups of side pixels with correlated errors
 GROUPS = MOST_PX // LANES + CLUSTERS + 1  # each list is padded to whole LANES
 _STEP_M = 0.03  # for derivatives of the camera's map: two thirds of half a block
@@ -59,16 +59,24 @@ PATCH = np.dtype(
         ('made_yaw', 'f8'), ('middle', 'i8', 2),  # where it was made: turn, and column and row
         ('shift', 'i8', 2),  # columns and rows that the block has moved since
         ('starts', 'i8', (6,)),  # all 0: none is kept
+        # of a block that rests, see linear: whether it is kept, pose in px and rad, its sums, by
+        # which variances are multiplied, pixels at each side and inside
+        ('rests', '?'), ('stands', 'f8', 3), ('pulled', 'f8', 3), ('widened', 'f8', 2),
+        ('counts', 'f8', 5), ('area', 'f8'),
     ]
 )  # fmt: skip
 """One block's patch; its numbers are kept beside it."""
 
 
 def empty_patches(n: int) -> tuple[np.ndarray, ...]:
-    """Return room for the patches of n blocks: PATCH, numbers, places in the image; and scratch."""
+    """Return room for the patches of n blocks.
+
+    PATCH, numbers, those of `linear`, places in the image; and scratch.
+    """
     return (
         np.zeros(n, PATCH),
         np.empty((n, GROUPS, ROWS * LANES), np.float32),
+        np.empty((n, GROUPS, REST_ROWS * LANES), np.float32),
         np.empty((n, GROUPS * LANES), np.int32),
         np.empty((7, GROUPS * LANES), np.float32),
         np.empty(MOST_PX, np.int32),
@@ -317,7 +325,7 @@ def gather(rows, cols, m, half_m, near_px, out_px, table, sense, patch, px, at, 
     table: of outline.tabulate for covers in relief, with 0 first for flat ones. sense: -1 for a
     mirror image, else 1. room, picked: scratch, see empty_patches.
     """
-    half, reach, middle = half_m * scale_of(m), 0.0, patch.middle
+    half, reach, middle, patch.rests = half_m * scale_of(m), 0.0, patch.middle, False
     middle[0], middle[1] = round(m[0]), round(m[6])
     patch.shift[:] = 0
     if table[0] > 0.0:
@@ -358,7 +366,7 @@ def move(patch, m, half, rows, cols, px):
 
     It must be there before, too.
     """
-    u, v = round(m[0]), round(m[6])
+    u, v, patch.rests = round(m[0]), round(m[6]), False
     reach = 1.6 * (half + patch.near_px + OUTSIDE_PX)  # above the half diagonal
     if u != patch.middle[0] or v != patch.middle[1]:
         for at, end in (

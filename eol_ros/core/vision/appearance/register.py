@@ -10,7 +10,7 @@ from eol_ros.core.compiled import njit
 from eol_ros.core.elementary_kernels import arctan2, cos, sin
 from eol_ros.core.lanes import above, added, fma, least, most, take
 from eol_ros.core.vision import outline
-from eol_ros.core.vision.appearance import faces, fit, pixels
+from eol_ros.core.vision.appearance import faces, fit, linear, pixels
 from eol_ros.core.vision.appearance import model as m
 from eol_ros.core.vision.appearance.model import LANES
 from eol_ros.core.vision.appearance.pixels import AREA, EDGE, GREY, SPREAD, Q, constant
@@ -55,7 +55,7 @@ FOUND = np.dtype(
 @njit(cache=True)
 def register(
     image, c, heights, half_m, blur_px, noise, light, spread, fresh, close, which, found, own,
-    own_px, patches, kept, places, picks, picked,
+    own_px, patches, kept, rests, places, picks, picked,
 ):  # fmt: skip
     """Fit the blocks `which` (k,) to an image, from the start that `found` (n,) holds.
 
@@ -64,7 +64,7 @@ def register(
     light, spread (n, CELLS, CELLS): their faces. fresh (n,): whether to take the face from this
     image. close (n,): whether to look closely, at sides and brightness; else these stay as they
     were found last. own, own_px: see Faces.
-    patches, kept, places, picks, picked: of pixels.empty_patches(n), from image to image.
+    patches, kept, rests, places, picks, picked: of pixels.empty_patches(n), from image to image.
     """
     room, table = _room(), np.zeros(outline.SIZE, np.float32)
     flat = heights.shape[0] == 0
@@ -75,7 +75,10 @@ def register(
         camera = image, c, heights, n, half_m, blur_px, noise, table, flat
         looks = light[n], spread[n], fresh[n], own[n], own_px[n]
         at = places[n], picks, picked
-        settled, judged, fitted, without = _fit(camera, looks, f, patch, at, px, room)
+        if not close[n] and _stands(image, half_m, places[n], rests[n], f, patch, room):
+            f.close = False
+            continue
+        settled, judged, fitted, without, rested = _fit(camera, looks, f, patch, at, px, room)
         f.visible = f.ring = f.ratio = 0.0
         if not settled:
             f.nats = f.wider_weight = 0.0
@@ -92,6 +95,9 @@ def register(
         _tell(f, patch, half, room)
         moved_px = math.sqrt((f.x - x) ** 2 + (f.y - y) ** 2) * patch.scale
         _tell_sigma(f, patch, moved_px, without, (half, blur_px, noise), fitted, px, room)
+        if f.close and rested and flat and without < 0 and not _unlike(f):
+            lens = half, blur_px, noise
+            linear.keep(px, lens, room, m.JUDGED_PX**2, (fitted, widen), patch, rests[n])
         if f.close:
             near = min(3.5 * blur_px + 1.0, half / 2)
             fit.side_nats(
@@ -169,7 +175,7 @@ def _fit(camera, looks, f, patch, at, px, room):
             if kept == MADE:
                 _gather(image, c, heights, n, half_m, near, table, f, patch, px, at, room)
             if starts[5] < 8:
-                return False, False, widen, without
+                return False, False, widen, without, False
             half = half_m * patch.scale
             if kept != SAME:
                 pixels.shade(px, starts[5], half, face, spread, flat, room.cells)
@@ -203,7 +209,7 @@ def _fit(camera, looks, f, patch, at, px, room):
         if odd and without < 0:
             without = _odd_one(px, starts, half, blur_px, noise, room)
         if not fit.solve(room.equations, without, room.prior, room.towards, work):
-            return False, False, widen, without
+            return False, False, widen, without, False
         f.step_px = _step(work, half, z)
         _to_table(z, patch, f)
         for side in range(4):
@@ -232,7 +238,36 @@ def _fit(camera, looks, f, patch, at, px, room):
             rests, sigma_px = False, f.start_px
         else:
             sigma_px = min(0.4 * sigma_px, 0.5 * f.step_px + f.edge_px)
-    return True, judged, widen, without
+    return True, judged, widen, without, rests and judged
+
+
+@njit(cache=True, inner=True)
+def _stands(image, half_m, at, rows, f, patch, room):
+    """Return whether a block rests where it was fitted in full, and looks as it did; then set f.
+
+    Farther off than noise explains it is fitted in full again.
+    """
+    if not (patch.rests and patch.starts[5] > 0 and f.start_px < m.RESTS_PX) or _unlike(f):
+        return False
+    z, step, half = room.z, room.work[:3, 7], half_m * patch.scale
+    most_px = min(m.STANDS * f.sigma_m * patch.scale, m.RESTED_PX)
+    _from_patch(patch, f, z)
+    z[:3] -= patch.stands
+    if math.sqrt(z[0] * z[0] + z[1] * z[1]) + abs(z[2]) * half > m.KEPT_PX:
+        return False
+    visible, misfit = linear.estimate(image, at, patch, rows, step, room.sides)
+    f.step_px = max(math.sqrt(step[0] ** 2 + step[1] ** 2), abs(step[2]) * half)
+    unlike = visible < m.ALIKE or misfit > m.MISFIT * max(f.side_usual.mean(), 1.0)
+    for side in range(4):
+        usual = max(f.side_usual[side], patch.widened[0])
+        unlike = unlike or room.sides[side] > m.SIDE_MISFIT * usual
+    if unlike or f.step_px > most_px:
+        return False
+    f.visible, f.misfit, f.side_misfit[:] = visible, misfit, room.sides
+    z[:3], room.work[3:, 7] = patch.stands, 0.0
+    _step(room.work, half, z)
+    _to_table(z, patch, f)
+    return True
 
 
 @njit(cache=True)
