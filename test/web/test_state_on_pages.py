@@ -94,17 +94,24 @@ def test_a_table_that_starts_is_not_said_to_be_absent(serve, browser):
     complaints(browser)  # of covers that nobody gave
 
 
-def test_about_says_what_is_heard_and_that_walls_sleep(serve, browser):
+def test_about_says_what_is_heard_and_that_walls_and_table_sleep(serve, browser):
     server = serve()
     visit(browser, f'http://127.0.0.1:{server.port}', '/about')
-    health = {'t': 'health', 'node': 'sound', 'level': 'ok', 'text': '', 'values': {}, 'rate': 1}
+    health = {'t': 'health', 'level': 'ok', 'text': '', 'rate': 1}
     for code, (rows, english, _) in STATES.items():
-        server.hub.put('notices', health | {'at': time.time()}, sticky='health sound')
+        for node, values in (('sound', {}), ('twin', {'playing': 'visitors'})):
+            notice = health | {'node': node, 'values': values, 'at': time.time()}
+            server.hub.put('notices', notice, sticky=f'health {node}')
         server.hub.put('notices', notices.work(work_state(rows)), sticky='work')
         words = 'can be heard' if code == 'awake' else english
         until_page(browser, f'document.getElementById("sound").textContent === "{words}"')
-        walls = english if code.startswith('asleep') else 'unknown at the moment'
-        assert run(browser, 'return document.getElementById("walls").textContent') == walls
+        asleep = english if code.startswith('asleep') else ''
+        for row, else_words in (
+            ('walls', 'unknown at the moment'),
+            ('hands', 'nobody: it plays itself'),
+        ):
+            words = asleep or else_words
+            assert run(browser, f'return document.getElementById("{row}").textContent') == words
 
 
 def test_a_node_s_row_has_the_latency_that_it_measures(serve, browser):

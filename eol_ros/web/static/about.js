@@ -40,14 +40,15 @@ function rows() {
   const areas = day?.areas ?? [];
   const total = areas.reduce((sum, n) => sum + n, 0);
   const newest = day?.recent[day.recent.length - 1];
+  const asleep = link.work.code.startsWith('asleep') && link.workWords(false);
   return {
     state: link.workWords(false),
-    hands: twin ? say(`playing_${twin.values.playing || 'nobody'}`) : motion && say('playing_real'),
+    hands: asleep || (twin ? say(`playing_${twin.values.playing || 'nobody'}`) : motion && say('playing_real')),
     moving: motion && say('moving_words', { count: moving.size }),
     count: day && say('cascade_words', { total, largest: areas.reduce((most, n, area) => (n ? area : most), 0) }),
     last: day && !newest ? say('about_none') : newest && `${new Date(1000 * newest[0]).toLocaleTimeString(document.documentElement.lang)}  ${caption(newest[2], newest[1])}`,
     sound: !sound && link.work.code === 'awake' ? say('sound_none') : link.work.code === 'awake' ? say('about_sound') : link.workWords(false),
-    walls: link.work.code.startsWith('asleep') ? link.workWords(false) : wall && [document.documentElement.lang === 'zh-Hant' && wall.caption_zh ? wall.caption_zh : wall.caption, wall.credit].filter(Boolean).join('  \u00b7  '),
+    walls: asleep || (wall && [document.documentElement.lang === 'zh-Hant' && wall.caption_zh ? wall.caption_zh : wall.caption, wall.credit].filter(Boolean).join('  \u00b7  ')),
   };
 }
 
