@@ -9,7 +9,6 @@ from eol_ros.core.physics.result import Energy, Run
 from eol_ros.core.physics.scene import Scene
 
 ON_LIMIT = 1e-13  # a force this close to the limit, relative, is on it: simultaneous breaks
-FARTHEST_M = 1.0  # chosen: a greater scale, of blocks too heavy to move, makes steps too coarse
 MISSED = 1e-4  # of the largest energy, or J: more than any tolerance leaves open
 GAUSS_X, GAUSS_W = algebra.gauss_legendre(10)  # for the powers of a step, on 0..1
 GAUSS_X, GAUSS_W = 0.5 * (GAUSS_X + 1), 0.5 * GAUSS_W
@@ -18,13 +17,16 @@ GAUSS_X, GAUSS_W = 0.5 * (GAUSS_X + 1), 0.5 * GAUSS_W
 def length_scale(scene: Scene) -> float:
     """Return the displacement (m) at which a spring first balances friction, or the offsets.
 
-    It is at most FARTHEST_M, or the greatest offset.
+    That of blocks too heavy to move would make steps too coarse: it is at most the size of the
+    scene, the longest spring at rest or the farthest anchor. Without either it is not limited.
     """
-    static = scene.lattice.static
-    stiff = scene.lattice.k.max(initial=0.0)
+    lattice = scene.lattice
+    static = lattice.static
+    stiff = lattice.k.max(initial=0.0)
     holding = static[static > 0]
     hold = float(holding.min()) / stiff if stiff > 0 and len(holding) else 0.0
-    return max(min(hold, FARTHEST_M), float(np.abs(scene.u0).max()), 1e-12)
+    size = max(lattice.far, float(np.hypot(*lattice.rest.T).max(initial=0.0)))
+    return max(min(hold, size or hold), float(np.abs(scene.u0).max()), 1e-12)
 
 
 def elastic_energy(scene: Scene, u: np.ndarray, t: float, yaw: np.ndarray | None = None) -> float:

@@ -140,6 +140,41 @@ def test_the_ledger_closes_where_blocks_are_too_heavy_to_move(rotation):
     assert abs(run.energy.residual_J) < 1e-8
 
 
+def scaled(scene, s):
+    """The same scene with all lengths and g `s` times as large: displacements are, too."""
+    springs = {
+        key: [
+            row | {name: row[name] * s for name in ('L0', 'Lnom')}
+            | ({'anchor': [x * s for x in row['anchor']]} if 'anchor' in row else {})
+            for row in scene[key]
+        ]
+        for key in ('springs_between_blocks', 'springs_to_frame')
+    }  # fmt: skip
+    radius_m, *rates = scene['drive']['par']
+    drive = scene['drive'] | {'par': [radius_m * s, *rates]}
+    u0 = (np.array(scene['u0']) * s).tolist()
+    return scene | springs | {'drive': drive, 'g': scene['g'] * s, 'u0': u0}
+
+
+@pytest.mark.parametrize('geometric', [True, False], ids=['geometric', 'linear'])
+@pytest.mark.parametrize(
+    ('mass', 'size', 'error'),
+    [(1e30, 2.0**-20, 0.0), (1e30, 2.0**20, 0.0), (0.25, 2.0**-10, 1e-10), (0.25, 2.0**20, 1e-10)],
+)
+def test_a_scene_of_another_size_moves_alike(mass, size, error, geometric):
+    """Down to the bit where nothing moves: no length counts as one metre in a step's error."""
+    drive = {'kind': 'circle_and_rotation', 'par': [0.05, 1.5, 0.12, 1.1]}
+    scene = builders.table(
+        drive, 2.0, 3, 3, geometric=geometric, mass=mass, u0=builders.offsets(9, 5e-3, 1)
+    )
+    usual, other = solve(scene), solve(scaled(scene, size))
+    assert len(usual.event_t) == len(other.event_t) and (len(usual.event_t) > 20) == (mass < 1)
+    assert np.abs(other.u / size - usual.u).max() <= error * np.abs(usual.u).max()
+    if mass > 1:
+        assert usual.steps == other.steps
+        assert vars(other.energy) == {key: x * size**2 for key, x in vars(usual.energy).items()}
+
+
 def test_a_large_ledger_residual_adds_a_note():
     scene = from_mapping(builders.single(PULL, 4.0))
     run = simulate(scene)

@@ -407,7 +407,8 @@ def run(
             near = planar_reach(order, m, pl, rules.relative, rules.small, h)
             near = slowing_reach(order, m, at, pl, near, KEPT, work)
         if used > 3:
-            top = max(abs(cx[order]), abs(cy[order]), abs(cc[order]), abs(cs[order]))
+            top = max(abs(cx[order]), abs(cy[order]))  # m, of the farthest anchor
+            top = max(top, at.far * abs(cc[order]), at.far * abs(cs[order]))
             if top > 0.0:
                 near = min(near, (rules.small / top) ** (1.0 / order))
         if near < h:
