@@ -55,8 +55,7 @@ def run(args: argparse.Namespace) -> int:
         for seconds in LENGTHS_S
         if seconds <= LONGEST_S.get(name, seconds)
     ]
-    if args.plots and args.seeds_from_time:
-        raise UsageError(f'--plots draws one set of seeds: leave out {held_out.OPTION}')
+    measured: list[dict] = []
 
     def one(first: int) -> dict:
         asked = [(*row, first + k) for k in range(args.seeds) for row in work]
@@ -66,11 +65,12 @@ def run(args: argparse.Namespace) -> int:
             answer = ask(name, seconds, seed)
             found[name, seconds].append((answer, time.process_time() - begin_s))
         rows = [_row(*row, *zip(*found[row], strict=True)) for row in work]
-        if args.plots:
-            _draw(rows, args.seeds, Path(args.plots))
+        measured.extend(rows)
         return {'realisations': args.seeds, 'rows': rows}
 
     held_out.measure(args.seeds_from_time, args.first_seed, one, args.json, _table)
+    if args.plots:
+        _draw(measured, args.seeds, Path(args.plots))
     return 0
 
 
@@ -99,14 +99,20 @@ def _row(name: str, seconds: int, found: Sequence['Answer'], took_s: Sequence[fl
 
 
 def _draw(rows: list[dict], seeds: int, folder: Path) -> None:
+    """Draw the share called 1/f of all seeds; bars: its deviation, given any share beforehand."""
     from benchmarks.plots import Curves, draw
 
-    panels: dict[str, Curves] = {}
+    shares: dict[tuple[str, str, int], list[float]] = {}
     for r in rows:
-        curves = panels.setdefault(f'right: {r["right"]}', {})
-        deviation = (r['yes'] * (1 - r['yes']) / seeds) ** 0.5
         name = r['series'].replace(',', '')
-        curves.setdefault(name, []).append((r['seconds'], r['yes'], deviation, ''))
+        shares.setdefault((f'right: {r["right"]}', name, r['seconds']), []).append(r['yes'])
+    panels: dict[str, Curves] = {}
+    for (panel, name, seconds), each in shares.items():
+        share, n = sum(each) / len(each), seeds * len(each)
+        likely = (share * n + 1) / (n + 2)
+        deviation = (likely * (1 - likely) / (n + 3)) ** 0.5
+        point = seconds, share, deviation, ''
+        panels.setdefault(panel, {}).setdefault(name, []).append(point)
     draw(folder / 'spectra.png', panels, 'length, s', 'share called 1/f', ('log', 'linear'))
 
 
