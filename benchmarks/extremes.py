@@ -21,7 +21,7 @@ from support.scipy_solver import scipy_events, scipy_sliding, scipy_smooth
 from benchmarks import extreme_parts
 from benchmarks import physics_peers as peers
 from benchmarks.extreme_scenes import Case, cases
-from benchmarks.machine import tell
+from benchmarks.machine import headed, machine, tell
 from eol_ros.core.physics.result import Limits, Run, sample_times
 from eol_ros.core.physics.scene import Scene, from_mapping
 from eol_ros.errors import UsageError
@@ -239,7 +239,8 @@ def run(args: argparse.Namespace) -> int:
         found['times_ordinary'] = found['ms'] / min(ordinary)
     for name, part in track(parts.items(), 'live parts', total=len(parts)):
         rows.append(extreme_parts.live_day(args.hours) if name == 'clock' else part())
-    tell({'rows': rows}, args.json, markdown if args.markdown else table)
+    found = {'machine': machine(), 'rows': rows}
+    tell(found, args.json, markdown if args.markdown else table)
     print('times are processor time, compilation and energy ledger left out', file=sys.stderr)
     return 0
 
@@ -262,9 +263,11 @@ def markdown(result: dict[str, Any]) -> str:
         lines += [
             f'\n## {title}\n',
             conclusion(rows) + '\n',
-            '| case | status | reached, s | ms | times ordinary | error, m | against | covered |'
-            ' peer: error, m; ms (ours on the same part) |',
-            '| --- | --- | --- | --- | --- | --- | --- | --- | --- |',
+            *headed(
+                result['machine'],
+                'case | status | reached, s | ms | times ordinary | error, m | against | covered |'
+                ' peer: error, m; ms (ours on the same part)',
+            ),
         ]
         for r in rows:
             against = r.get('against', 'none')
@@ -291,8 +294,7 @@ def markdown(result: dict[str, Any]) -> str:
     if live:
         lines += [
             '\n## Live parts\n',
-            '| case | status | error | against | ms | what holds |',
-            '| --- | --- | --- | --- | --- | --- |',
+            *headed(result['machine'], 'case | status | error | against | ms | what holds'),
         ]
         lines += [
             f'| {r["case"]} | {r["status"]} | {r["error"] or "-"} | {r["against"] or "-"} |'

@@ -23,6 +23,7 @@ def machine() -> dict[str, Any]:
     from numba.core.registry import cpu_target
 
     from eol_ros.core import compiled  # noqa: F401  sets the target
+    from eol_ros.ros.run_record import versions
 
     bits, name = _vectors()
     target = cpu_target.target_context.codegen().magic_tuple()[1]
@@ -35,6 +36,7 @@ def machine() -> dict[str, Any]:
         'python': platform.python_version(),
         'numba': numba.__version__,
         'eol_ros': importlib.metadata.version('eol_ros'),
+        'commit': versions().get('commit', ''),  # of the checkout; none in a wheel
     }
 
 
@@ -44,8 +46,20 @@ def line(found: dict[str, Any]) -> str:
     return (
         f'{found["processor"]}, {made}: vectors of {found["vector_bits"]} bits; '
         f'{found["cores"]} cores; Python {found["python"]}, Numba {found["numba"]}, '
-        f'eol_ros {found["eol_ros"]}'
+        f'eol_ros {version(found)}'
     )
+
+
+def version(found: dict[str, Any]) -> str:
+    """Return the commit that was measured, or the version where there was no checkout."""
+    return found.get('commit') or found['eol_ros']
+
+
+def headed(found: dict[str, Any], columns: str) -> list[str]:
+    """Return the head of a Markdown table whose rows are all of this machine and version."""
+    first, *others = columns.split(' | ')
+    names = [f'{first} ({found["processor"]}, {version(found)})', *others]
+    return [f'| {" | ".join(names)} |', '|' + ' --- |' * len(names)]
 
 
 def tell(result: dict[str, Any], as_json: bool, table: Callable[[dict[str, Any]], str]) -> None:

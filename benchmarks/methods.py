@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 from support.paper import rest_lattice
 
 from benchmarks import method_parts, plots
-from benchmarks.machine import tell
+from benchmarks.machine import headed, machine, tell
 from benchmarks.method_parts import Curve, milliseconds, rms
 from eol_ros.core.clock_sync import ClockSync
 from eol_ros.core.motion import onset
@@ -533,7 +533,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--plots', metavar='FOLDER', help='draw method_*.png there')
     form = parser.add_mutually_exclusive_group()
-    form.add_argument('--markdown', action='store_true', help='rows of the table of methods')
+    form.add_argument('--markdown', action='store_true', help='the table of methods')
     form.add_argument('--json', action='store_true')
 
 
@@ -544,7 +544,8 @@ def run(args: argparse.Namespace) -> int:
     if args.plots:
         for name, curve in curves.items():
             print(f'drawn {draw(name, curve, Path(args.plots))}', file=sys.stderr)
-    result = {name: dataclasses.asdict(curve) for name, curve in curves.items()}
+    result: dict[str, Any] = {name: dataclasses.asdict(curve) for name, curve in curves.items()}
+    result['machine'] = machine()
     tell(result, args.json, markdown if args.markdown else table)
     return 0
 
@@ -563,7 +564,7 @@ def draw(name: str, curve: Curve, folder: Path) -> Path:
 def table(result: dict[str, Any]) -> str:
     """Return the rows for a terminal."""
     lines = []
-    for curve in result.values():
+    for curve in (curve for name, curve in result.items() if name != 'machine'):
         lines.append(
             f'{curve["method"]}, {curve["unit"]}, against {curve["reference"]}, n = {curve["n"]}'
         )
@@ -577,12 +578,15 @@ def table(result: dict[str, Any]) -> str:
 
 
 def markdown(result: dict[str, Any]) -> str:
-    """Return the rows of the table of docs/explanation/numerics/README.md: what runs, best peer.
+    """Return the table of docs/explanation/numerics/README.md: what runs, best peer.
 
     A curve of which every point is shown has what runs in bold.
     """
-    lines = []
+    columns = 'name | reference | n | error | time | best peer | known limit | where it breaks'
+    lines = headed(result['machine'], columns)
     for name, curve in result.items():
+        if name == 'machine':
+            continue
         default = curve['default']
         ours = next(row for row in curve['points'] if row[0] == default)
         peers = (

@@ -17,7 +17,7 @@ from support.scipy_solver import scipy_events, scipy_smooth
 
 from benchmarks import physics_peers as peers
 from benchmarks import plots
-from benchmarks.machine import tell
+from benchmarks.machine import headed, machine, tell
 from eol_ros.core.physics import builders
 from eol_ros.core.physics.event import solver as event
 from eol_ros.core.physics.result import Limits, sample_times
@@ -33,7 +33,7 @@ HELP = 'error against run time of the spring-block solvers and their peers'
 EXAMPLES = [
     'eol bench physics --json > physics.json',
     'eol bench physics --part own',
-    'eol bench physics --plots docs/img',
+    'eol bench physics --markdown --plots docs/img > physics.md',
 ]
 PEER_S = 2.5  # slow peers run this far; we are timed on the same stretch beside them
 LIMITS = Limits(events=200_000, steps=2_000_000)
@@ -45,7 +45,9 @@ RANDOM_SCENES = ((False, 500), (True, 100))  # whether blocks rotate
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--json', action='store_true', help='everything as JSON')
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument('--json', action='store_true', help='everything as JSON')
+    form.add_argument('--markdown', action='store_true', help='the tables of the page on physics')
     parser.add_argument('--plots', metavar='DIR', help='draw the results there')
     parser.add_argument(
         '--part', choices=PARTS, action='append', help='only this part; may be given again'
@@ -308,7 +310,7 @@ def live_row(seconds: int = 60, rate_hz: int = 60, repeats: int = 5) -> dict:
 
 def run(args: argparse.Namespace) -> int:
     parts = args.part or PARTS
-    result = {part: [] for part in PARTS}
+    result: dict[str, Any] = {part: [] for part in PARTS} | {'machine': machine()}
     if 'own' in parts:
         for name in track(list(presets.NAMED), 'scenes'):
             result['own'] += own_rows(name)
@@ -324,7 +326,7 @@ def run(args: argparse.Namespace) -> int:
         result['live'] = [live_row()]
     if args.plots:
         _draw(result, Path(args.plots))
-    tell(result, args.json, _table)
+    tell(result, args.json, _markdown if args.markdown else _table)
     print('times are processor time, compilation left out', file=sys.stderr)
     return 0
 
@@ -354,6 +356,72 @@ def _draw(result: dict, folder: Path) -> None:
             folder / 'physics_convergence.png', by_method, 'tolerance, or step in s',
             'largest error, m',
         )  # fmt: skip
+
+
+SHOWN = ('exact', 'event 1e-08', 'event 1e-09', 'event 1e-10', 'event 1e-11', 'event 1e-12')
+UNSHOWN = ('scipy DOP853 events 1e-10', 'mujoco 0.001', 'mujoco 0.001 stiff')  # the worse of two
+
+
+def _markdown(result: dict[str, Any]) -> str:
+    """Return the tables of docs/explanation/numerics/physics.md."""
+    head, lines = functools.partial(headed, result['machine']), []
+    lines += head(
+        'scene | events | tolerance | ms | error against itself, m | against SciPy, m (for)'
+    )
+    for name, rows in _by('scene', result['own'] + result['rotation']).items():
+        kept = [row for row in rows if row['method'] in SHOWN]
+        if kept[0]['method'] == 'exact':
+            kept = kept[:1]
+        elif len(kept) > 3:
+            kept.pop(2)
+        base = name.removesuffix(' rotation')
+        title = f'{base} {presets.NAMED[base][0]}{", rotating" if base != name else ""}'
+        columns = [
+            ', '.join(_plain(row[key], digits) for row in kept)
+            for key, digits in (('ms', 2), ('error_m', 1), ('scipy_error_m', 1))
+        ]
+        lines.append(
+            f'| {title}, {kept[0]["seconds"]:g} s | {kept[-1]["events"]} |'
+            f' {", ".join(_plain(row["method"].removeprefix("event ")) for row in kept)} |'
+            f' {" | ".join(columns)} ({kept[0]["scipy_s"]:g} s) |'
+        )
+    lines += ['', *head('peer | cases: error (m), ms, ratio to our time')]
+    for method, rows in _by('method', result['peers']).items():
+        cases = [
+            f'{row["scene"]} {row["seconds"]:g} s: {_plain(row["error_m"])},'
+            f' {_plain(row["ms"], 2)}, {_plain(row["ratio"], 2)}'
+            for row in rows if row['status'] == 'ok'
+        ]  # fmt: skip
+        if cases and method not in UNSHOWN:
+            lines.append(f'| {method} | {"; ".join(cases)} |')
+    lines += ['', *head('scene | series: ms (error, m; tolerance) | stepping (error; step, s)')]
+    for name, rows in _by('scene', result['convergence']).items():
+        settings = _by('method', rows)
+        pairs = [settings['event'][0:7:6], settings['stepping'][2:8:5]]
+        cells = [
+            ', '.join(
+                f'{_plain(r["ms"], 2)} ({_plain(r["error_m"])}; {_plain(r["setting"])})'
+                for r in pair
+            )
+            for pair in pairs
+        ]
+        lines.append(f'| {name} | {" | ".join(cells)} |')
+    return '\n'.join(lines)
+
+
+def _by(key: str, rows: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    found: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        found.setdefault(row[key], []).append(row)
+    return found
+
+
+def _plain(value: float | str, digits: int = 1) -> str:
+    """Return a number of a table: 140, 0.058, 7e-10."""
+    if value == 'exact':
+        return value
+    rounded = float(f'{float(value):.{digits}g}')
+    return f'{rounded:g}'.replace('e-0', 'e-')
 
 
 def _table(result: dict) -> str:
