@@ -50,7 +50,7 @@ def draw(
         axis.tick_params(axis='x', which='minor', labelsize=6, labelrotation=40)
         axis.margins(0.25 if any(p[3] for rows in curves.values() for p in rows) else 0.05)
         axis.grid(alpha=0.3)
-        if len(curves) > 1 or len(panels) > 1:
+        if curves and len(curves) + len(panels) > 2:
             axis.legend(fontsize=6)
     for axis in axes[:, 0]:
         axis.set_ylabel(y)

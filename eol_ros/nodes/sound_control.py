@@ -135,6 +135,6 @@ class Instrument:
         client.get_parameters(names, found)
 
 
-@functools.lru_cache(16)  # a controller loads the same two repeatedly
+@functools.lru_cache(16)  # a morph loads the same two repeatedly
 def _loaded(path: Path, mtime_ns: int) -> presets.Preset:
     return presets.load(path)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tracker: its parts against independent oracles, then videos with known truth."""
 
+import copy
 import math
 from dataclasses import replace
 
@@ -388,3 +389,37 @@ def test_a_lattice_found_a_row_beside_its_place_is_put_right(pushed, axis):
     assert wrong  # else this test shows nothing
     assert found.seen.all()
     assert np.hypot(*(found.world - at).T).max() < 1e-3
+
+
+@pytest.mark.parametrize(('moved_px', 'hidden'), [(0.004, False), (0.5, False), (0.0, True)])
+def test_a_block_at_rest_is_placed_as_by_a_fit_in_full(moved_px, hidden):
+    """Within noise by a linear estimate; moved or hidden it is fitted in full, to the same bits."""
+    camera = Calibration.ideal()
+    renderer, tracker = Renderer(calibration=camera), Tracker(TrackerSettings(), camera)
+    rng = np.random.default_rng(8)
+    xy, yaw = REST + rng.normal(0, 0.004, (25, 2)), rng.uniform(-0.3, 0.3, 25)
+    for k in range(60):
+        tracker.update(k / 60, renderer.render(*xy.T, yaw, k))
+    follower = tracker.follower
+    rested = follower._patches[0]['rests'] & (follower._patches[0]['starts'][:, 5] > 0)
+    rested &= (np.arange(25) + follower._images) % model.CLOSELY != 0
+    assert rested.sum() > 15
+    image = renderer.render(*(xy + [moved_px / follower.px_per_m, 0.0]).T, yaw, 60)
+    if hidden:
+        for u, v in camera.to_pixels(xy[rested]):
+            image[round(v) - 6 : round(v) + 7, round(u) - 30 : round(u) + 31] = 12
+    fitted = copy.deepcopy(tracker)
+    fitted.follower._patches[0]['rests'] = False
+    ours, theirs = tracker.update(1.0, image), fitted.update(1.0, image)
+    found = follower.found[rested]
+    off_px = np.abs(ours.world - theirs.world)[rested] * follower.px_per_m
+    if moved_px > 0.1 or hidden:
+        assert not off_px.any()
+        assert (found['visible'] < model.ALIKE).all() == hidden
+    else:
+        still = (off_px > 0).any(axis=1)  # of noise beyond the limit in some
+        assert still.sum() > rested.sum() / 2
+        sigma_px = found['sigma_m'].max() * follower.px_per_m  # of one image
+        assert np.sqrt((off_px[still] ** 2).mean()) < 0.4 * sigma_px
+        assert off_px.max() < 1.5 * sigma_px
+        assert not found['close'][still].any()

@@ -52,6 +52,7 @@ def keep(px, lens, room, sigma2_px, widen, patch, rows):
             r = z * z * r
             at_a, at_b, at_turn = fma(a, r, at_a), fma(b, r, at_b), fma(turn, r, at_turn)
             inside = above(e, constant(0.5), take(px, group, AREA), zero)
+            inside = above(per, zero, inside, zero)
             area, count = area + inside, count + above(per, zero, one, zero)
             put(rows, group, LEVEL, grey - values[COLUMNS])
             put(rows, group, PER, per)

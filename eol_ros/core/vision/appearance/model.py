@@ -44,7 +44,7 @@ MODEL_PX = 0.012  # what the edge function leaves of a real edge
 MOVING_SHARE = 0.05  # and of one that moves, of its way in an image: 3 ms of exposure at 60 Hz
 JUDGED_PX = 0.03  # a pose that was taken to be less sure is fitted once more
 RESTED_PX = 0.08  # px: below it one Gauss-Newton step suffices, whose error is cubic: some 2e-4 px
-STANDS = 4.0  # standard deviations from where it was fitted in full: a block rests within them
+STANDS = 4.0  # standard deviations from a fit in full within which a block rests: 2.8 of both
 TOGETHER = 3  # adjacent parts of a side whose errors are correlated
 PARTS = 12  # of a side, each trusted by itself: 3.8 px at 545 px/m
 # Mean squared residual, in the usual one: of a part of a side, from which it is trusted less, and

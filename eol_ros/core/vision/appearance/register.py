@@ -95,6 +95,8 @@ def register(
         _tell(f, patch, half, room)
         moved_px = math.sqrt((f.x - x) ** 2 + (f.y - y) ** 2) * patch.scale
         _tell_sigma(f, patch, moved_px, without, (half, blur_px, noise), fitted, px, room)
+        if f.close:
+            patch.rests = False  # what was kept is replaced, or does not hold any more
         if f.close and rested and flat and without < 0 and not _unlike(f):
             lens = half, blur_px, noise
             linear.keep(px, lens, room, m.JUDGED_PX**2, (fitted, widen), patch, rests[n])
@@ -149,8 +151,8 @@ def _fit(camera, looks, f, patch, at, px, room):
     """Fit one block from the pose of f.
 
     Returns whether that can be done, whether it converged, by how much residuals exceed their
-    variance, and the side that was left out, or -1. A block that rested is first taken to be where
-    it was, which needs one step.
+    variance, the side that was left out, or -1, and whether the block rested. One that rested is
+    first taken to be where it was, which needs one step.
     """
     image, c, heights, n, half_m, blur_px, noise, table, flat = camera
     face, spread, fresh, own_face, own_px = looks
@@ -245,7 +247,8 @@ def _fit(camera, looks, f, patch, at, px, room):
 def _stands(image, half_m, at, rows, f, patch, room):
     """Return whether a block rests where it was fitted in full, and looks as it did; then set f.
 
-    Farther off than noise explains it is fitted in full again.
+    Farther off than noise explains it is fitted in full again. Gain, ground, ring, ratio and sigma
+    stay as they were found last.
     """
     if not (patch.rests and patch.starts[5] > 0 and f.start_px < m.RESTS_PX) or _unlike(f):
         return False
@@ -261,7 +264,7 @@ def _stands(image, half_m, at, rows, f, patch, room):
     for side in range(4):
         usual = max(f.side_usual[side], patch.widened[0])
         unlike = unlike or room.sides[side] > m.SIDE_MISFIT * usual
-    if unlike or f.step_px > most_px:
+    if unlike or not f.step_px <= most_px:
         return False
     f.visible, f.misfit, f.side_misfit[:] = visible, misfit, room.sides
     z[:3], room.work[3:, 7] = patch.stands, 0.0
