@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Presets of the live settings of grains and sound: saved, recalled, and mixed.
 
-The settings of the node itself are set; those of the other are asked for, so that a bag has both.
+A setting of this node is set at once, one of the other node by a request. A bag records both.
 """
 
 import functools

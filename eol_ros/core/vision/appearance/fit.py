@@ -178,6 +178,12 @@ def _excess(r, grey):
 
 
 @njit(cache=True, inner=True, forceinline=True)
+def tukey(q):
+    """Return the root of Tukey's weight of squared residuals in variances."""
+    return most(less(constant(1.0), q, constant(1.0 / TUKEY)), constant(0.0))
+
+
+@njit(cache=True, inner=True, forceinline=True)
 def derivatives(px, group, n, per_widen):
     """Return the weight, derivatives with the residual, Q, E and the reciprocal variance.
 
@@ -188,7 +194,7 @@ def derivatives(px, group, n, per_widen):
     per = one / s2
     q = over * over * per
     s2 = per * per_widen
-    z = most(less(one, r * r * s2, constant(1.0 / TUKEY)), zero)
+    z = tukey(r * r * s2)
     weight = above(grey, constant(FULL), zero, z * z * s2 * take(px, group, TRUST))
     turn = n.gain * less(ta * b, tb, a)
     back = zero - n.gain
@@ -276,6 +282,7 @@ def restore(kept, step, gain, own):
 
 @njit(cache=True, inner=True)
 def of_side(fit, own, side_fit):
+    """Fill side_fit (COLUMNS,) with the numbers of a fit at one side, given its `own` (OWN,)."""
     for i in range(NUMBERS):
         side_fit[i] = fit[i]
     side_fit[3], side_fit[4] = max(fit[3] + own[0], 1.0), fit[4] + own[1]

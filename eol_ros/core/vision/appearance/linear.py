@@ -10,10 +10,10 @@ Tukey's weights. One pass over the pixels gives it, and whether the block still 
 import numpy as np
 
 from eol_ros.core.compiled import njit
-from eol_ros.core.lanes import above, added, fma, least, less, look, most, put, take
+from eol_ros.core.lanes import above, added, fma, least, look, put, take
 from eol_ros.core.vision.appearance import fit
 from eol_ros.core.vision.appearance.fit import COLUMNS
-from eol_ros.core.vision.appearance.model import AGREE, FULL, LANES, TUKEY
+from eol_ros.core.vision.appearance.model import AGREE, FULL, LANES
 from eol_ros.core.vision.appearance.pixels import AREA, GREY, REST_ROWS, constant
 
 # Numbers of a pixel: grey level of the model, reciprocal variance, influence on the pose per grey
@@ -48,7 +48,7 @@ def keep(px, lens, room, sigma2_px, widen, patch, rows):
                 b = fma(constant(by[1, i]), values[i], b)
                 turn = fma(constant(by[2, i]), values[i], turn)
             a, b, turn = per_widen * per * a, per_widen * per * b, per_widen * per * turn
-            z = most(less(one, r * r * per * per_widen, constant(1.0 / TUKEY)), zero)
+            z = fit.tukey(r * r * per * per_widen)
             r = z * z * r
             at_a, at_b, at_turn = fma(a, r, at_a), fma(b, r, at_b), fma(turn, r, at_turn)
             inside = above(e, constant(0.5), take(px, group, AREA), zero)
@@ -60,7 +60,8 @@ def keep(px, lens, room, sigma2_px, widen, patch, rows):
             put(rows, group, BY_B, b)
             put(rows, group, BY_TURN, turn)
             put(rows, group, INSIDE, inside)
-        patch.counts[side] = max(added(count), np.float32(1.0))
+        if side < 4:
+            patch.counts[side] = max(added(count), np.float32(1.0))
     patch.area = max(added(area), np.float32(1.0))
     patch.pulled[0], patch.pulled[1], patch.pulled[2] = added(at_a), added(at_b), added(at_turn)
     patch.stands[:] = room.z[:3]
@@ -85,7 +86,7 @@ def estimate(image, at, patch, rows, step, misfit):
             r = look(pixels, at, group * LANES, by) - take(rows, group, LEVEL)
             per = take(rows, group, PER)
             q = r * r * per
-            z = most(less(one, q * per_widen, constant(1.0 / TUKEY)), zero)
+            z = fit.tukey(q * per_widen)
             r = z * z * r
             a, b = fma(take(rows, group, BY_A), r, a), fma(take(rows, group, BY_B), r, b)
             turn = fma(take(rows, group, BY_TURN), r, turn)

@@ -62,7 +62,7 @@ PATCH = np.dtype(
         # of a block that rests, see linear: whether it is kept, pose in px and rad, its sums, by
         # which variances are multiplied, pixels at each side and inside
         ('rests', '?'), ('stands', 'f8', 3), ('pulled', 'f8', 3), ('widened', 'f8', 2),
-        ('counts', 'f8', 5), ('area', 'f8'),
+        ('counts', 'f8', 4), ('area', 'f8'),
     ]
 )  # fmt: skip
 """One block's patch; its numbers are kept beside it."""

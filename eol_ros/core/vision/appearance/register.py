@@ -97,10 +97,9 @@ def register(
         _tell_sigma(f, patch, moved_px, without, (half, blur_px, noise), fitted, px, room)
         if f.close:
             patch.rests = False  # what was kept is replaced, or does not hold any more
-        if f.close and rested and flat and without < 0 and not _unlike(f):
-            lens = half, blur_px, noise
-            linear.keep(px, lens, room, m.JUDGED_PX**2, (fitted, widen), patch, rests[n])
-        if f.close:
+            if rested and flat and without < 0 and not _unlike(f):
+                lens = half, blur_px, noise
+                linear.keep(px, lens, room, m.JUDGED_PX**2, (fitted, widen), patch, rests[n])
             near = min(3.5 * blur_px + 1.0, half / 2)
             fit.side_nats(
                 px, patch.starts, half, blur_px, noise, room.z, room.own, near, widen, room.sides
@@ -143,7 +142,12 @@ def _room():
 @njit(inline='always')
 def _unlike(f):
     """Return whether something hides part of a block, or shines on it."""
-    return f.visible < m.ALIKE or f.misfit > m.MISFIT * max(f.side_usual.mean(), 1.0)
+    return _looks_odd(f.visible, f.misfit, f)
+
+
+@njit(inline='always')
+def _looks_odd(visible, misfit, f):
+    return visible < m.ALIKE or misfit > m.MISFIT * max(f.side_usual.mean(), 1.0)
 
 
 @njit(cache=True, inner=True)
@@ -260,7 +264,7 @@ def _stands(image, half_m, at, rows, f, patch, room):
         return False
     visible, misfit = linear.estimate(image, at, patch, rows, step, room.sides)
     f.step_px = max(math.sqrt(step[0] ** 2 + step[1] ** 2), abs(step[2]) * half)
-    unlike = visible < m.ALIKE or misfit > m.MISFIT * max(f.side_usual.mean(), 1.0)
+    unlike = _looks_odd(visible, misfit, f)
     for side in range(4):
         usual = max(f.side_usual[side], patch.widened[0])
         unlike = unlike or room.sides[side] > m.SIDE_MISFIT * usual
