@@ -18,6 +18,7 @@ import functools
 import hashlib
 import importlib.metadata
 import json
+import mmap
 import os
 import platform
 import sys
@@ -75,22 +76,27 @@ def alone(waiting: Callable[[], None]) -> Iterator[None]:
         yield
 
 
-def load(name: str) -> bytes | None:
-    """Return the payload stored under `name`; None if it is missing or damaged."""
+def load(name: str) -> tuple[bytes, Callable[[], bytes | None]] | None:
+    """Return the payload stored under `name` and what reads it again; None if missing or damaged.
+
+    A process that compiled the same may have replaced the file, by code with other symbols, before
+    it is read again: the mapping keeps the file that was loaded, and no memory.
+    """
     for folder in folders():
         try:
-            data = (folder / name).read_bytes()
+            with (folder / name).open('rb') as file:
+                if (payload := _checked(file.read())) is not None:
+                    kept = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+                    _used.add(name)
+                    return payload, functools.partial(_checked, kept)
         except OSError:
             continue
-        if (payload := _checked(data)) is not None:
-            _used.add(name)
-            return payload
         say(f'{folder / name} is damaged; compiling it again')
     return None
 
 
-def _checked(data: bytes) -> bytes | None:
-    digest, _, rest = data.partition(b'\n')
+def _checked(data: bytes | mmap.mmap) -> bytes | None:
+    digest, _, rest = bytes(data).partition(b'\n')
     if digest != _digest(rest).encode():
         return None
     return rest.partition(b'\n')[2]

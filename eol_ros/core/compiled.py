@@ -309,19 +309,20 @@ class _Cache:
         return f'{title}-{sha256(repr(key).encode()).hexdigest()[:32]}.object', files
 
     def _load(self, name: str, sig: Any, target_context: Any) -> Any:
-        data = store.load(name)
-        if data is None:
+        stored = store.load(name)
+        if stored is None:
             return None
+        data, again = stored
         try:
             with _without_imports():
                 made_for, reduced = pickle.loads(data)
                 # else: a default of nan, or a class of the main script
-                return self._rebuild(name, target_context, reduced) if made_for == sig else None
+                return self._rebuild(again, target_context, reduced) if made_for == sig else None
         except _UNREADABLE as error:
             store.say(f'{name} cannot be loaded ({error}); compiling it again')
             return None
 
-    def _rebuild(self, name: str, target_context: Any, reduced: Any) -> Any:
+    def _rebuild(self, again: Callable[[], bytes | None], target_context: Any, reduced: Any) -> Any:
         """Rebuild without the bitcode, which is read again if a caller is compiled later."""
         found = CompileResult._rebuild(target_context, *reduced)
         library = found.library
@@ -330,9 +331,9 @@ class _Cache:
 
         def read_again() -> Any:
             if library._shared_module is None:
-                data = store.load(name)
+                data = again()
                 if data is None:
-                    raise RuntimeError(f'{name} has gone from the cache of compiled loops')
+                    raise RuntimeError('a file of the cache of compiled loops was overwritten')
                 _sig, ((_name, _kind, (_machine_code, bitcode)), *_rest) = pickle.loads(data)
                 library._shared_module = llvm.parse_bitcode(bitcode)
             return library._shared_module
@@ -342,7 +343,7 @@ class _Cache:
 
 
 class _InnerCache(_Cache):
-    def _rebuild(self, name: str, target_context: Any, reduced: Any) -> Any:
+    def _rebuild(self, again: Callable[[], bytes | None], target_context: Any, reduced: Any) -> Any:
         (title, kind, bitcode), fndesc, env, signature, *_rest = reduced
         assert kind == _INNER
         library = _InnerLibrary(target_context.codegen(), title)

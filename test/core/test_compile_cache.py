@@ -9,7 +9,7 @@ import sys
 import pytest
 from support.checkout import ROOT
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]  # a busy machine compiles for minutes
 KERNELS = """
 import numpy as np
 from eol_ros.core.compiled import njit
@@ -79,6 +79,22 @@ for k in range(20):
     assert all(map(compiled._is_whole, names))
 assert [ended(fork()), ended(fork(allowed=0))] == [0, 0]
 """
+# Two compile the same; a third loads one, which the other then replaces, and compiles its caller.
+REPLACED = """
+values = np.arange(10.0)
+for place in 'ab':
+    os.environ['NUMBA_CACHE_DIR'] = f'{sys.argv[1]}/{place}'
+    if not os.fork():
+        kernels.total(values, 2.0)
+        os._exit(0)
+    os.wait()
+other = compiled.folders()[0]
+os.environ['NUMBA_CACHE_DIR'] = f'{sys.argv[1]}/a'
+kernels.total(values, 2.0)
+for path in other.glob('*.object'):
+    path.replace(compiled.folders()[0] / path.name)
+kernels.mean(values, 2.0)
+"""
 ONCE = 'print(work(0))'
 
 
@@ -123,6 +139,12 @@ def test_two_processes_never_give_one_symbol_to_two_functions(run):
     symbols = run(code).stdout.split()
     assert len(symbols) == len(set(symbols)) == 3
     assert len({len(symbol) for symbol in symbols}) == 1
+
+
+def test_what_was_compiled_with_a_replaced_object_runs_in_other_processes(run, tmp_path):
+    assert run(REPLACED).returncode == 0
+    done = run('print(kernels.mean(np.arange(10.0), 2.0))', NUMBA_CACHE_DIR=str(tmp_path / 'a'))
+    assert (done.returncode, done.stdout) == (0, '9.0\n')
 
 
 @pytest.mark.soak
