@@ -6,8 +6,9 @@ import difflib
 import os
 import shlex
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 FEW_NAMES = 8  # are read at a glance (chosen); of more, only the nearest are named
 MOST_SHOWN = 2000  # characters of a line in a message (chosen): it quotes what it found
@@ -56,6 +57,19 @@ def writing(path: str | Path, option: str = '') -> Iterator[None]:
     except OSError as error:
         where = f'{option} {path}'.lstrip()
         raise ConfigError(f'{where}: cannot be written ({error.strerror or error})') from None
+
+
+def each(check: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
+    """Return `check(item)` of each item; raise one ConfigError with all that it refuses."""
+    found, wrong = [], []
+    for item in items:
+        try:
+            found.append(check(item))
+        except ConfigError as error:
+            wrong.append(str(error))
+    if wrong:
+        raise ConfigError('; '.join(wrong))
+    return found
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -23,6 +23,7 @@ Every scene has a recorder, named or not. `off` leaves out a node: recorder, or 
 
 import dataclasses
 import difflib
+import functools
 import ipaddress
 import itertools
 import math
@@ -36,7 +37,7 @@ from typing import Any
 
 from eol_ros import yaml_text
 from eol_ros.disk import check_file, content, readable
-from eol_ros.errors import FEW_NAMES, ConfigError, EolError, nearest
+from eol_ros.errors import FEW_NAMES, ConfigError, EolError, each, nearest
 from eol_ros.said import said
 from eol_ros.scene_secrets import SceneText, without
 from eol_ros.settings import (
@@ -395,7 +396,7 @@ def check_value(field_: dataclasses.Field[Any], value: Any) -> Any:
         item_type = typing.get_args(kind)[0]
         item_field = dataclasses.field(metadata=meta)
         item_field.type = item_type
-        return tuple(check_value(item_field, item) for item in value)
+        return tuple(each(functools.partial(check_value, item_field), value))
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     asked = _range(meta)

@@ -295,7 +295,8 @@ def _osc(settings: Any, scene: Scene) -> Iterator[Check]:
 
     if not (settings.send_to or settings.port or settings.tuio or settings.tuio2):
         yield 'osc', IDLE
-    yield 'osc.peers', lambda: networks(settings.peers)
+    for line in settings.peers:
+        yield 'osc.peers', functools.partial(networks, [line])
     yield 'osc.send_from', lambda: own_address(settings.send_from)
     for name in ('send_to', 'tuio', 'tuio2'):
         for line in getattr(settings, name):

@@ -138,7 +138,7 @@ EVERYTHING = """\
   grains: {sound: ice.wav}
   sound:
     device: wav
-  osc: {send_to: [nowhere], peers: [10.0.0.300]}
+  osc: {send_to: [nowhere], peers: [10.0.0.300, x]}
   montage: {pairs: pictures}
   panel:
     host: 0.0.0.0
@@ -167,11 +167,12 @@ def test_all_that_nodes_would_refuse_is_told_at_once(check, tmp_path):
         f'{scene}:8:18 error leds.blink_block': 'is 4, tracker.blink_block is 3',
         f'{scene}:12:18 error osc.send_to': 'give HOST:PORT',
         f'{scene}:12:36 error osc.peers': "'10.0.0.300': give an IPv4 address",
+        f'{scene}:12:36 error osc.peers: ': "'x': give an IPv4 address",
         f'{scene}:15:11 error panel.host': 'set panel.pin too',
         f'{scene}:16:22 error recorder.folder': 'nothing can be written in /dev/null',
     }.items():
         assert [line for line in lines if line.startswith(place) and what in line], (place, words)
-    assert lines[-1] == '11 errors. Nothing was started.'
+    assert lines[-1] == '12 errors. Nothing was started.'
 
 
 def test_a_node_osc_without_another_program_is_refused(check):
@@ -182,7 +183,7 @@ def test_a_node_osc_without_another_program_is_refused(check):
 def test_a_wrong_value_hides_no_other_mistake(check):
     """What depends on the wrong value is not told: nobody knows what it was to be."""
     code, _, words = check(
-        "  grains: {match: ['flatness 2 q'], sound: ice.wav}\n"
+        "  grains: {match: ['flatness 2 q', 'pitch 1 x y'], sound: ice.wav}\n"
         '  twin: {mu_static: high, mu_kinetic: 1.2}\n'
         '  panel: {host: 0.0.0.0}\n'
         '  recorder: {folder: /proc/bags}\n'
@@ -191,7 +192,7 @@ def test_a_wrong_value_hides_no_other_mistake(check):
     assert code == 78
     for what in (
         'publishes: add',
-        'grains.match: ',
+        "grains.match: 'flatness 2 q' is not DESCRIPTOR WEIGHT SOURCE; 'pitch 1 x y' is not",
         'grains.sound: ',
         'twin.mu_static: ',
         'panel.pin',
@@ -332,8 +333,8 @@ def test_loudspeakers_that_do_not_fit(check):
     channels: %s
     speakers: [front 0, %s, right -120]
 """
-    code, _, words = check(nodes % (3, 'left 0.5') + '    sub_low_hz: 70\n')
-    assert code == 78
+    code, _, words = check(nodes % (3, 'left 0.5, back') + '    sub_low_hz: 70\n')
+    assert code == 78 and "; 'back' is not a loudspeaker" in words
     assert 'sound.speakers' in words and 'front stands in that direction already' in words
     assert 'sound.sub_low_hz: is 70, sub_high_hz is 60' in words
     code, _, words = check(nodes % (3, 'left 120'))

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eol_ros.core import elementary
-from eol_ros.errors import ConfigError
+from eol_ros.errors import ConfigError, each
 from eol_ros.settings import SoundSettings
 
 
@@ -42,7 +42,8 @@ def parse(lines: Sequence[str]) -> list[Speaker]:
     Speaker(name='right', azimuth=-30.0)
     """
     found: list[Speaker] = []
-    for line in lines:
+
+    def add(line: str) -> None:
         try:
             name, word = line.split()
             speaker = Speaker(name, float(word))
@@ -57,6 +58,8 @@ def parse(lines: Sequence[str]) -> list[Speaker]:
             if abs(_turn(other.azimuth - speaker.azimuth)) < 1:
                 raise ConfigError(f'{line!r}: {other.name} stands in that direction already')
         found.append(speaker)
+
+    each(add, lines)
     return found
 
 
