@@ -27,7 +27,6 @@ def measure(
     one: Callable[[int], dict[str, Any]],
     as_json: bool,
     table: Callable[[dict[str, Any]], str],
-    now_ns: Callable[[], int] = time.time_ns,
 ) -> None:
     """Tell what `one` measures from `first_seed` on, and with the option from a drawn one, too.
 
@@ -37,7 +36,7 @@ def measure(
     if not seeds_from_time:
         tell(developed, as_json, table)
         return
-    drawn = now_ns() // 10**6 % 10**9
+    drawn = time.time_ns() // 10**6 % 10**9
     print(f'seeds drawn: from {drawn} on', file=sys.stderr, flush=True)
     both = {f'developed on, from {first_seed}': developed, f'drawn, from {drawn}': one(drawn)}
     tell({'seeds': both}, as_json, lambda found: _table(found['seeds'], table))

@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 from support.paper import N_BLOCKS, rest_lattice
 
-from benchmarks import plots
-from benchmarks.machine import tell
+from benchmarks import held_out, plots
 from eol_ros.settings import MotionSettings
 
 HELP = 'Slips: onset error, latency, precision, recall, false alarms, at 60 and 120 images/s.'
@@ -51,12 +50,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=0.0,
         help='seconds of the twin rendered and tracked: visitors, and the rim led at 0.3 m/s',
     )
+    held_out.add_argument(parser)
     parser.add_argument('--plots', metavar='FOLDER', help='draw slips.png there, of --noise')
     parser.add_argument('--json', action='store_true')
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print."""
+    held_out.measure(
+        args.seeds_from_time, args.seed, lambda seed: block(args, seed), args.json, _table
+    )
+    return 0
+
+
+def block(args: argparse.Namespace, seed: int) -> dict[str, Any]:
+    """Return the figures of one seed."""
     rates = [float(fps) for fps in args.fps.split(',')]
     rows: list[dict[str, Any]] = []
     if args.minutes or args.film_seconds:
@@ -65,22 +73,21 @@ def run(args: argparse.Namespace) -> int:
         for fps in rates:
             if args.minutes:
                 print(f'{fps:g} images/s, {args.minutes:g} minutes', file=sys.stderr, flush=True)
-                rows += twin_slips.measure(fps, 60 * args.minutes, args.seed)
+                rows += twin_slips.measure(fps, 60 * args.minutes, seed)
             for hands in ('visitors', 'sliding') if args.film_seconds else ():
                 print(f'{fps:g} images/s, video, {hands}', file=sys.stderr, flush=True)
-                rows += twin_slips.measure(fps, args.film_seconds, args.seed, hands, True)
+                rows += twin_slips.measure(fps, args.film_seconds, seed, hands, True)
     else:
         for fps in rates:
             for noise_px in map(float, args.noise.split(',')):
                 print(f'{fps:g} images/s, {noise_px:g} px', file=sys.stderr, flush=True)
-                rows.append(measure(fps, noise_px / PX_PER_M, args.seconds, args.seed))
+                rows.append(measure(fps, noise_px / PX_PER_M, args.seconds, seed))
         if args.plots:
             _draw(rows, Path(args.plots))
     result: dict[str, Any] = {'slips': rows}
     if args.false_alarm_hours:
-        result['false_alarms'] = false_alarms(args.false_alarm_hours, 20.0, 60.0, args.seed)
-    tell(result, args.json, _table)
-    return 0
+        result['false_alarms'] = false_alarms(args.false_alarm_hours, 20.0, 60.0, seed)
+    return result
 
 
 def _draw(rows: list[dict[str, Any]], folder: Path) -> None:
