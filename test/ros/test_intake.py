@@ -350,8 +350,8 @@ def good(topic, raw, now):
         case 'SoundSamples':
             return m.channels > 0 and len(m.samples) % m.channels == 0
         case 'Image':
-            size = m.height * m.width
-            return m.encoding in ('mono8', '8UC1') and m.step == m.width and 0 < size == len(m.data)
+            rows = m.step >= m.width > 0 and m.height * m.step == len(m.data) > 0  # or padded
+            return rows and m.encoding in ('mono8', '8UC1')
     return True
 
 
