@@ -16,6 +16,7 @@ from support.fields_of_view import RATE_HZ, fields, most_in_a_second
 from support.flashes import changes
 from support.paper import rest_lattice
 from support.spinning import Nodes
+from support.waiting import wait_until
 
 from eol_ros.bringup.shared_memory import Ports
 from eol_ros.core.light.bridge import Bridge
@@ -93,7 +94,8 @@ def started(killed, port, limit, folder):
         nodes = f'{{camera: {{device: none}}, tracker: {{}}, motion: {{}}, leds: {leds}}}'
         scene.write_text(f'scene: killed\nnodes: {nodes}\n')
         words = [sys.executable, '-m', 'eol_ros.bringup', scene, '--only', 'leds']
-    return subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    with (folder / 'said').open('ab') as said:
+        return subprocess.Popen(words, stdout=said, stderr=said)
 
 
 @pytest.mark.parametrize(
@@ -116,7 +118,7 @@ def test_killing_breaks_no_limit(ros, tmp_path, kills, killed, limit):
     `all` is bringup, `leds` and the bridge at once.
     """
     rng, lit, ports = random.Random(kills), 0, Ports()
-    port = str(tmp_path / 'board')
+    port, said = str(tmp_path / 'board'), tmp_path / 'said'
     with FakeBoard(port) as fake, Nodes(Motion()) as nodes, contextlib.ExitStack() as stack:
         diary, leds = record_calls(fake.bridge), None
         for _ in range(kills):
@@ -125,7 +127,11 @@ def test_killing_breaks_no_limit(ros, tmp_path, kills, killed, limit):
                 leds = started(killed, port, limit, tmp_path)
                 stack.callback(leds.wait)
                 stack.callback(leds.kill)
-            nodes.until(lambda: sum(a.kind == 'Light' for a in list(fake.log)) > 3)
+            wait_until(
+                lambda: sum(a.kind == 'Light' for a in list(fake.log)) > 3,
+                turn=nodes.turn,
+                why=lambda: f'no light; {fake.log}; {said.read_text()[-4000:]}',
+            )
             end = time.monotonic() + rng.uniform(0, 0.5)
             nodes.until(lambda end=end: time.monotonic() > end)
             fake.knock(rng.randrange(25), 2.0)
