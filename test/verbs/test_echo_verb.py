@@ -73,11 +73,11 @@ def bag(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def graph(bag):
-    """The bag, playing for ever."""
+    """The bag, playing for ever; yields the first message that `eol echo` has of it."""
     child = eol('replay', str(bag), '--only', 'all', '--loop', '--wait', '0')
-    code, _, err = end(eol('echo', 'slips', '--once'))
+    code, out, err = end(eol('echo', 'slips', '--once'))
     assert code == 0, err
-    yield child
+    yield out
     child.send_signal(signal.SIGTERM)
     code, _, err = end(child)
     assert code == 0, err
@@ -86,9 +86,7 @@ def graph(bag):
 
 @pytest.mark.slow
 def test_echo_once_prints_one_message_as_yaml(graph):
-    code, out, err = end(eol('echo', 'slips', '--once'))
-    assert code == 0, err
-    first, rest = out.split('---\n')
+    first, rest = graph.split('---\n')
     message = yaml.safe_load(first)
     assert rest == ''
     assert list(message)[:3] == ['header', 'kind', 'slip']
@@ -134,23 +132,23 @@ def readers_of_played(rows):
 @pytest.mark.slow
 def test_topics_are_the_same_each_time(graph):
     until = time.monotonic() + 60
-    while readers_of_played(json.loads(end(eol('topics', '--json'))[1])):
+    while readers_of_played(json.loads(first := end(eol('topics', '--json'))[1])):
         assert time.monotonic() < until, 'readers of the tests before do not go away'
-    looks = [end(eol('topics', '--json')) for _ in range(2)]
-    assert [code for code, _, _ in looks] == [0, 0]
-    assert looks[0][1] == looks[1][1]
-    rows = {row['topic']: row for row in json.loads(looks[0][1])}
+    code, second, _ = end(eol('topics', '--json'))
+    assert (code, second) == (0, first)
+    rows = {row['topic']: row for row in json.loads(first)}
     assert rows['/eol/slips']['type'] == 'eol_msgs/msg/Slip'
     assert rows['/eol/slips']['publishers'] == 1
     assert rows['/eol/cascades']['doc']
 
 
-@pytest.mark.parametrize('words, printed', [([], ''), (['--json'], '[]\n')])
-def test_no_graph_has_no_topics(words, printed, monkeypatch):
+def test_no_graph_has_no_topics(start, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(next_domain()))
-    code, out, err = end(eol('topics', '--seconds', '3', *words))
-    assert (code, out) == (69, printed)
-    assert 'no graph runs on domain' in err
+    looks = [start('topics', '--seconds', '1', *words) for words in ([], ['--json'])]
+    for look, printed in zip(looks, ('', '[]\n'), strict=True):
+        code, out, err = end(look)
+        assert (code, out) == (69, printed)
+        assert 'no graph runs on domain' in err
 
 
 def test_ctrl_c_before_any_topic_was_found_does_not_say_that_none_is_there(monkeypatch, capsys):
