@@ -50,11 +50,3 @@ def test_texts_that_are_no_mapping(tmp_path, capsys, verb, kind):
     path = tmp_path / 'x.yaml'
     path.write_bytes(TEXTS[kind][0])
     assert TEXTS[kind][1] in said(verb, path, capsys)
-
-
-def test_utf_16_is_read(tmp_path):
-    scene, sweep = tmp_path / 'scene.yaml', tmp_path / 'sweep.yaml'
-    scene.write_bytes(SCENE.format(30).encode('utf-16'))
-    sweep.write_bytes(SWEEP.format('5e-1').encode('utf-16'))
-    assert cli.main(['check', str(scene)]) == 0
-    assert cli.main(['sweep', str(sweep), '--count']) == 0

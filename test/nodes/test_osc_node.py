@@ -40,7 +40,7 @@ from eol_ros.ros.stamps import now_ns, to_msg
 from eol_ros.scene import Scene
 from eol_ros.settings import OSC_MESSAGES, OscSettings
 from eol_ros.streams.blocks import BLOCK, Blocks
-from eol_ros.streams.graph import NODES, TOPICS
+from eol_ros.streams.graph import NODES
 from eol_ros.streams.work_state import States
 
 LIBRARIES = Path(sys.prefix, 'browser', 'node_modules')
@@ -466,7 +466,3 @@ def test_a_client_library_of_others_follows_the_blocks(node, version):
             assert sorted(frame(6, seen=False, x=np.nan, y=np.nan)) == [*range(7), *range(8, 25)]
         finally:
             client.kill()
-
-
-def test_every_topic_that_it_may_subscribe_to_is_in_the_table():
-    assert set(NODES['osc'].optional) <= set(TOPICS)
