@@ -305,15 +305,15 @@ def furthest(lib, seed, sequences):
 
 
 def test_the_bridge_limits_as_the_host_does(bridge):
-    assert furthest(bridge, 1, 1500) <= 1
-    assert furthest_local(bridge, 1, 200) <= 1
+    assert furthest(bridge, 1, 500) <= 1
+    assert furthest_local(bridge, 1, 80) <= 1
 
 
 @pytest.mark.parametrize(
     'table', [*OTHERS, LARGEST, Table(absent=(6, 7, 8, 11, 12, 13, 16, 17, 18))]
 )
 def test_the_bridge_limits_as_the_host_does_at_another_table(bridge, table):
-    assert furthest_local(bridge, 1, 100, table) <= 1
+    assert furthest_local(bridge, 1, 40, table) <= 1
 
 
 @pytest.mark.soak
@@ -418,10 +418,10 @@ COUNTS = [pytest.param(100_000, 1000, marks=[pytest.mark.soak, pytest.mark.timeo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('storms', 'adversaries'), [(150, 30), *COUNTS])
+@pytest.mark.parametrize(('storms', 'adversaries'), [(60, 12), *COUNTS])
 def test_no_sequence_makes_a_field_of_view_flash_four_times(bridge, areas_sr, storms, adversaries):
     """Orders of any share, taps, changed peaks and lost blocks; no host is between."""
-    seed = time.time_ns() if storms > 150 else storms  # other sequences in each soak
+    seed = time.time_ns() if storms > 60 else storms  # other sequences in each soak
     random, shown = np.random.default_rng(seed), np.zeros((int(SECONDS * RATE_HZ), 25), np.uint8)
     counts, where = np.zeros(9, int), shown.ctypes.data
     for _ in range(storms):
@@ -475,12 +475,16 @@ def of_largest(bridge):
     bridge.shape(0, 0, 0)
 
 
+FIRST = [(20, 600, 300), (100, 1500, 300)]
+OTHERS_TOO = [*FIRST, (100, 60, 0), (350, 600, 600)]
+
+
 @pytest.mark.slow
-def test_no_field_of_view_of_225_blocks_flashes_four_times(of_largest):
+@pytest.mark.parametrize('cases', [FIRST, pytest.param(OTHERS_TOO, marks=pytest.mark.soak)])
+def test_no_field_of_view_of_225_blocks_flashes_four_times(of_largest, cases):
     """Words of nine groups take turns, and many are lost."""
     areas_sr = areas_of(LARGEST)
     at = np.round(np.arange(MS * RATE_HZ / 1000 - 1) * 1000 / RATE_HZ).astype(int)
-    cases = [(20, 600, 300), (100, 60, 0), (100, 1500, 300), (350, 600, 600)]
     for seed, (decay_ms, hz, lost) in enumerate(cases):
         levels = shown(of_largest, of_all_kinds(seed, hz, LARGEST.cells), decay_ms, lost)
         assert most_in_a_second(levels[at], areas_sr) <= 3, (decay_ms, hz, lost)
