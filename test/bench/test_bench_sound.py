@@ -15,7 +15,6 @@ from eol_ros.settings import GrainsSettings, SoundSettings, TwinSettings
 NS = 10**9
 
 
-@pytest.mark.live
 @pytest.mark.slow
 def test_the_mixer_is_measured_and_exact():
     sound = source()

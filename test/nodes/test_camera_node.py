@@ -17,7 +17,6 @@ from eol_ros.ros.stamps import to_msg
 from eol_ros.settings import CameraSettings, TrackerSettings
 from eol_ros.streams.images import TYPE, Codec
 
-pytestmark = pytest.mark.live
 CODEC = Codec(definition(TYPE))
 
 
@@ -70,6 +69,7 @@ def graph(ros):
         yield run
 
 
+@pytest.mark.live
 def test_a_lossless_file_arrives_bit_for_bit(graph, tmp_path):
     images = film(tmp_path / 'f.mkv', 'FFV1')
     reader, _ = graph(settings(tmp_path / 'f.mkv', loop=True), lambda r, c: len(r.raw) >= 40)
@@ -81,6 +81,7 @@ def test_a_lossless_file_arrives_bit_for_bit(graph, tmp_path):
     assert nothing_lost([stamp for stamp, _ in got])
 
 
+@pytest.mark.live
 def test_no_image_of_a_jpeg_film_at_120_a_second_is_lost(graph, tmp_path):
     film(tmp_path / 'f.avi', 'MJPG', n=60)
     reader, camera = graph(settings(tmp_path / 'f.avi', loop=True), lambda r, c: len(r.raw) >= 240)

@@ -34,7 +34,7 @@ class Slow(MontageNode):
 run.node_class = lambda name: Slow
 sys.exit(run.run(['montage'], []))
 """
-LONG_S = 5.0
+LONG_S = 3.0
 
 
 @pytest.mark.live
