@@ -62,8 +62,11 @@ def any_stamp(monkeypatch):
 
 
 _HERE = Path(__file__).parent
-# Files of one long test: of two processes, the one that came to them last would run on alone.
-LONGEST = ('scenes/test_cold.py', 'test_packaging.py')
+# Long files late in the alphabet: of four processes, who came to them last would run on alone.
+LONGEST = (
+    'scenes/test_cold.py', 'test_packaging.py', 'test_damaged_files.py', 'test_strangers.py',
+    'verbs/test_echo_verb.py', 'web/test_state_on_pages.py',
+)  # fmt: skip
 
 
 @pytest.hookimpl(tryfirst=True)
