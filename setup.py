@@ -93,7 +93,7 @@ BLOCK = Extension(
 
 setup(
     name='eol_ros',
-    version='0.2.0',
+    version='0.3.0',
     packages=find_packages(include=['eol_ros', 'eol_ros.*']),
     ext_modules=[BLOCK],
     package_data={

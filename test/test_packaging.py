@@ -22,6 +22,7 @@ from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.streams.graph import NODES
 
+VERSION = re.search('<version>(.*)</version>', (ROOT / 'package.xml').read_text())[1]
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a busy machine and a slow network
 # Links, which an sdist cannot hold, the hint that leads to them, and what only git reads.
 LEFT_OUT = ('workspace/', 'colcon.pkg', '.git')
@@ -84,7 +85,7 @@ def test_the_wheel_has_the_whole_package(clone, wheel):
     have = contents(wheel)
     package = {name for name in tracked(clone) if name.startswith('eol_ros/')}
     assert sorted(package - set(have)) == []
-    data = 'eol_ros-0.2.0.data/data/'
+    data = f'eol_ros-{VERSION}.data/data/'
     shared = {f'{data}share/eol_ros/{path.relative_to(clone).as_posix()}'
               for path in (*clone.glob('config/*.yaml'), *clone.glob('launch/*.py'))}  # fmt: skip
     shared |= {f'{data}share/eol_ros/view/{path.name}' for path in clone.glob('config/view/*')}
@@ -101,7 +102,7 @@ def test_the_wheel_has_the_firmware_of_the_blocks_compiled(wheel):
 
 def test_only_eol_goes_to_the_path(wheel):
     with zipfile.ZipFile(wheel) as file:
-        entries = file.read('eol_ros-0.2.0.dist-info/entry_points.txt').decode().split('\n')
+        entries = file.read(f'eol_ros-{VERSION}.dist-info/entry_points.txt').decode().split('\n')
         libexec = {Path(i.filename).name: i.external_attr >> 16 for i in file.infolist()
                    if '/data/lib/eol_ros/' in i.filename}  # fmt: skip
     assert [line for line in entries if '=' in line] == ['eol = eol_ros.__main__:main']
@@ -111,7 +112,7 @@ def test_only_eol_goes_to_the_path(wheel):
 
 def test_ros_is_an_extra(wheel):
     with zipfile.ZipFile(wheel) as file:
-        lines = file.read('eol_ros-0.2.0.dist-info/METADATA').decode().split('\n')
+        lines = file.read(f'eol_ros-{VERSION}.dist-info/METADATA').decode().split('\n')
     needs = [line for line in lines if line.startswith('Requires-Dist: ') and 'extra' not in line]
     assert needs and not any('ros' in line.lower() for line in needs)
 
