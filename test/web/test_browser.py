@@ -373,7 +373,7 @@ def test_cascades_in_words_and_by_the_motor_of_a_phone(graph, browser):
     browser.find_element('id', 'captions').click()
     run(browser, 'eol.modes.said = null')
     try:
-        for area, words in ((1, 'single'), (7, 'Cascade: 7'), (20, 'Rupture: 20')):
+        for area, words in ((1, 'single'), (7, 'Cascade: 7'), (20, 'Cascade: 20 of 25')):
             run(browser, tell, 1 + area, area)
             until_page(browser, f'{line}.textContent.startsWith("A {words}") || '
                                 f'{line}.textContent.startsWith("{words}")')  # fmt: skip
@@ -381,7 +381,7 @@ def test_cascades_in_words_and_by_the_motor_of_a_phone(graph, browser):
         assert run(browser, 'return eol.shaken') == 520
         # It can be read before a lesser one takes its place.
         run(browser, tell, 22, 1)
-        assert run(browser, f'return {line}.textContent').startswith('Rupture: 20')
+        assert run(browser, f'return {line}.textContent').startswith('Cascade: 20')
         assert run(browser, 'return eol.shaken') == 520
         run(browser, 'eol.modes.said[2] -= 2500')
         run(browser, tell, 23, 1)

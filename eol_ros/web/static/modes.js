@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // How a person wants to be told of the work: without flashes, or in words and by the phone's motor.
 
-import { COLUMNS, COUNT, place, ROWS } from './lattice.js';
+import { COLUMNS, place, ROWS } from './lattice.js';
 import { calm, write } from './paint.js';
 import { say } from './i18n.js';
 
 const DEFAULT = { captions: 'yes' };
 const CAPTION_MS = 5000;
 const HOLD_MS = 2000; // so long it can be read, unless a greater one comes
-const RUPTURE = 0.4 * COUNT; // blocks, from here on a cascade is called one
 
 // Which part of the table a block stands in, 0..8 row by row from the near left.
 export function part(block) {
@@ -19,8 +18,7 @@ export function part(block) {
 
 // A cascade in words; `nucleus` is the block in which it began.
 export function caption(area, nucleus) {
-  const size = area < 2 ? 'slip' : area < RUPTURE ? 'cascade' : 'rupture';
-  return say(`caption_${size}`, { area, where: say(`where_${part(nucleus)}`) });
+  return say(area < 2 ? 'caption_slip' : 'caption_cascade', { area, where: say(`where_${part(nucleus)}`) });
 }
 
 export class Modes {
