@@ -4,6 +4,7 @@
 A server without a graph gets each state as the panel node publishes it.
 """
 
+import itertools
 import time
 
 import pytest
@@ -29,7 +30,11 @@ WALK = ['test', *(code for code in STATES if code != 'test')]
 
 
 @pytest.mark.parametrize(
-    ('path', 'language'), zip(PLACES, (*2 * ('en', 'zh-Hant'), 'zh-Hant'), strict=True)
+    ('path', 'language'),
+    [
+        pytest.param(path, language, marks=[pytest.mark.soak] if k % 4 in (1, 2) else [])
+        for k, (path, language) in enumerate(itertools.product(PLACES, ('en', 'zh-Hant')))
+    ],
 )
 def test_a_page_shows_every_state(serve, browser, path, language):
     """Without a finding of axe-core in any of them, nor after the connection is lost."""
