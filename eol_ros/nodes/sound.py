@@ -49,7 +49,8 @@ class SoundNode(EolNode):
         self.mixer = new_mixer(s, self.epoch_ns // NS, self.table)
         self.voicing = Voicing(s, self.table)
         self.on_settings(s)
-        self.meter, self.banks = Meter(self.mixer), BankLoader(s.sample_rate)
+        self.files = SoundFiles(self)
+        self.meter, self.banks = Meter(self.mixer), BankLoader(s.sample_rate, self.files.here)
         folder = Path(self.scene.settings('recorder').folder)
         named = folder / time.strftime('sound-%Y%m%d-%H%M%S.wav') if s.device == 'wav' else ''
         self.meters = self.publisher('sound_meter')
@@ -95,7 +96,6 @@ class SoundNode(EolNode):
         self.subscribe('grain_triggers', self.on_trigger)
         self.subscribe('felt_triggers', self.on_felt)
         self.main_clock: MainClock = MainClock(self)
-        self.files = SoundFiles(self)
         self.sounding: OnsetToSound | None = None
         if 'motion' in self.scene.nodes and not self.sim_time:
             self.sounding = OnsetToSound()

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Audio files of the corpus on the machines of `grains` and of `sound`, compared by content."""
+"""Audio files of the corpus on the machines of `grains` and `sound`: found, and compared."""
 
+import contextlib
 import hashlib
 import os
 import threading
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING
 from eol_msgs.msg import NodeState
 
 from eol_ros.devices.files.names import stamp
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import DeviceMissing, EolError
 from eol_ros.said import said
 from eol_ros.streams.requests import values_of
 
@@ -37,10 +38,32 @@ class SoundFiles:
         if self._apart and node.NAME == 'sound':
             node.on_states(self._hear)
 
+    def here(self, files: Sequence[str]) -> list[str]:
+        """Return where the files of `grains` lie on this machine.
+
+        That is the same path or, where nothing is there, a sound of the scene with the same name,
+        best in a folder of the same name. Raises ConfigError if the ice recording cannot be made.
+        """
+        if not self._apart or all(map(os.path.isfile, files)):
+            return list(files)
+        from eol_ros.devices.corpus.corpus_build import of_this_machine
+        from eol_ros.devices.corpus.corpus_file import Options, all_sounds
+
+        settings, sounds, found = self._node.scene.settings('grains'), [], []
+        with contextlib.suppress(EolError):  # who reads the files says what is missing
+            sounds = all_sounds(settings.sound, Options.of(settings))
+        for file in files:
+            there = of_this_machine(file)
+            if not there.is_file():
+                same = [each for each in sounds if each.name == there.name]
+                there = max(same, key=lambda s: s.parent.name == there.parent.name, default=there)
+            found.append(str(there))
+        return found
+
     def look(self, files: Sequence[str]) -> None:
         """Begin to read the files of a corpus, in a thread, if the nodes are on two machines."""
-        if self._apart and (marks := [(file, *stamp(file)) for file in files]) != self._marks:
-            self._marks, self._wanted = marks, list(files)
+        if self._apart:
+            self._wanted = list(files)
             threading.Thread(target=self._read, args=(self._wanted,), daemon=True).start()
 
     @property
@@ -55,9 +78,15 @@ class SoundFiles:
     def _read(self, files: list[str]) -> None:
         from eol_ros.devices.corpus.corpus_file import sha256
 
+        here = files
+        with contextlib.suppress(EolError):  # the loader of the files tells it
+            here = self.here(files)
+        marks = [(file, *stamp(file)) for file in (*files, *here)]
+        if marks == self._marks:
+            return
         paths, content = hashlib.sha256(os.fsencode('\n'.join(files))).hexdigest(), hashlib.sha256()
         unread = False
-        for file in files:
+        for file in here:
             try:
                 content.update(sha256(Path(file)).encode())
             except DeviceMissing:
@@ -66,6 +95,7 @@ class SoundFiles:
                 return
         if files is not self._wanted:  # of no files
             return
+        self._marks = marks
         self._here = f'{paths[:8]} {UNREAD if unread else content.hexdigest()[:8]}'
         if self._node.NAME == 'grains':
             self._node.health.values[KEY] = self._here

@@ -60,13 +60,14 @@ print(called.result().message, end='')
 
 @pytest.fixture(scope='module')
 def machines(tmp_path_factory):
-    """Three machines, each with a state folder of its own."""
+    """Three machines, each with a state folder of its own; `audio` has its own ice recording."""
     needs.system('iproute2')
     # else the first of them compiles for minutes while the others wait for it
     subprocess.run([sys.executable, '-m', 'eol_ros', 'compile'], check=True)
     with Machines('show', 'audio', 'walls') as found:
         for name in found.names:
             found.variables[name] = {'EOL_STATE': str(tmp_path_factory.mktemp(name))}
+        found.own_cache('audio', 'ice', tmp_path_factory.mktemp('audio') / 'cache')
         yield found
 
 

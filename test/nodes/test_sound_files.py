@@ -65,6 +65,25 @@ def test_a_file_on_one_machine_only_is_for_its_node_to_tell(pair, tmp_path):
     assert not here.trouble
 
 
+def test_a_file_that_lies_elsewhere_here_is_found_by_its_name(ros, tmp_path, monkeypatch):
+    """As of another user; of two with that name the one whose folder has that name, too."""
+    for folder in ('sea', 'wind'):
+        (tmp_path / folder).mkdir()
+        written(tmp_path / folder, ['1.wav', '2.wav'])
+    more = GrainsSettings(more_sounds=(str(tmp_path / 'sea'), str(tmp_path / 'wind')))
+    monkeypatch.setenv('EOL_CACHE', str(tmp_path / 'cache'))
+    scene = Scene('two', {**NODES, 'grains': more}, network='lan', machines=APART)
+    sound = Sound(NODES['sound'], scene=scene)
+    with Nodes(sound):
+        files = SoundFiles(sound)
+        ice, near = corpus_file.ice_file(), str(tmp_path / 'sea' / '1.wav')
+        told = ['wind/2.wav', 'rain/2.wav', 'sea/3.wav', f'.cache/eol_ros/ice/{ice.name}']
+        told = [near, *(f'/home/ann/{name}' for name in told)]
+        own = [near, *(str(tmp_path / name) for name in ('wind/2.wav', 'sea/2.wav'))]
+        assert files.here(told) == [*own, '/home/ann/sea/3.wav', str(ice)]
+        assert ice.is_relative_to(tmp_path) and ice.stat().st_size > 1e7
+
+
 def test_of_two_corpora_the_newer_counts(pair, tmp_path, monkeypatch):
     nodes, there, _, values = pair
     read, go = [], threading.Event()

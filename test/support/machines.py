@@ -206,13 +206,17 @@ class Machines:
             config = folder / name / 'eol0.conf'
             config.parent.mkdir()
             config.write_text(text)
-            cache = config.parent / 'cache'  # its own DDS profile, which has its address
-            cache.mkdir()
-            for entry in folders.cache_path().iterdir():
-                if entry.name != 'dds':
-                    (cache / entry.name).symlink_to(entry)
-            self.variables[name] |= {'EOL_CONFIG': str(config.parent), 'EOL_CACHE': str(cache)}
+            self.variables[name]['EOL_CONFIG'] = str(config.parent)
+            self.own_cache(name, 'dds', config.parent / 'cache')  # its profile has its address
             self.up(name)
+
+    def own_cache(self, machine: str, part: str, folder: Path) -> None:
+        """Let a machine have a cache of its own, with all of this one but `part`."""
+        folder.mkdir()
+        for entry in folders.cache_path().iterdir():
+            if entry.name != part:
+                (folder / entry.name).symlink_to(entry)
+        self.variables[machine]['EOL_CACHE'] = str(folder)
 
     def kill(self, machine: str) -> None:
         """End all that runs on a machine, as a power cut does."""

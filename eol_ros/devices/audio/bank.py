@@ -64,11 +64,12 @@ class BankLoader:
     """Loads banks behind the scenes, and knows which one a trigger speaks of.
 
     A corpus is told some time before triggers name its grains; until then those of the one before
-    are meant. One that cannot be read is tried again for as long as it is wanted.
+    are meant. One that cannot be read is tried again for as long as it is wanted. `here` returns
+    where the files of the corpus lie on this machine.
     """
 
-    def __init__(self, sample_rate: int):
-        self._sample_rate = sample_rate
+    def __init__(self, sample_rate: int, here: Callable[[Sequence[str]], list[str]] = list):
+        self._sample_rate, self._here = sample_rate, here
         self._lock = threading.Lock()
         self._reading = threading.Lock()  # one at a time: a long recording fills the memory
         self._closed = threading.Event()
@@ -141,9 +142,10 @@ class BankLoader:
             self._closed.wait(RETRY_S)
 
     def _read(self, entry: '_Entry') -> None:
-        files, *cuts = entry.grains
+        told, file, start, duration = entry.grains
+        files = self._here(told)
         entry.key = [(f, os.stat(f).st_mtime_ns) for f in files if os.path.isfile(f)]
-        entry.key += [cut.tobytes() for cut in cuts]
+        entry.key += [cut.tobytes() for cut in (file, start, duration)]
         for other in self._entries:  # a grain was moved: the same sound, cut alike
             if other.bank is not None and other.key == entry.key:
                 entry.bank = other.bank
@@ -151,8 +153,9 @@ class BankLoader:
                     entry.bank = other.bank.placed(entry.places, entry.descriptors)
                 return
         entry.bank = load_bank(
-            *entry.grains, self._sample_rate, entry.places, entry.descriptors, entry.left_out.append
-        )
+            files, file, start, duration, self._sample_rate, entry.places, entry.descriptors,
+            entry.left_out.append,
+        )  # fmt: skip
 
 
 @dataclass(eq=False)
