@@ -80,13 +80,14 @@ class FakeBoard(fake.FakeBoard):
         if not self._muted:
             super()._send(message)
 
-    def _spoilt(self, packet: bytes) -> bytes:
+    def _write(self, end: int, packet: bytes) -> None:
         spoil, self._spoil = self._spoil, ''
-        if spoil == 'noise':
-            return NOISE + packet
-        if spoil == 'truncate':
-            return packet[: len(packet) // 2]
-        return b'\x01' * 1000 + packet if spoil else packet
+        spoilt = {
+            'noise': NOISE + packet,
+            'truncate': packet[: len(packet) // 2],
+            'oversize': b'\x01' * 1000 + packet,
+        }
+        super()._write(end, spoilt.get(spoil, packet))
 
 
 def main() -> int:

@@ -259,9 +259,9 @@ class FakeBoard:
                 return
             packet = protocol.encode(message, self._sequence)
             self._sequence = (self._sequence + 1) & 0xFF
-            # the board does not wait for a host that does not read or is unplugged
-            with contextlib.suppress(OSError):
-                os.write(self._fds[0], self._spoilt(packet))
+            self._write(self._fds[0], packet)
 
-    def _spoilt(self, packet: bytes) -> bytes:
-        return packet
+    def _write(self, end: int, packet: bytes) -> None:
+        # the board does not wait for a host that does not read or is unplugged
+        with contextlib.suppress(OSError):
+            os.write(end, packet)
