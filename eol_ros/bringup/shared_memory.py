@@ -12,9 +12,11 @@ the old one, into which all writers go on writing (SharedMemGlobal.hpp, open_por
 notice after 2 to 3 s that nobody reads there; never, if the killed reader stood between two
 messages, or had been stopped so long that they had made its port again themselves. So the ports of
 a process are marked when it has ended: every writer then opens at its next message what is there.
+Bringup marks those of its nodes; where it was killed with them, the next bringup does.
 """
 
 import contextlib
+import fcntl
 import os
 import re
 import struct
@@ -136,9 +138,24 @@ def _mark(file: int, port: int) -> bool:
     return bool(bits & _IN_ORDER)
 
 
+def mark_unread(folder: Path = FOLDER) -> list[int]:
+    """Mark the ports whose readers have ended; return the numbers of those that were in order."""
+    marked = []
+    for path in folder.glob('fastrtps_port*_el'):
+        with contextlib.suppress(OSError, ValueError), path.open('rb') as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # raises where it is read
+            port = path.with_name(path.name.removesuffix('_el'))
+            number = int(port.name.removeprefix('fastrtps_port'))
+            with port.open('r+b', buffering=0) as file:
+                if _mark(file.fileno(), number):
+                    marked.append(number)
+    return marked
+
+
 def clean() -> None:
-    """Remove what killed processes have left; what a live one uses stays."""
+    """Remove what killed processes have left, once writers are told; what a live one uses stays."""
     release_unfinished()
+    mark_unread()
     try:
         left = any(name.startswith('fastrtps_') for name in os.listdir(FOLDER))
     except OSError:
