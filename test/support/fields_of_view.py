@@ -93,7 +93,7 @@ def most_in_a_second(levels, areas_sr, rate_hz=RATE_HZ):
     return int(_most(np.asarray(levels, float), np.asarray(areas_sr, float), rate_hz))
 
 
-@njit
+@njit(cache=True)
 def _changes(luminance, up, down):
     """Mark the changes of a pixel by 10 % from the extreme since the change before it."""
     direction = 0
@@ -109,7 +109,7 @@ def _changes(luminance, up, down):
             down[k] = 1
 
 
-@njit
+@njit(cache=True)
 def _flashed(marks, blocks, sr, concurrent, found):
     """Mark when concurrent changes of the blocks of a field first cover more than 0.006 sr."""
     last = np.full(len(blocks), -(10**9))  # the change of each that no flash has used
@@ -132,7 +132,7 @@ def _flashed(marks, blocks, sr, concurrent, found):
                     last[n] = -(10**9)
 
 
-@njit
+@njit(cache=True)
 def _most(levels, areas_sr, rate_hz):
     samples, blocks = levels.shape
     concurrent = CONCURRENT_S * rate_hz
