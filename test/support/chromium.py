@@ -114,8 +114,9 @@ def graph(tmp_path_factory):
         assert not left, f'{len(left)} nodes outlived their graph'
 
 
-@pytest.fixture(scope='module')
-def browser(tmp_path_factory):
+@pytest.fixture(scope='session')
+def chromium(tmp_path_factory):
+    """One browser for all files of a process: it takes seconds to start."""
     options = webdriver.ChromeOptions()
     options.binary_location = BROWSER
     for flag in (*FLAGS, f'--user-data-dir={tmp_path_factory.mktemp("profile")}'):
@@ -125,6 +126,13 @@ def browser(tmp_path_factory):
     driver.set_script_timeout(60)
     yield driver
     driver.quit()
+
+
+@pytest.fixture(scope='module')
+def browser(chromium):
+    yield chromium
+    chromium.get('about:blank')
+    complaints(chromium)  # of the pages of this file
 
 
 @contextlib.contextmanager
@@ -149,12 +157,17 @@ def reduced_motion(browser):
         browser.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})
 
 
-def visit(browser, address, path, width=1280, height=800, mobile=False):
-    """Open a page, and wait until its connection lives."""
+def resize(browser, width, height, mobile=False):
+    """Give the screen another size, in pixels of the page."""
     browser.execute_cdp_cmd(
         'Emulation.setDeviceMetricsOverride',
         {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': mobile},
     )
+
+
+def visit(browser, address, path, width=1280, height=800, mobile=False):
+    """Open a page, and wait until its connection lives."""
+    resize(browser, width, height, mobile)
     browser.get(address + path)
     until_page(browser, 'eol.link.viewer')
 
@@ -193,11 +206,9 @@ def barriers(browser):
     return [f'{v["id"]}: {v["help"]}: {n["html"]}' for v in found for n in v['nodes']]
 
 
-def picture(browser, name=''):
-    """Return a screenshot as an array, and keep it where EOL_SHOTS says."""
+def picture(browser):
+    """Return a screenshot as an array."""
     png = browser.get_screenshot_as_png()
-    if os.environ.get('EOL_SHOTS') and name:
-        Path(os.environ['EOL_SHOTS'], f'{name}.png').write_bytes(png)
     return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
 
 

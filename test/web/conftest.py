@@ -5,7 +5,7 @@ import dataclasses
 import json
 
 import pytest
-from support.chromium import browser, graph, status  # noqa: F401  fixtures
+from support.chromium import browser, chromium, graph, status  # noqa: F401  fixtures
 
 from eol_ros.core.table import Table
 from eol_ros.ros.requests import Answers, expected_of

@@ -84,7 +84,7 @@ def test_a_still_shows_where_cascades_began_and_which_way_they_went(table, brows
     slips = sorted((s, b, c) for c, rows in ((1, FIRST), (2, SECOND)) for b, s in rows)
     for k in range(6):
         box = run(browser, AT, slips, 500 * k + 50, True)
-        shot = picture(browser, f'cascade-{k}')
+        shot = picture(browser)
     for cascade, rows in ((1, FIRST), (2, SECOND)):
         marks = [hued(shot, box, cascade, centre) for centre in CENTRES]
         assert np.argmax(marks) == rows[0][0] and max(marks) > 2 * sorted(marks)[-2]
@@ -172,7 +172,6 @@ def test_the_greatest_cascade_of_today_is_replayed_slowly(table, browser, serve)
     browser.find_element('id', 'replay').click()
     until_page(browser, 'document.getElementById("caption").textContent.startsWith("Today at ")')
     until_page(browser, 'eol.drawing.paths.cascades[0].joins.length === 7')
-    picture(browser, 'replay-table')
     server = serve()
     server.routes.documents['terrain'] = (terrain.landscape(1) * 65535).astype('<u2').tobytes()
     server.hub.put('notices', {'t': 'cascades', **day}, sticky='cascades')
@@ -181,5 +180,4 @@ def test_the_greatest_cascade_of_today_is_replayed_slowly(table, browser, serve)
     press(browser, 'g')
     until_page(browser, 'eol.replay && eol.replay.paths.cascades.length && eol.replay.land')
     until_page(browser, 'performance.now() - eol.replay.paths.cascades[0].slips[3].at > 0')
-    picture(browser, 'replay-wall')
     until_page(browser, 'document.getElementById("replay").hidden')

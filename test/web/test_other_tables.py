@@ -54,7 +54,7 @@ def shown(request, serve):
     return table, server, put
 
 
-def test_the_monitor_shows_each_block_where_it_is(shown, browser, request):
+def test_the_monitor_shows_each_block_where_it_is(shown, browser):
     table, server, put = shown
     visit(browser, f'http://127.0.0.1:{server.port}', '/', 1920, 1080)
     areas = [0] * table.count + [3]
@@ -63,7 +63,6 @@ def test_the_monitor_shows_each_block_where_it_is(shown, browser, request):
     put()
     until_page(browser, 'eol.camera.past.length && eol.views.lights.levels.some((l) => l)')
     time.sleep(0.4)  # the list of coordinates, the screen
-    picture(browser, f'panel-{request.node.callspec.id}')
     seen = run(browser, 'return document.getElementById("camera-state").textContent')
     assert seen.startswith(f'{table.count} of {table.count} seen')
     rows = '[...document.querySelectorAll("#coords tbody tr")]'
@@ -89,7 +88,7 @@ def test_the_monitor_shows_each_block_where_it_is(shown, browser, request):
     assert complaints(browser) == []
 
 
-def test_the_table_page_draws_rim_blocks_and_springs(shown, browser, request):
+def test_the_table_page_draws_rim_blocks_and_springs(shown, browser):
     table, server, put = shown
     visit(browser, f'http://127.0.0.1:{server.port}', '/table', 1600, 1000)
     put()
@@ -111,7 +110,7 @@ def test_the_table_page_draws_rim_blocks_and_springs(shown, browser, request):
     assert np.allclose(order(found['springs']), order(ends), atol=2e-4)
     run(browser, 'eol.hands.heldAt = performance.now(); eol.drawing.dirty = true;')
     time.sleep(0.5)
-    shot = picture(browser, f'table-{request.node.callspec.id}')
+    shot = picture(browser)
     box = run(browser, 'const b = eol.drawing.canvas.getBoundingClientRect();'
                        'return [b.left, b.top, eol.drawing.side, eol.drawing.perM]')  # fmt: skip
     left, top, side, per_m = box

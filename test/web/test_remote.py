@@ -5,7 +5,7 @@ import time
 
 import pytest
 from support import needs
-from support.chromium import complaints, phone, picture, press, run, touch, until_page, visit
+from support.chromium import complaints, phone, press, run, touch, until_page, visit
 from support.waiting import wait_until
 from test_browser import flaws, speak
 
@@ -77,7 +77,6 @@ def test_one_column_that_a_thumb_can_use_in_both_languages(page, browser, size):
         speak(browser, language)
         until_page(browser, f'document.getElementById("hours").textContent.includes("{following}")')
         assert flaws(browser, '/remote', touch=True) == {}
-        picture(browser, f'remote-{size[0]}-{language}')
     assert complaints(browser) == []
 
 
@@ -119,7 +118,6 @@ def test_with_a_pin_nothing_can_be_asked_before_it(page, browser):
     server = page(pin='271828')
     assert run(browser, LIVE) == ['pin', 'unlock']
     assert flaws(browser, '/remote', touch=True) == {}
-    picture(browser, 'remote-pin')
     run(browser, 'document.getElementById("pin").focus()')
     for digit in '271828':
         press(browser, digit)

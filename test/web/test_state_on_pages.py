@@ -9,7 +9,7 @@ import time
 
 import pytest
 from support import needs
-from support.chromium import AXE, barriers, complaints, picture, run, until_page, visit
+from support.chromium import AXE, barriers, complaints, run, until_page, visit
 from support.work_states import STATES
 
 from eol_ros.core import terrain
@@ -25,6 +25,7 @@ PLACES = {
     '/remote': 'work-state',
     '/wall/left': 'work',
 }
+STYLES = 'test', 'work_fault', 'awake'  # a card, loud words, plain words
 # A test first: the pages are opened in the middle of one.
 WALK = ['test', *(code for code in STATES if code != 'test')]
 
@@ -37,7 +38,7 @@ WALK = ['test', *(code for code in STATES if code != 'test')]
     ],
 )
 def test_a_page_shows_every_state(serve, browser, path, language):
-    """Without a finding of axe-core in any of them, nor after the connection is lost."""
+    """Without a finding of axe-core in any style that a state has, nor without a connection."""
     server = serve()
     heights = (terrain.landscape(1) * 65535).astype('<u2').tobytes()
     server.routes.documents['terrain'] = heights  # of the table's covers
@@ -52,9 +53,8 @@ def test_a_page_shows_every_state(serve, browser, path, language):
             until_page(browser, f'document.title === "{wall}: {words}"')
             tests = str(state == said('test')).lower()
             until_page(browser, f'document.getElementById("card").hidden !== {tests}')
-        assert not AXE.exists() or barriers(browser) == []
-        code = state.parts[0][0]
-        picture(browser, f'work-{path.strip("/").replace("/", "-") or "panel"}-{code}-{language}')
+        if AXE.exists() and state.parts[0][0] in STYLES:
+            assert barriers(browser) == []
 
     browser.get(f'{address}/about')
     run(browser, f'localStorage.setItem("language", "{language}")')
