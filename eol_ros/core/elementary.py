@@ -95,8 +95,9 @@ def exp2(x: Any) -> Any:
 def exp10(x: Any) -> Any:
     """Return 10 to the power `x`, within 3 ulp; 0 below -325 and inf above 309."""
     x = np.minimum(np.maximum(np.asarray(x, np.float64), -325.0), 309.0)
-    n = np.rint(x * LOG2_10)
-    return _scaled(n, ((x - n * LOG10_2_HIGH) - n * LOG10_2_LOW) * LN10, 0.0)
+    n = np.floor(x * LOG2_10 + 0.5)
+    y = exp(((x - n * LOG10_2_HIGH) - n * LOG10_2_LOW) * LN10)
+    return np.ldexp(y, np.where(n == n, n, 0.0).astype(np.int32))[()]
 
 
 def _scaled(n: Any, high: Any, low: Any) -> Any:

@@ -87,6 +87,7 @@ def _compiled(x, y, out):
         out[1, i] = elementary_kernels.log(x[i])
         out[2, i], out[3, i] = elementary_kernels.sincos(x[i])
         out[4, i] = elementary_kernels.arctan2(y[i], x[i])
+        out[5, i] = elementary_kernels.exp10(x[i])
 
 
 @pytest.mark.slow
@@ -94,11 +95,12 @@ def test_array_scalar_and_compiled_code_have_the_same_bits():
     rng = np.random.default_rng(10)
     x, y = spread(rng, -17, 4), spread(rng, -17, 4)
     x[:9] = 0.0, -0.0, np.inf, -np.inf, np.nan, 710.1, 709.7, -745.0, -746.5
-    out = np.zeros((5, COUNT))
+    out = np.zeros((6, COUNT))
     _compiled(x, y, out)
     with np.errstate(over='ignore', invalid='ignore'):
         arrays = elementary.exp(x), elementary.log(x), *elementary.sincos(x)
-    for k, array in enumerate(arrays):
+        tens = elementary.exp10(x)
+    for k, array in zip((0, 1, 2, 3, 5), (*arrays, tens), strict=True):
         assert np.array_equal(array, out[k], equal_nan=True), k
     finite = np.isfinite(x)
     assert np.array_equal(elementary.arctan2(y, x)[finite], out[4][finite])

@@ -17,6 +17,8 @@ a bus is filtered once (`buses.py`), so that the loop over the grains does not k
 import numpy as np
 
 from eol_ros.core import elementary
+from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import exp10
 from eol_ros.core.sound.bank import Bank, numbered_rows, playable, voice_rows
 from eol_ros.core.sound.cascade_area import CascadeAreas
 from eol_ros.core.sound.grain_filter import tuned
@@ -106,6 +108,20 @@ def new_mixer(settings: SoundSettings, epoch_s: float = 0.0, table: Table = Tabl
     return mixer
 
 
+@njit(cache=True)
+def _scale(triggers, area, since_s, slower, level_db, duck_db, duck_s):
+    """Scale rate and gain of `triggers` (n,) by their areas (n,) and times since the onset (n,).
+
+    slower, level_db: of each area, (areas,).
+    """
+    for i in range(len(triggers)):
+        t, level = triggers[i], level_db[area[i]]
+        if duck_db != 0.0:
+            level -= duck_db * max(0.0, 1 - since_s[i] / duck_s)
+        t.rate = min(max(np.float64(t.rate) * slower[area[i]], MIN_RATE), MAX_RATE)
+        t.gain = min(np.float64(t.gain) * exp10(level / 20), MAX_GAIN)
+
+
 class Voicing:
     """Converts triggers to voices. It tracks cascades, so triggers must come in order.
 
@@ -114,7 +130,11 @@ class Voicing:
 
     def __init__(self, settings: SoundSettings, table: Table = Table()):
         self.settings, self._table = settings, table
-        self._log_blocks = elementary.log(float(table.count))
+        # of each area from 1 on; area 0 is none
+        area = np.maximum(np.arange(table.cells + 1), 1)
+        self._log, self._bus = elementary.log(area), bus_of(area)
+        self._share = self._log / elementary.log(float(table.count))
+        self._slower: tuple[float, np.ndarray] = (0.0, np.ones(table.cells + 1))
         self._cascades = CascadeAreas(settings.cascade_gap_s, table)
         self._ring = Ring(parse(settings.speakers)) if settings.speakers else None
         self.number = np.zeros(0, int)  # (m,) the trigger of each voice that `rows` gave last
@@ -131,17 +151,14 @@ class Voicing:
         t = triggers[good]
         area, since_s, grew = self._grown(t)
         sub = self._sub(t[grew], area[grew]) if s.sub_db > OFF_DB else None
-        log_area = elementary.log(area)
-        slower = elementary.exp(-s.rate_scaling / 2 * log_area)
-        t['rate'] = np.clip(t['rate'] * slower, MIN_RATE, MAX_RATE)
-        level_db = s.dynamics_db * (log_area / self._log_blocks - 1)
-        if s.onset_duck_db:
-            level_db -= s.onset_duck_db * np.maximum(0, 1 - since_s / s.onset_duck_s)
-        t['gain'] = np.minimum(t['gain'] * elementary.exp10(level_db / 20), MAX_GAIN)
+        if self._slower[0] != s.rate_scaling:
+            self._slower = s.rate_scaling, elementary.exp(-s.rate_scaling / 2 * self._log)
+        level_db = s.dynamics_db * (self._share - 1)
+        _scale(t, area, since_s, self._slower[1], level_db, s.onset_duck_db, s.onset_duck_s)
         first = None
         if bussed(s):
             # Creaks belong to no cascade: they have no high-pass.
-            first = s.channels * (bus_of(area) + first_bus(s) * (t['block'] >= 0))
+            first = s.channels * (self._bus[area] + first_bus(s) * (t['block'] >= 0))
         rows, number = numbered_rows(t, bank, self.loudspeakers, first, self._ring)
         refused[good[number]] = False
         if s.filter != 'off':
@@ -161,7 +178,7 @@ class Voicing:
         s = self.settings
         share = np.zeros(len(rows))
         if s.filter_by == 'area':
-            share = elementary.log(area) / self._log_blocks
+            share = self._share[area]
         elif s.filter_by != 'nothing':
             share = bank.shares(s.filter_by)[grain]
         rows['tuning'] = tuned(
@@ -192,4 +209,4 @@ class Voicing:
             )
         ]
         area, since_ms, grew = np.array(found, np.int64).reshape(-1, 3).T
-        return area, 1e-3 * since_ms, grew.astype(bool)
+        return np.ascontiguousarray(area), 1e-3 * since_ms, grew.astype(bool)
