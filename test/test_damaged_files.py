@@ -111,7 +111,7 @@ class Folders:
         bank = load_bank(files, grains['file'], grains['start_s'], grains['duration_s'], 16000)
         found |= {'grains': len(corpus), 'notes': corpus.notes, 'bank': len(bank)}
         ice = corpus_build.make_ice()
-        found['ice'] = audio_file.read_mono(ice).samples.tobytes()
+        found['ice'] = hash(audio_file.read_mono(ice).samples.tobytes())
         media = _or_error(lambda: MediaFolder(self.root / 'media'))
         found['pairs'] = len(media.pairs) if isinstance(media, MediaFolder) else media
         with warnings.catch_warnings():

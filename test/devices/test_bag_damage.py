@@ -123,9 +123,9 @@ def test_a_flipped_bit_costs_its_chunk_at_most_and_is_said(tmp_path, whole):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('whole', [True, False])
-def test_a_cut_costs_what_is_behind_it_at_most_and_is_said(tmp_path, whole):
-    path = write(tmp_path / 'run', whole)
+def test_a_cut_costs_what_is_behind_it_at_most_and_is_said(tmp_path):
+    """A file without its end is a cut of one that has it."""
+    path = write(tmp_path / 'run')
     truth = Truth(path)
     path.unlink()
     path = path.with_name('run_0.mcap.part')
@@ -146,7 +146,7 @@ def test_a_repair_loses_nothing_that_could_be_read(tmp_path, monkeypatch):
     clean = write(tmp_path / 'run', whole=False).read_bytes()
     part = tmp_path / 'run' / 'run_0.mcap.part'
     rng = np.random.default_rng(8)
-    for bit in rng.integers(0, 8 * len(clean), 60):
+    for bit in rng.integers(0, 8 * len(clean), 30):
         data = bytearray(clean)
         data[int(bit) // 8] ^= 1 << (int(bit) % 8)
         part.write_bytes(data)
