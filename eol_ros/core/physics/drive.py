@@ -123,6 +123,11 @@ class Drive(NamedTuple):
             raise ConfigError(f'drive par of {kind} wants {", ".join(names)}')
         return cls.make(kind, *values)
 
+    def scaled(self, size: float) -> 'Drive':
+        """Return the same motion with lengths `size` times as large."""
+        par = self.par * (size if self.kind == VELOCITY else np.array([size, 1.0, 1.0, 1.0]))
+        return self._replace(par=par, cubics=self.cubics * np.array([[size], [size], [1.0]]))
+
     def pose(self, t: float | np.ndarray) -> np.ndarray:
         """Return (x, y, phi) at `t`, shape t.shape + (3,)."""
         t = np.asarray(t, float)

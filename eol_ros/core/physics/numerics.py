@@ -29,6 +29,21 @@ def length_scale(scene: Scene) -> float:
     return max(min(hold, size or hold), float(np.abs(scene.u0).max()), 1e-12)
 
 
+def usual_size(scene: Scene) -> tuple[Scene, float]:
+    """Return (scene, size): the scene with lengths and g `size` times as large.
+
+    Constants of the solvers in m and m/s are meant for slips of some 1 m/s, the root of
+    acceleration times length. `size` is a power of 2^20: usual scenes stay as they are, and no
+    digit is lost.
+    """
+    static = scene.static_limit / scene.mass
+    square = float(static[static > 0].min(initial=np.inf)) * length_scale(scene)
+    if not 0.0 < square < np.inf:  # nothing is held, or beyond double precision
+        return scene, 1.0
+    size = 2.0 ** (-20 * round(np.clip(0.5 * np.log2(square), -60, 60) / 20))
+    return (scene, 1.0) if size == 1.0 else (scene.scaled(size), size)
+
+
 def elastic_energy(scene: Scene, u: np.ndarray, t: float, yaw: np.ndarray | None = None) -> float:
     """Return the energy (J) held in the springs; u (n, 2) m, yaw (n,) rad, at t."""
     lattice = scene.lattice

@@ -7,7 +7,7 @@ length in the rest lattice between the points where they are fixed, `L0` their n
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -94,6 +94,27 @@ class Scene:
     def kinetic_force(self) -> np.ndarray:
         """The friction (N) on each sliding block, shape (n,)."""
         return self.mu_k * self.mass * self.g
+
+    def scaled(self, size: float) -> 'Scene':
+        """Return the scene with lengths and g `size` times as large: so are displacements."""
+        between, to_frame = (
+            replace(s, natural=s.natural * size, rest=s.rest * size, anchor=s.anchor * size)
+            for s in (self.between, self.to_frame)
+        )
+        rotation = self.rotation
+        if rotation is not None:
+            side, arm, arm_j = rotation.side_m, rotation.arm, rotation.arm_j
+            rotation = replace(rotation, side_m=side * size, arm=arm * size, arm_j=arm_j * size)
+        return replace(
+            self,
+            g=self.g * size,
+            between=between,
+            to_frame=to_frame,
+            drive=self.drive.scaled(size),
+            u0=self.u0 * size,
+            v0=self.v0 * size,
+            rotation=rotation,
+        )
 
     @cached_property
     def lattice(self) -> Lattice:

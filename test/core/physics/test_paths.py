@@ -150,16 +150,19 @@ def scaled(scene, s):
         ]
         for key in ('springs_between_blocks', 'springs_to_frame')
     }  # fmt: skip
-    radius_m, *rates = scene['drive']['par']
-    drive = scene['drive'] | {'par': [radius_m * s, *rates]}
+    lengths = {'circle_and_rotation': [s, 1, 1, 1], 'constant_velocity': s, 'poses': [1, s, s, 1]}
+    drive = scene['drive']
+    drive = drive | {'par': np.multiply(drive['par'], lengths[drive['kind']]).tolist()}
     u0 = (np.array(scene['u0']) * s).tolist()
+    if scene.get('rotation'):
+        springs['rotation'] = {'side': scene['rotation']['side'] * s}
     return scene | springs | {'drive': drive, 'g': scene['g'] * s, 'u0': u0}
 
 
 @pytest.mark.parametrize('geometric', [True, False], ids=['geometric', 'linear'])
 @pytest.mark.parametrize(
     ('mass', 'size', 'error'),
-    [(1e30, 2.0**-20, 0.0), (1e30, 2.0**20, 0.0), (0.25, 2.0**-10, 1e-10), (0.25, 2.0**20, 1e-10)],
+    [(1e30, 2.0**-20, 0.0), (1e30, 2.0**20, 0.0), (0.25, 2.0**-10, 1e-10), (0.25, 2.0**10, 1e-10)],
 )
 def test_a_scene_of_another_size_moves_alike(mass, size, error, geometric):
     """Down to the bit where nothing moves: no length counts as one metre in a step's error."""
@@ -173,6 +176,31 @@ def test_a_scene_of_another_size_moves_alike(mass, size, error, geometric):
     if mass > 1:
         assert usual.steps == other.steps
         assert vars(other.energy) == {key: x * size**2 for key, x in vars(usual.energy).items()}
+
+
+@pytest.mark.parametrize('size', [2.0**-40, 2.0**-20, 2.0**40])
+@pytest.mark.parametrize(
+    ('geometric', 'rotation', 'kind', 'par'),
+    [
+        (True, None, 'circle_and_rotation', [0.05, 1.5, 0.12, 1.1]),
+        (False, None, 'poses', [[0, 0, 0, 0], [1, 0.05, 0.02, 0.2], [2, 0.1, 0, -0.2]]),
+        (True, {'side': 0.084}, 'constant_velocity', [0.03, 0.02]),
+        (False, {'side': 0.084}, 'circle_and_rotation', [0.05, 1.5, 0.12, 1.1]),
+    ],
+)
+def test_a_million_times_the_size_changes_no_bit(size, geometric, rotation, kind, par):
+    """No speed counts as none but in proportion to those of the scene's slips."""
+    scene = builders.table(
+        {'kind': kind, 'par': par}, 2.0, 3, 3, geometric=geometric, rotation=rotation,
+        u0=builders.offsets(9, 5e-3, 1),
+    )  # fmt: skip
+    usual, other = solve(scene), solve(scaled(scene, size))
+    assert other.notes == [] and len(usual.event_t) > 20
+    for name, factor in (('event_t', 1), ('event_block', 1), ('u', size), ('v', size)):
+        assert np.array_equal(getattr(other, name), getattr(usual, name) * factor), name
+    assert vars(other.energy) == {key: x * size**2 for key, x in vars(usual.energy).items()}
+    if rotation:
+        assert np.array_equal(other.yaw, usual.yaw) and np.array_equal(other.spin, usual.spin)
 
 
 def test_a_large_ledger_residual_adds_a_note():

@@ -5,7 +5,7 @@ import numpy as np
 
 from eol_ros.core.physics.event import kernel
 from eol_ros.core.physics.kernel_args import Grid, empty_log
-from eol_ros.core.physics.numerics import keep_ledger, length_scale
+from eol_ros.core.physics.numerics import keep_ledger, length_scale, usual_size
 from eol_ros.core.physics.result import Limits, Run, in_time
 from eol_ros.core.physics.scene import Scene
 from eol_ros.core.physics.status import WORDS
@@ -68,6 +68,8 @@ def solve(scene: Scene, times: np.ndarray, limits: Limits, ledger: bool, toleran
     times: (p,) s, at which it is sampled. ledger: keep the energy ledger, which costs time. Where a
     limit cuts the run short, its `status` says so.
     """
+    given = scene
+    scene, size = usual_size(given)
     u, v = scene.u0.copy(), scene.v0.copy()
     rules = rules_for(tolerance, length_scale(scene))
     shape = (len(times), scene.n, 2)
@@ -89,14 +91,17 @@ def solve(scene: Scene, times: np.ndarray, limits: Limits, ledger: bool, toleran
         counts,
         kernel.make_workspace(scene.lattice, rules.order),
     )
+    for lengths in (u, v, grid.u, grid.v):
+        lengths /= size
     run = Run('event', WORDS[status], times, grid.u, grid.v, *in_time(log, events), steps, t)
     if counts[1]:
-        run.notes.append(f'{counts[1]} stops ended at the floor of {kernel.SLOWEST_MPS:g} m/s')
+        slowest = kernel.SLOWEST_MPS / size
+        run.notes.append(f'{counts[1]} stops ended at the floor of {slowest:.3g} m/s')
     if counts[2]:
         run.notes.append(
             f'springs passed length zero, where they have no direction, {counts[2]} times: the '
             'model knows no contact'
         )
     if ledger:
-        keep_ledger(run, scene, u, v, work_and_heat)
+        keep_ledger(run, given, u, v, work_and_heat / size**2)
     return run

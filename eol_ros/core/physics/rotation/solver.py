@@ -5,7 +5,7 @@ import numpy as np
 
 from eol_ros.core.physics.event.solver import order_for, rules_for
 from eol_ros.core.physics.kernel_args import Grid, empty_log
-from eol_ros.core.physics.numerics import keep_ledger, length_scale
+from eol_ros.core.physics.numerics import keep_ledger, length_scale, usual_size
 from eol_ros.core.physics.result import Limits, Run, in_time
 from eol_ros.core.physics.rotation import kernel
 from eol_ros.core.physics.rotation.taylor import LEVER, RotationArgs
@@ -40,6 +40,8 @@ def start_of(scene: Scene, ra: RotationArgs) -> tuple[np.ndarray, np.ndarray]:
 
 def solve(scene: Scene, times: np.ndarray, limits: Limits, ledger: bool, tolerance: float) -> Run:
     """Return the run of a scene with rotation, sampled at `times` (p,), s."""
+    given = scene
+    scene, size = usual_size(given)
     ra = rotation_args(scene)
     q, v = start_of(scene, ra)
     rules = rules_for(tolerance, length_scale(scene), order_for(tolerance), floor_speed(tolerance))
@@ -62,10 +64,11 @@ def solve(scene: Scene, times: np.ndarray, limits: Limits, ledger: bool, toleran
         ledger,
         kernel.make_workspace(scene.lattice, ra, rules.order),
     )
-    u, w = grid.u[:, :, :2].copy(), grid.v[:, :, :2].copy()
+    u, w = grid.u[:, :, :2] / size, grid.v[:, :, :2] / size
     run = Run('event', WORDS[status], times, u, w, *in_time(log, events), steps, t)
     run.yaw, run.spin = grid.u[:, :, 2] / ra.lever, grid.v[:, :, 2] / ra.lever
     if ledger:
         yaw, spin = q[:, 2] / ra.lever, v[:, 2] / ra.lever
-        keep_ledger(run, scene, q[:, :2], v[:, :2], work_and_heat, yaw, spin)
+        u, w, booked = q[:, :2] / size, v[:, :2] / size, work_and_heat / size**2
+        keep_ledger(run, given, u, w, booked, yaw, spin)
     return run
