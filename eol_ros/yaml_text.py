@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from eol_ros.errors import ConfigError
+from eol_ros.errors import ConfigError, printable
 
 MOST_VALUES = 100_000  # of a file with all that it includes
 WIDTH = 90  # characters of a line that is quoted: it fits a terminal (chosen)
@@ -74,7 +74,7 @@ class Mistake:
 
     def __str__(self) -> str:
         where = f'{self.where}: ' if self.where else ''
-        return f'{self.file}:{self.line}:{self.column} error {where}{self.what}'
+        return printable(f'{self.file}:{self.line}:{self.column} error {where}{self.what}')
 
 
 def quoted(line: str, column: int) -> str:

@@ -25,6 +25,7 @@ TEXTS = {
     'cp1252': ('scene: Küche\n'.encode('cp1252'), 'UTF-8'),
     'UTF-16 cut': ('scene: x\n'.encode('utf-16')[:-1], 'UTF-8'),
     'twice': (b'a: 1\na: 2\n', 'a: stands twice'),
+    'line break in a key': (b'"a\\nb": 1\n', r'error a\nb: '),
 }
 
 

@@ -93,7 +93,9 @@ class Drive(NamedTuple):
             raise ConfigError(f'drive is {shown(given)}: {{"kind", "par"}} is wanted')
         for key in given:
             if key not in ('kind', 'par'):
-                raise ConfigError(f"drive has the unknown key '{key}'; it wants kind and par")
+                raise ConfigError(
+                    f'drive has the unknown key {shown(str(key))}; it wants kind and par'
+                )
         kind = given['kind']
         if not isinstance(kind, str) or kind not in KINDS:
             raise ConfigError(f'drive kind {shown(kind)} is not known: {", ".join(KINDS)} are')

@@ -222,7 +222,7 @@ def _keys(where: str, given: Any, wanted: Sequence[str], optional: Sequence[str]
     for key in given:
         if key not in wanted and key not in optional:
             hint = nearest(str(key), [*wanted, *optional])
-            raise ConfigError(f"{where} has the unknown key '{key}'. {hint}")
+            raise ConfigError(f'{where} has the unknown key {shown(str(key))}. {hint}')
 
 
 def _number(key: str, value: Any, least: float | None = None, above: float | None = None) -> float:

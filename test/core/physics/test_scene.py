@@ -47,6 +47,8 @@ MISTAKES = [
     (lambda s: s.update(v0='fast'), "v0 is 'fast'"),
     (lambda s: s.update(T=-1), 'T is -1'),
     (lambda s: s.update(sprngs=[]), "unknown key 'sprngs'"),
+    (lambda s: s.update({'a\nb': 1}), r"unknown key 'a\nb'"),
+    (lambda s: s['drive'].update({'a\nb': 1}), r"unknown key 'a\nb'"),
     (lambda s: s['springs_to_frame'][3].update(k=1e200), 'springs_to_frame[3].k is 1e+200'),
     (lambda s: s['u0'].__setitem__(4, [0.0, 1e155]), 'u0[4, 1] is 1e+155'),
     (lambda s: s.update(v0=[[0.0, -1e101]] * 25), 'v0[0, 1] is -1e+101'),
