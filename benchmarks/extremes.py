@@ -22,9 +22,10 @@ from benchmarks import extreme_parts
 from benchmarks import physics_peers as peers
 from benchmarks.extreme_scenes import Case, cases
 from benchmarks.machine import headed, machine, tell
+from eol_ros.cli import within
 from eol_ros.core.physics.result import Limits, Run, sample_times
 from eol_ros.core.physics.scene import Scene, from_mapping
-from eol_ros.errors import UsageError
+from eol_ros.errors import ConfigError, UsageError
 from eol_ros.lab import choose, presets
 from eol_ros.verbs.progress import track
 
@@ -61,7 +62,9 @@ brackets. K_C is the stiffness between blocks, K_L that to the plate."""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--case', default='', metavar='TEXT', help='only rows whose name has TEXT')
-    parser.add_argument('--hours', type=float, default=24.0, help='of the live clock (24)')
+    parser.add_argument(
+        '--hours', type=within(0, 1000), default=24.0, help='of the live clock (24)'
+    )
     parser.add_argument('--markdown', action='store_true', help='as extremes.md of the docs')
     parser.add_argument(
         '--with',
@@ -223,7 +226,7 @@ def patiently(
 def run(args: argparse.Namespace) -> int:
     """Measure, then print."""
     if args.earlier:
-        results = [json.loads(Path(file).read_text()) for file in args.earlier]
+        results = [_earlier(file) for file in args.earlier]
         merged = {'machine': results[-1]['machine']}
         merged['rows'] = list(itertools.chain.from_iterable(r['rows'] for r in results))
         tell(merged, args.json, markdown if args.markdown else table)
@@ -243,6 +246,17 @@ def run(args: argparse.Namespace) -> int:
     tell(found, args.json, markdown if args.markdown else table)
     print('times are processor time, compilation and energy ledger left out', file=sys.stderr)
     return 0
+
+
+def _earlier(file: str) -> dict[str, Any]:
+    """Return what --json printed; raises ConfigError if `file` holds something else."""
+    try:
+        found = json.loads(Path(file).read_text())
+    except ValueError:
+        found = None
+    if not isinstance(found, dict) or not {'machine', 'rows'} <= found.keys():
+        raise ConfigError(f'--with {file}: the output of eol bench extremes --json is wanted')
+    return found
 
 
 def table(result: dict[str, Any]) -> str:

@@ -25,6 +25,7 @@ from eol_ros.core.physics.rotation import solver as rotation
 from eol_ros.core.physics.scene import Scene, from_mapping
 from eol_ros.core.physics.twin.play import Play
 from eol_ros.core.table import Table
+from eol_ros.errors import UsageError
 from eol_ros.lab import choose, presets
 from eol_ros.lab.exact import solver as exact
 from eol_ros.verbs.progress import track
@@ -310,6 +311,8 @@ def live_row(seconds: int = 60, rate_hz: int = 60, repeats: int = 5) -> dict:
 
 def run(args: argparse.Namespace) -> int:
     parts = args.part or PARTS
+    if args.plots and not set(parts) & {'own', 'convergence', 'rotation', 'peers'}:
+        raise UsageError(f'--plots: {", ".join(parts)} has no picture')
     result: dict[str, Any] = {part: [] for part in PARTS} | {'machine': machine()}
     if 'own' in parts:
         for name in track(list(presets.NAMED), 'scenes'):

@@ -4,10 +4,10 @@
 import argparse
 import dataclasses
 import json
+import os
 import sys
 import time
 from math import isfinite
-from pathlib import Path
 
 from eol_ros.cli import within
 
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--path', default='auto', choices=('auto', 'exact', 'event'), help='solver')
     parser.add_argument(
         '--tol',
-        type=within(1e-16, 1),
+        type=within(1e-15, 1e-3),
         metavar='T',
         help='tolerance of the event solver (1e-9 geometric, 1e-12 linear)',
     )
@@ -111,7 +111,7 @@ def _scene(given: str):
 
     if given in NAMED:
         return from_mapping(scene(given))
-    if not Path(given).exists():
+    if not os.path.exists(given):
         raise DeviceMissing(
             f'{given}: no such scene; give a JSON file or a name. {nearest(given, NAMED)}'
         )

@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 
 from benchmarks import extreme_parts, extremes
 from benchmarks.extreme_scenes import cases
+from eol_ros import cli
 from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.lab import presets
@@ -48,6 +49,24 @@ def test_the_judge_finds_what_is_wrong():
     run.status = 'ok'
     assert 'ok, but not at its end' in extremes.judge(run, scene.duration_s, limits)
     assert extremes.judge(run, scene.duration_s, Limits(steps=10))[1].startswith('50 steps')
+
+
+@pytest.mark.parametrize(
+    ('words', 'code', 'said'),
+    [
+        ('extremes --with list.json', 78, '--with list.json: the output of eol bench extremes'),
+        ('extremes --with bytes.json', 78, '--with bytes.json: the output of eol bench extremes'),
+        ('extremes --case clock --hours nan', 2, '--hours: nan is outside 0 to 1000'),
+        ('physics --part live --plots .', 2, '--plots: live has no picture'),
+    ],
+)
+def test_what_cannot_be_measured_is_one_line(words, code, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'list.json').write_text('[]')
+    (tmp_path / 'bytes.json').write_bytes(bytes(range(256)))
+    assert cli.main(['bench', *words.split()]) == code
+    shown = capsys.readouterr()
+    assert said in shown.err and shown.err.count('\n') == 1 and not shown.out
 
 
 def test_work_that_takes_too_long_is_ended_wherever_it_is():
