@@ -178,10 +178,12 @@ def _sound():
 
     from eol_ros.core.sound.clock import set_clock
     from eol_ros.core.sound.meter import Meter
-    from eol_ros.core.sound.mixer import Mixer
+    from eol_ros.core.sound.voicing import Voicing, new_mixer
     from eol_ros.devices.audio.callback import serve
+    from eol_ros.settings import SoundSettings
 
-    mixer = Mixer(48000, 2, 64)
+    Voicing(SoundSettings())
+    mixer = new_mixer(SoundSettings())
     mixer.render(256)
     set_clock(mixer.state, 0.0)
     serve(mixer.address, np.zeros((0, mixer.channels), np.float32), 0)

@@ -26,7 +26,7 @@ from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.mixer_layout import VOICE
 from eol_ros.core.sound.ring import Ring, mistakes, parse
 from eol_ros.core.sound.sub import pulse_bank, pulses
-from eol_ros.core.sound.triggers import MAX_GAIN, MAX_RATE, MIN_RATE
+from eol_ros.core.sound.triggers import MAX_GAIN, MAX_RATE, MIN_RATE, TRIGGER
 from eol_ros.core.table import Table
 from eol_ros.errors import ConfigError
 from eol_ros.settings import SoundSettings
@@ -137,6 +137,9 @@ class Voicing:
         self._slower: tuple[float, np.ndarray] = (0.0, np.ones(table.cells + 1))
         self._cascades = CascadeAreas(settings.cascade_gap_s, table)
         self._ring = Ring(parse(settings.speakers)) if settings.speakers else None
+        none = np.zeros(0)
+        # compile or load it before a sound waits for it
+        _scale(np.zeros(0, TRIGGER), none.astype(int), none, *2 * [self._share], 0.0, 1.0)
         self.number = np.zeros(0, int)  # (m,) the trigger of each voice that `rows` gave last
 
     @property
