@@ -15,18 +15,16 @@ import sys
 import time
 from collections.abc import Callable
 from typing import Any
-from unittest import mock
 
 import numpy as np
 from scipy import stats
+from support.clutter import LEVELS, Cluttered
 from support.paper import N_BLOCKS
 from support.stick_slip import Detections, Moment, Onlooker, Table
 
 from benchmarks import held_out
 from eol_ros.core.compiled import njit
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.render.clutter import LEVELS
-from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.states import TRACKING
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import UsageError
@@ -116,8 +114,7 @@ class Ours:
 
     def __init__(self, onlooker: Onlooker, textured: bool = True) -> None:
         level = dataclasses.replace(LEVELS['clean'], texture=LEVELS['hard'].texture * textured)
-        with mock.patch.dict(LEVELS, names=level):
-            self.renderer = Renderer(RenderOptions(clutter='names'), Calibration.ideal(), 13)
+        self.renderer = Cluttered(level, Calibration.ideal(), 13)
         self.onlooker, self.images = onlooker, 0
         rows, columns = np.mgrid[-LAMP_PX : LAMP_PX + 1, -LAMP_PX : LAMP_PX + 1]
         self.lamp = 150 * np.exp(-(rows**2 + columns**2) / (LAMP_PX / 3) ** 2 / 2)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
+from support.clutter import clutter_calibration
 from support.paper import rest_lattice
 
 from benchmarks import method_parts, plots
@@ -30,7 +31,6 @@ from eol_ros.core.sound.mixer import Mixer
 from eol_ros.core.sound.offline import render_all
 from eol_ros.core.sound.triggers import TRIGGER
 from eol_ros.core.vision.calibration import calibrate
-from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.lab.science import spectra
 from eol_ros.verbs.progress import track
 

@@ -66,11 +66,11 @@ def add_arguments(parser):
 def run(args) -> int:
     """Measure, then print."""
     import cv2
+    from support.clutter import LEVELS
     from support.vision_bound import position_bound_px
 
     from benchmarks.machine import tell
     from benchmarks.vision_scenes import RATE_HZ, run_clean, run_film
-    from eol_ros.core.vision.render.clutter import LEVELS
     from eol_ros.core.vision.render.renderer import NOISE_LEVELS
     from eol_ros.verbs.progress import track
 

@@ -16,6 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 from scipy import stats
+from support.clutter import draw_arms
 from support.paper import N_BLOCKS
 from support.relief import films
 
@@ -24,7 +25,6 @@ from benchmarks.vision_peers import timed
 from benchmarks.vision_scenes import RATE_HZ, number
 from eol_ros.core.motion.motion import Motion
 from eol_ros.core.motion.slips import START
-from eol_ros.core.vision.render import kernels
 from eol_ros.core.vision.render.renderer import Sensor
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.settings import MotionSettings, TrackerSettings
@@ -211,7 +211,7 @@ def _shade(camera: Any, light: np.ndarray, capsules: np.ndarray) -> tuple[np.nda
         return light.copy(), left
     ends = camera.to_pixels((capsules[:, :4] + SHADE_M).reshape(-1, 2)).reshape(-1, 4)
     arms = np.hstack([ends, capsules[:, 4:5] * camera.px_per_m()])
-    kernels.draw_arms(
+    draw_arms(
         left, left.copy(), arms, np.zeros(len(arms)), SHADE_PX, np.zeros((64, 4), np.int64), 0
     )
     return np.maximum(light - SHADE_GREY * (1.0 - left), 0.0), left

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
+from support.clutter import LEVELS, Clutter, draw_arms
 from support.paper import N_BLOCKS
 from support.relief import films
 from support.relief.films import PSF_PX
@@ -21,8 +22,6 @@ from benchmarks import vision_peers
 from benchmarks.vision_peers import match, timed, tuned
 from benchmarks.vision_scenes import OURS, RATE_HZ, Film, Tally, number, track_image
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.render import kernels
-from eol_ros.core.vision.render.clutter import LEVELS, Clutter
 from eol_ros.core.vision.render.renderer import Sensor
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.settings import TrackerSettings
@@ -106,9 +105,9 @@ class ReliefLight:
             return light, self.pose, np.ones(N_BLOCKS)
         ends = self.camera.to_pixels(capsules[:, :4].reshape(-1, 2)).reshape(-1, 4)
         arms = np.hstack([ends, capsules[:, 4:] * self.camera.px_per_m()])
-        kernels.draw_arms(light, clutter.vignette, arms, grey, PSF_PX, self.windows, 0)
+        draw_arms(light, clutter.vignette, arms, grey, PSF_PX, self.windows, 0)
         free = np.ones(light.shape, np.float32)
-        kernels.draw_arms(free, clutter.vignette, arms, 0.0 * grey, PSF_PX, self.windows, 0)
+        draw_arms(free, clutter.vignette, arms, 0.0 * grey, PSF_PX, self.windows, 0)
         count = np.bincount(self.owner, minlength=N_BLOCKS)
         shares = np.bincount(self.owner, free.ravel()[self.lit], N_BLOCKS) / count
         return light, self.pose, shares

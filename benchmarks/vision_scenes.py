@@ -4,12 +4,12 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from support.clutter import Cluttered, clutter_calibration
 from support.paper import rest_lattice
 
 from benchmarks import vision_peers
 from benchmarks.vision_peers import errors, match, timed, tuned
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.settings import TrackerSettings
@@ -82,9 +82,7 @@ class Film:
 
     def __init__(self, clutter: str, noise: str, seed: int):
         self.calibration = clutter_calibration(clutter)
-        self.renderer = Renderer(
-            RenderOptions(noise=noise, clutter=clutter, rate_hz=RATE_HZ), self.calibration, seed
-        )
+        self.renderer = Cluttered(clutter, self.calibration, seed, noise=noise, rate_hz=RATE_HZ)
         rng = np.random.default_rng([seed, 9])
         self.rest = rest_lattice() + rng.normal(0, 0.004, (25, 2))
         self.lag = rng.uniform(0, 0.25, 25)

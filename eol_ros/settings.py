@@ -161,11 +161,6 @@ class TwinSettings:
     noise: str = setting(
         'L2', 'noise level of the virtual camera', choices=('none', 'L0', 'L1', 'L2', 'L3', 'L4')
     )
-    clutter: str = setting(
-        'clean',
-        'amount of arms, reflections and dirt in the image',
-        choices=('clean', 'ordinary', 'hard', 'brutal'),
-    )
     hands: str = live(
         'visitors',
         'source of the motion of the rim: simulated visitors, who let go for 20 s when a '

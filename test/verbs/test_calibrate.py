@@ -5,11 +5,11 @@ import json
 import cv2
 import numpy as np
 import pytest
+from support.clutter import clutter_calibration
 from support.paper import rest_lattice
 
 from assets.covers import __main__ as covers
 from eol_ros import cli
-from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.devices.files import calibration_file
 

@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from support.clutter import Cluttered
 from support.paper import turned
 from support.tables import LARGE, OBLONG, RING, SMALL, TABLES
 
@@ -10,7 +11,6 @@ from eol_ros.core.motion.motion import Motion
 from eol_ros.core.motion.slips import START
 from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.states import LOST, TRACKING
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.settings import MotionSettings, TrackerSettings
@@ -24,7 +24,7 @@ class Film:
     def __init__(self, table, clutter='clean', seed=1):
         self.table, self.images = table, 0
         self.camera = Calibration.ideal(table=table)
-        self.renderer = Renderer(RenderOptions(clutter=clutter), self.camera, seed)
+        self.renderer = Cluttered(clutter, self.camera, seed)
         spread = 0.02 * min(table.pitch_m)
         self.rest = table.rest + np.random.default_rng(seed).normal(0, spread, table.rest.shape)
 

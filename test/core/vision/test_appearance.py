@@ -8,6 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from support.clutter import Cluttered, clutter_calibration
 from support.paper import BLOCK_SIDE_M, rest_lattice, turned
 from support.relief import films
 from support.vision_bound import position_bound_px
@@ -20,7 +21,6 @@ from eol_ros.core.vision.appearance.follow import Follower
 from eol_ros.core.vision.appearance.register import register
 from eol_ros.core.vision.calibration import covers
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import NOISE_LEVELS, Renderer, RenderOptions
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError
@@ -200,7 +200,7 @@ def test_registration_is_near_the_bound_and_says_how_near(noise):
 @pytest.mark.parametrize('angle', [0.0, 0.5, 1.2])
 def test_the_lattice_is_found_in_one_image_at_every_angle(level, angle):
     camera = clutter_calibration(level)
-    renderer = Renderer(RenderOptions(noise='L3', clutter=level), camera, 5)
+    renderer = Cluttered(level, camera, 5, noise='L3')
     at = turned(REST, angle) + [0.05, -0.08] + np.random.default_rng(4).normal(0, 0.008, (25, 2))
     image = read_only(renderer.render(*at.T, np.full(25, angle), 3))
     lattice = find.find_lattice(image, camera.packed(), camera.table, 20.0)
@@ -332,7 +332,7 @@ def test_damaged_covers_are_refused_in_one_line(spoil):
 
 
 def test_twice_the_same_bits():
-    renderer = Renderer(RenderOptions(noise='L3', clutter='hard'), clutter_calibration('hard'), 2)
+    renderer = Cluttered('hard', clutter_calibration('hard'), 2, noise='L3')
     images = [renderer.render(*REST.T, np.zeros(25), k) for k in range(20)]
     one, other = (followed(images, renderer.calibration) for _ in range(2))
     assert one.tobytes() == other.tobytes()

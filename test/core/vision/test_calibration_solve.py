@@ -3,13 +3,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.clutter import Cluttered, clutter_calibration
 from support.paper import rest_lattice
 from support.relief import films, scene
 
 from eol_ros.core.vision.calibration import calibrate
 from eol_ros.core.vision.calibration.corners import corners
-from eol_ros.core.vision.render.clutter import clutter_calibration
-from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.errors import ConfigError
 
 pytestmark = pytest.mark.slow  # the first run compiles
@@ -19,13 +18,13 @@ GRID = np.stack(np.meshgrid(*[np.linspace(-0.4, 0.4, 5)] * 2), -1).reshape(-1, 2
 def still(level='ordinary', seed=0, scatter=0.003):
     """One image of resting blocks without arms, its poses, and the renderer."""
     rng = np.random.default_rng(seed)
-    renderer = Renderer(RenderOptions(clutter=level), clutter_calibration(level), 11)
+    renderer = Cluttered(level, clutter_calibration(level), 11)
     xy = rest_lattice() + rng.normal(0, scatter, (25, 2))
     yaw = rng.normal(0, 0.05, 25)
     index = next(
         k
         for k in range(0, 3000, 30)
-        if renderer.visible_share(*xy.T, yaw, k).min() == 1 and not len(renderer.clutter.arms(k)[0])
+        if renderer.visible_share(*xy.T, yaw, k).min() == 1 and not len(renderer.scenery.arms(k)[0])
     )
     return renderer.render(*xy.T, yaw, index).copy(), np.column_stack([xy, yaw]), renderer
 

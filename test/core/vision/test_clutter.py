@@ -3,12 +3,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.clutter import LEVELS, Cluttered
 from support.paper import rest_lattice
 
 from eol_ros.core.table import Table
 from eol_ros.core.vision.background.model import BackgroundLearner, BackgroundModel
-from eol_ros.core.vision.render import clutter as renderer_clutter
-from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import ConfigError
 from eol_ros.settings import TrackerSettings
@@ -16,9 +15,9 @@ from eol_ros.settings import TrackerSettings
 pytestmark = pytest.mark.slow  # the first run compiles
 
 
-def lit(monkeypatch, seed=1, **changes):
+def lit(seed=1, **changes):
     level = dataclasses.replace(
-        renderer_clutter.LEVELS['clean'],
+        LEVELS['clean'],
         **{
             'reflections': 60,
             'reflection_level': (30, 55),
@@ -28,8 +27,7 @@ def lit(monkeypatch, seed=1, **changes):
             **changes,
         },
     )
-    monkeypatch.setitem(renderer_clutter.LEVELS, 'lamps', level)
-    return Renderer(RenderOptions(clutter='lamps', noise='L2'), None, seed)
+    return Cluttered(level, None, seed)
 
 
 def learn(renderer, images=15, ir=0.0):
@@ -39,12 +37,12 @@ def learn(renderer, images=15, ir=0.0):
     return learner
 
 
-def test_lamps_are_learnt_and_taken_off(monkeypatch):
-    renderer = lit(monkeypatch)
+def test_lamps_are_learnt_and_taken_off():
+    renderer = lit()
     clutter = learn(renderer).result()
-    platform = lit(monkeypatch, reflections=0, hot_pixels=0).clutter.static
-    lamps = renderer.clutter.static - platform
-    dark = renderer.clutter.static - np.quantile(renderer.clutter.static, 0.3)
+    platform = lit(reflections=0, hot_pixels=0).scenery.static
+    lamps = renderer.scenery.static - platform
+    dark = renderer.scenery.static - np.quantile(renderer.scenery.static, 0.3)
     off = np.abs(clutter.light - np.maximum(dark, 0))[lamps < 200]
     assert np.quantile(off, 0.99) < 2.5
     rms = {}

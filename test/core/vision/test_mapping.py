@@ -3,11 +3,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.clutter import clutter_calibration
 from support.paper import rest_lattice
 
 from eol_ros.core.vision.calibration import mapping
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.render.clutter import clutter_calibration
 
 
 def rotated(calibration, angle):

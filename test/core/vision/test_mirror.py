@@ -6,11 +6,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from support.clutter import Cluttered, clutter_calibration
 from support.paper import rest_lattice
 
 from eol_ros.core.vision.calibration.charuco import Board, from_board
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.requests import CALIBRATE
 from eol_ros.core.vision.states import CALIBRATING, TRACKING
@@ -62,7 +62,7 @@ def scene(k):
 @pytest.mark.parametrize('level', ['ordinary', 'hard'])
 def test_a_mirror_costs_no_accuracy_and_no_name(level):
     camera = clutter_calibration(level)
-    renderer = Renderer(RenderOptions(clutter=level), camera, 2)
+    renderer = Cluttered(level, camera, 2)
     direct = Tracker(TrackerSettings(), camera)
     mirror = Tracker(TrackerSettings(), of_flipped(camera))
     errors = {direct: [], mirror: []}

@@ -2,11 +2,11 @@
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
+from support.clutter import LEVELS, Cluttered, clutter_calibration
 from support.paper import BLOCK_SIDE_M, rest_lattice
 
 from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.render.clutter import LEVELS, clutter_calibration
 from eol_ros.core.vision.render.renderer import NOISE_LEVELS, Renderer, RenderOptions
 from eol_ros.errors import ConfigError
 
@@ -51,14 +51,13 @@ def test_noise_has_the_stated_variance_and_is_fresh_in_every_image(noise):
 
 
 def test_an_image_depends_on_its_index_and_seed_alone():
-    options = RenderOptions(clutter='hard')
     camera, xy = clutter_calibration('hard'), rest_lattice()
-    first = Renderer(options, camera, 3)
+    first = Cluttered('hard', camera, 3)
     a = first.render(xy[:, 0], xy[:, 1], np.zeros(25), 200).copy()
     first.render(xy[:, 0] + 0.1, xy[:, 1], np.ones(25), 7, flash=np.ones(25))
     b = first.render(xy[:, 0], xy[:, 1], np.zeros(25), 200)
-    c = Renderer(options, camera, 3).render(xy[:, 0], xy[:, 1], np.zeros(25), 200)
-    other = Renderer(options, camera, 4).render(xy[:, 0], xy[:, 1], np.zeros(25), 200)
+    c = Cluttered('hard', camera, 3).render(xy[:, 0], xy[:, 1], np.zeros(25), 200)
+    other = Cluttered('hard', camera, 4).render(xy[:, 0], xy[:, 1], np.zeros(25), 200)
     assert np.array_equal(a, b)
     assert np.array_equal(a, c)
     assert not np.array_equal(a, other)
@@ -75,7 +74,7 @@ def test_motion_blurs_about_the_pose():
 
 
 def test_arms_hide_what_they_say_they_hide():
-    renderer = Renderer(RenderOptions(noise='none'), SMALL, n_blocks=1)
+    renderer = Cluttered('clean', SMALL, n_blocks=1, noise='none')
     arm = [[0.0, 0.5, 0.0, -0.5, 0.02]]  # 4 cm wide, across the middle
     shown = renderer.render([0], [0], [0], 0, arms=arm)
     lit = (shown > 130).sum() / (renderer.render([0], [0], [0], 0) > 130).sum()
@@ -86,8 +85,6 @@ def test_arms_hide_what_they_say_they_hide():
 def test_unknown_levels_are_named():
     with pytest.raises(ConfigError, match="noise 'L9'"):
         Renderer(RenderOptions(noise='L9'))
-    with pytest.raises(ConfigError, match="clutter 'awful'"):
-        Renderer(RenderOptions(clutter='awful'))
 
 
 @pytest.mark.parametrize(
@@ -108,8 +105,6 @@ def test_it_draws_the_blocks_of_a_table_and_nothing_where_none_is(table, velocit
     side_px = table.block_side_m * renderer.calibration.px_per_m()
     assert light == pytest.approx(170 * table.count * side_px**2, rel=2e-3)
     for level in LEVELS:
-        shown = Renderer(
-            RenderOptions(clutter=level), Calibration.ideal(px_per_m=545.0, table=table)
-        )
+        shown = Cluttered(level, Calibration.ideal(px_per_m=545.0, table=table))
         shown.render(x, y, 0 * x, 3)
         assert shown.visible_share(x, y, 0 * x, 3).shape == (table.cells,)

@@ -3,14 +3,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.clutter import Cluttered, clutter_calibration
 from support.paper import rest_lattice
 
 from eol_ros.core.table import Table
 from eol_ros.core.vision.appearance.squares import find_squares, lattice
 from eol_ros.core.vision.calibration import calibrate
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.render.clutter import clutter_calibration
-from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 
 pytestmark = pytest.mark.slow  # the first run compiles
 WORN = np.random.default_rng(0)
@@ -34,7 +33,7 @@ def drawn(camera, rim=0.0, level='clean', seed=1, **light):
     """An image of blocks beside their places in a rim turned by `rim`, and their poses."""
     c, s = np.cos(rim), np.sin(rim)
     xy = (rest_lattice() + SCATTER) @ [[c, s], [-s, c]]
-    renderer = Renderer(RenderOptions(clutter=level), camera, seed)
+    renderer = Cluttered(level, camera, seed)
     image = renderer.render(*xy.T, YAW + rim, 0, **light)
     image.flags.writeable = False
     return image, np.column_stack([xy, YAW + rim])
@@ -102,7 +101,7 @@ def test_a_camera_may_lean_and_look_into_a_mirror(tilt_deg, heading_deg, rim, mi
 def test_what_lies_about_on_the_table_is_no_block(level):
     camera = clutter_calibration(level)
     image, poses = drawn(camera, 0.1, level, 3)
-    shown = Renderer(RenderOptions(clutter=level), camera, 3).visible_share(*poses.T, 0) == 1
+    shown = Cluttered(level, camera, 3).visible_share(*poses.T, 0) == 1
     found = looked(image)
     assert found.calibration is not None and found.seen[shown].mean() > 0.9
     truth = camera.to_pixels(poses[:, :2])
@@ -130,7 +129,7 @@ def test_images_without_a_lattice():
         assert found.calibration is None and not found.seen.any()
         assert 'squares seen, not 25' in found.why
     assert len(lattice(dark, Table())[0]) == 0
-    lamps = Renderer(RenderOptions(clutter='brutal'), clutter_calibration('brutal'), 5)
+    lamps = Cluttered('brutal', clutter_calibration('brutal'), 5)
     image = lamps.render(*rest_lattice().T, np.zeros(25), 0, ir=np.zeros(25))
     image.flags.writeable = False
     assert looked(image).calibration is None

@@ -3,13 +3,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.clutter import LEVELS, Cluttered, clutter_calibration
 from support.paper import rest_lattice, turned
 from support.relief import films
 
 from eol_ros.core.vision.background.model import BackgroundModel
 from eol_ros.core.vision.calibration.model import Calibration
-from eol_ros.core.vision.render import clutter as renderer_clutter
-from eol_ros.core.vision.render.clutter import clutter_calibration
 from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 from eol_ros.core.vision.requests import packed
 from eol_ros.core.vision.states import CALIBRATING, FAULT, LOST, SEARCHING, TRACKING
@@ -137,12 +136,8 @@ def night(renderer, seed=1):
 @pytest.fixture(scope='module')
 def scattered():
     """Images of blocks some millimetres off their places: 60 at rest, and 30 in darkness."""
-    with pytest.MonkeyPatch.context() as patch:
-        level = dataclasses.replace(
-            renderer_clutter.LEVELS['clean'], reflections=20, reflection_level=(30, 55)
-        )
-        patch.setitem(renderer_clutter.LEVELS, 'lamps', level)
-        renderer = Renderer(RenderOptions(clutter='lamps'), Calibration.ideal(), 2)
+    level = dataclasses.replace(LEVELS['clean'], reflections=20, reflection_level=(30, 55))
+    renderer = Cluttered(level, Calibration.ideal(), 2)
     xy = rest_lattice() + np.random.default_rng(3).normal(0, 0.004, (25, 2))
     lit = [renderer.render(*xy.T, np.zeros(25), k).copy() for k in range(300, 360)]
     return xy, lit, [night(renderer, k) for k in range(30)]
@@ -235,7 +230,7 @@ def half_hidden(images, flash=None, dimmed=1.0):
     """Return what is made of block 12, hidden for a while and then half in sight again."""
     calibration, rest = Calibration.ideal(), rest_lattice()
     tracker = Tracker(TrackerSettings(), calibration)
-    renderer = Renderer(RenderOptions(noise='L2'), calibration, 3)
+    renderer = Cluttered('clean', calibration, 3)
     over = np.array([[rest[12, 0] - 0.07, -0.9, rest[12, 0] - 0.07, rest[12, 1], 0.0]])
     for k in range(images + 20):
         arm = over.copy()
@@ -265,7 +260,7 @@ def behind(arms, xy):
     """Return what is tracked in the sixth image of blocks at rest at `xy`, arms over them."""
     calibration = Calibration.ideal()
     tracker = Tracker(TrackerSettings(), calibration)
-    renderer = Renderer(RenderOptions(noise='L2'), calibration, 3)
+    renderer = Cluttered('clean', calibration, 3)
     for k in range(6):
         tracked = tracker.update(k / 60, renderer.render(*xy.T, np.zeros(25), k, arms=arms))
     assert tracked.state == TRACKING
@@ -298,7 +293,7 @@ def test_clutter_hides_no_block_and_adds_none(level):
     camera, yaw = clutter_calibration(level), np.random.default_rng(4).normal(0, 0.08, 25)
     whole, errors = 0, []
     for seed in (11, 22):
-        renderer = Renderer(RenderOptions(clutter=level), camera, seed)
+        renderer = Cluttered(level, camera, seed)
         tracker = Tracker(TrackerSettings(), camera)
         for k in range(60):
             xy = turned(rest_lattice(), 0.003 * k) + [0.0005 * k, 0.0]
@@ -361,12 +356,12 @@ def test_path_traced_covers_are_known_again_with_their_names_turned():
 def images_of(at, count):
     """Return images of textured covers without arms; block i stands where at[i] says."""
     camera = clutter_calibration('hard')
-    renderer = Renderer(RenderOptions(clutter='hard'), camera, 5)
+    renderer = Cluttered('hard', camera, 5)
     poses = np.column_stack([rest_lattice()[at], np.random.default_rng(1).normal(0, 0.05, 25)])
     clear = (
         k
         for k in range(0, 9000, 30)
-        if renderer.visible_share(*poses.T, k).min() == 1 and not len(renderer.clutter.arms(k)[0])
+        if renderer.visible_share(*poses.T, k).min() == 1 and not len(renderer.scenery.arms(k)[0])
     )
     return [renderer.render(*poses.T, next(clear), flash=np.zeros(25)) for _ in range(count)]
 

@@ -15,15 +15,14 @@ TRACK = """
 import hashlib
 import numpy as np
 from eol_ros.core.table import Table
-from eol_ros.core.vision.render.clutter import clutter_calibration
-from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
+from support.clutter import Cluttered, clutter_calibration
 from eol_ros.core.vision.tracker import Tracker
 from eol_ros.settings import TrackerSettings
 rest = Table().rest
 for level, mirror in (('ordinary', True), ('hard', False)):
     camera = clutter_calibration(level)
     camera = camera.in_mirror() if mirror else camera
-    renderer = Renderer(RenderOptions('L2', level), camera, 3)
+    renderer = Cluttered(level, camera, 3)
     tracker = Tracker(TrackerSettings(), camera)
     x, y = (rest + np.random.default_rng(1).normal(0, 3e-3, rest.shape)).T
     digest = hashlib.sha256()
@@ -75,7 +74,8 @@ def poisoned(folder, value):
     assert poison.count > 15
     done = subprocess.run(
         [sys.executable, '-c', TRACK], cwd=folder, capture_output=True, text=True,
-        env=os.environ | {'PYTHONPATH': str(folder), 'EOL_CACHE': str(folder / 'cache')},
+        env=os.environ
+        | {'PYTHONPATH': f'{folder}:{ROOT / "test"}', 'EOL_CACHE': str(folder / 'cache')},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Inner loops of the twin's camera: covers, arms, sensor noise, on float32 images."""
+"""Inner loops of the twin's camera: covers, flashes, sensor noise, on float32 images."""
 
 import math
 
@@ -218,44 +218,6 @@ def draw_halos(work, centres, halo, halo_px, windows, n):
                 row = work[r, c0:c1]
                 for c in range(c1 - c0):
                     row[c] += down * across[c]
-    return n
-
-
-@njit(cache=True, fastmath=True, error_model='numpy')
-def draw_arms(work, vignette, arms, level, psf_px, windows, n):
-    """Cover `work` with capsules `arms` (k, 5), u0, v0, u1, v1, radius px; return the windows."""
-    blur = max(psf_px, 1.0)
-    for a in range(arms.shape[0]):
-        u0, v0, u1, v1, radius = arms[a]
-        pad = radius + 4.5 * blur
-        _window(
-            windows,
-            n,
-            work.shape,
-            min(u0, u1) - pad,
-            max(u0, u1) + pad,
-            min(v0, v1) - pad,
-            max(v0, v1) + pad,
-        )
-        r0, r1, c0, c1 = windows[n]
-        n += 1
-        du, dv = u1 - u0, v1 - v0
-        length2 = max(du * du + dv * dv, 1e-9)
-        outer = (radius + 4.5 * blur) ** 2
-        beside = outer * length2
-        for r in range(r0, r1):
-            for c in range(c0, c1):
-                aside = (c - u0) * dv - (r - v0) * du
-                if aside * aside > beside:
-                    continue
-                t = ((c - u0) * du + (r - v0) * dv) / length2
-                t = min(max(t, 0.0), 1.0)
-                d2 = (c - u0 - t * du) ** 2 + (r - v0 - t * dv) ** 2
-                if d2 >= outer:
-                    continue
-                cover = _phi(np.float32((radius - math.sqrt(d2)) / blur))
-                shade = level[a] * (1.0 - 0.5 * min(d2 / (radius * radius), 1.0)) * vignette[r, c]
-                work[r, c] += cover * (shade - work[r, c])
     return n
 
 

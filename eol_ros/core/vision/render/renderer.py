@@ -14,7 +14,6 @@ from eol_ros.core import elementary
 from eol_ros.core.vision import outline
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render import kernels
-from eol_ros.core.vision.render.clutter import LEVELS, Clutter
 from eol_ros.errors import ConfigError
 
 NOISE_LEVELS = {  # (read noise, gain): variance = read^2 + gain * signal, plus 1/12 of rounding
@@ -58,7 +57,6 @@ class RenderOptions:
 
     Args:
         noise: a key of NOISE_LEVELS.
-        clutter: 'clean', 'ordinary', 'hard' or 'brutal'.
         psf_px: standard deviation of the lens blur.
         background, block_level: grey levels of the platform and of a lit cover.
         exposure_s: shutter time; moving blocks blur over it.
@@ -66,12 +64,31 @@ class RenderOptions:
     """
 
     noise: str = 'L2'
-    clutter: str = 'clean'
     psf_px: float = 1.2
     background: float = 14.0
     block_level: float = 184.0
     exposure_s: float = 0.003
     rate_hz: float = 60.0
+
+
+class Scenery:
+    """What blocks stand on, in grey levels: an even platform, and covers that shine evenly.
+
+    Args:
+        calibration: the camera.
+        background: grey level of the platform.
+        n_blocks: how many blocks there are.
+    """
+
+    core, core_px = 0.0, 6.0  # of the LED that shows through a cover; px of a 45.8 px block
+
+    def __init__(self, calibration: Calibration, background: float, n_blocks: int):
+        shape = calibration.image_height, calibration.image_width
+        self.scale_px = calibration.px_per_m() * calibration.table.block_side_m / 45.8
+        self.vignette = np.ones(shape, np.float32)
+        self.static = np.full(shape, background, np.float32)
+        self.glints = np.zeros((0, 0), np.float32)  # (h, w) light of grains, which covers hide
+        self.texture = np.zeros((n_blocks, 0, 0), np.float32)  # of each cover, relative
 
 
 class Renderer:
@@ -84,14 +101,14 @@ class Renderer:
     calibration : Calibration, optional
         Where metres fall in the image, distortion and tilt included.
     seed : int
-        Seed of noise and clutter.
+        Seed of the noise.
     n_blocks : int, optional
         Number of blocks to draw; by default those of the table of `calibration`.
 
     Raises
     ------
     ConfigError
-        Unknown noise or clutter level.
+        Unknown noise level.
 
     Examples
     --------
@@ -109,29 +126,20 @@ class Renderer:
     ):
         self.options = options = options or RenderOptions()
         self.calibration = calibration or Calibration.ideal()
-        for name, levels in (('noise', NOISE_LEVELS), ('clutter', LEVELS)):
-            if getattr(options, name) not in levels:
-                raise ConfigError(
-                    f'{name} {getattr(options, name)!r} is not one of {", ".join(levels)}'
-                )
-        self.seed = int(seed)
+        if options.noise not in NOISE_LEVELS:
+            raise ConfigError(f'noise {options.noise!r} is not one of {", ".join(NOISE_LEVELS)}')
         self.table = table = self.calibration.table
         self._present = table.present if n_blocks is None else np.ones(n_blocks, bool)
         self.n_blocks = n_blocks = len(self._present)
-        self.clutter = Clutter(
-            options.clutter,
-            self.calibration,
-            options.background,
-            self.seed,
-            n_blocks,
-            options.rate_hz,
-            table,
-        )
+        self.scenery = self._scenery()
         self._land = _land_lines(self.calibration)
-        self._sensor = Sensor(*NOISE_LEVELS[options.noise], (self.seed, 0))
-        self._work = self.clutter.static.copy()
-        self._windows = np.zeros((n_blocks * (_BLUR_STEPS + 1) + 64, 4), np.int64)
+        self._sensor = Sensor(*NOISE_LEVELS[options.noise], (int(seed), 0))
+        self._work = self.scenery.static.copy()
+        self._windows = np.zeros((n_blocks * (_BLUR_STEPS + 1), 4), np.int64)
         self._dirty = 0
+
+    def _scenery(self) -> Scenery:
+        return Scenery(self.calibration, self.options.background, self.n_blocks)
 
     def render(
         self,
@@ -144,7 +152,6 @@ class Renderer:
         velocity: ArrayLike | None = None,
         flash: ArrayLike | None = None,
         ir: ArrayLike | None = None,
-        arms: ArrayLike | None = None,
     ) -> np.ndarray:
         """Draw the blocks of one image.
 
@@ -153,18 +160,15 @@ class Renderer:
         x, y, yaw : array_like
             (n,) metres and radians.
         image_index : int
-            Chooses the noise, and the time of arms and flashes of the clutter level.
+            Chooses the noise.
         out : ndarray, optional
             (h, w) uint8 to write into.
         velocity : array_like, optional
             (n, 3) m/s, m/s, rad/s: blurs over the exposure, centred on the pose.
         flash : array_like, optional
-            (n,) white light of each block in 0..1; None leaves it to the clutter level.
+            (n,) white light of each block in 0..1 (0 when None).
         ir : array_like, optional
             (n,) infrared light of each block in 0..1 (1 when None).
-        arms : array_like, optional
-            (k, 5) capsules x0, y0, x1, y1, radius in metres, besides those of the clutter; (k, 6)
-            with their grey levels.
 
         Returns
         -------
@@ -178,48 +182,40 @@ class Renderer:
         >>> bool(dark[400, 640] < 60)
         True
         """
-        work, clutter, windows = self._work, self.clutter, self._windows
-        kernels.restore(work, clutter.static, windows, self._dirty)
+        work = self._work
+        kernels.restore(work, self.scenery.static, self._windows, self._dirty)
         poses = np.column_stack([np.asarray(c, float) for c in (x, y, yaw)])
-        white = np.asarray(clutter.flashes(image_index) if flash is None else flash, float)
-        on = clutter.battery * (1.0 if ir is None else np.asarray(ir, float))
+        white = np.zeros(len(poses)) if flash is None else np.asarray(flash, float)
+        on = np.ones(len(poses)) if ir is None else np.asarray(ir, float)
         n = self._draw_blocks(poses, velocity, white, on)
-        capsules, grey = clutter.arms_and(arms, image_index)
-        if len(capsules):
-            ends = self.calibration.to_pixels(capsules[:, :4].reshape(-1, 2)).reshape(-1, 4)
-            radius = capsules[:, 4:] * self.calibration.px_per_m()
-            n = kernels.draw_arms(
-                work,
-                clutter.vignette,
-                np.hstack([ends, radius]),
-                grey,
-                self.options.psf_px,
-                windows,
-                n,
-            )
+        n = self._cover(int(image_index), n)
         self._dirty = n
         if out is None:
             out = np.empty(work.shape, np.uint8)
         self._sensor.sense(work, int(image_index), out)
         return out
 
+    def _cover(self, image_index: int, n: int) -> int:
+        """Draw what stands before the blocks; return how many windows are in use, `n` till now."""
+        return n
+
     def _draw_blocks(
         self, poses: np.ndarray, velocity: ArrayLike | None, white: np.ndarray, on: np.ndarray
     ) -> int:
         """Draw the blocks and the halos of their flashes; return how many windows they take."""
-        work, clutter, windows = self._work, self.clutter, self._windows
+        work, scenery, windows = self._work, self.scenery, self._windows
         glow = self.options.block_level - self.options.background
-        scale = clutter.scale_px
+        scale = scenery.scale_px
         placed, owner, weight = self._positions(poses, velocity)
         n = kernels.draw_blocks(
             work,
-            clutter.vignette,
-            clutter.glints,
+            scenery.vignette,
+            scenery.glints,
             self.corners_px(placed, owner),
             glow * on + _FLASH_LEVEL * white,
-            clutter.level.core * on,
-            clutter.level.core_px * scale,
-            clutter.texture,
+            scenery.core * on,
+            scenery.core_px * scale,
+            scenery.texture,
             self.options.psf_px,
             owner,
             weight,
@@ -236,18 +232,6 @@ class Renderer:
     def light(self) -> np.ndarray:
         """The light (h, w) f4 of the last image, before the sensor; the next one overwrites it."""
         return self._work
-
-    def visible_share(
-        self,
-        x: np.ndarray,
-        y: np.ndarray,
-        yaw: np.ndarray,
-        image_index: int,
-        arms: ArrayLike | None = None,
-    ) -> np.ndarray:
-        """Return the true share (n,) of each cover that no arm hides in this image."""
-        capsules, _ = self.clutter.arms_and(arms, image_index)
-        return 1.0 - self.clutter.hidden_share(x, y, yaw, capsules, self.table.block_side_m)
 
     def corners_px(self, poses: np.ndarray, blocks: np.ndarray | None = None) -> np.ndarray:
         """Return image corners (n, 4, 2) of covers at `poses` (n, 3).

@@ -2,13 +2,19 @@
 """What spoils the virtual camera's image, in levels from clean to brutal."""
 
 import dataclasses
+import math
 from dataclasses import dataclass
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from eol_ros.core.compiled import njit
 from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.model import Calibration
+from eol_ros.core.vision.render import kernels
+from eol_ros.core.vision.render.renderer import Renderer, RenderOptions, Scenery
 
 _SLOT_S = 3.0  # one visit of one arm
 _FLASH_SLOT_S = 0.5
@@ -130,36 +136,32 @@ def clutter_calibration(level: str, width: int = 1280, height: int = 800) -> Cal
     )
 
 
-class Clutter:
+class Clutter(Scenery):
     """The static image of one clutter level, and what moves in it as the image index grows.
 
     Args:
-        level: name in LEVELS.
-        calibration: the camera.
+        level: a level, or its name in LEVELS.
+        calibration: the camera; arms scale with its table, whose platform glints.
         background: grey level of the empty platform.
         seed: of everything drawn by chance.
         n_blocks: how many blocks there are.
         rate_hz: images a second, which turns an image index into a time.
-        table: arms scale with its size, and its platform glints.
     """
 
     def __init__(
         self,
-        level: str,
+        level: str | ClutterLevel,
         calibration: Calibration,
         background: float,
         seed: int,
         n_blocks: int,
         rate_hz: float,
-        table: Table = Table(),
     ):
-        self.level = chosen = LEVELS[level]
-        self.calibration = calibration
-        self.seed = seed
-        self.n_blocks = n_blocks
-        self.rate_hz = rate_hz
-        self.table = table
-        self.scale_px = calibration.px_per_m() * table.block_side_m / 45.8
+        super().__init__(calibration, background, n_blocks)
+        self.level = chosen = LEVELS[level] if isinstance(level, str) else level
+        self.calibration, self.table = calibration, calibration.table
+        self.seed, self.n_blocks, self.rate_hz = seed, n_blocks, rate_hz
+        self.core, self.core_px = chosen.core, chosen.core_px
         rng = np.random.default_rng([seed, 1])
         shape = (calibration.image_height, calibration.image_width)
         v, u = np.mgrid[0 : shape[0], 0 : shape[1]].astype(np.float32)
@@ -316,8 +318,6 @@ def _points(
     shape: tuple[int, int], cells: np.ndarray, levels: np.ndarray, sigma_px: float
 ) -> np.ndarray:
     """Return points of light as a lens shows them: spots of `sigma_px` that reach `levels`."""
-    import cv2  # only for clutter: clean images need none of its memory
-
     light = np.zeros(shape, np.float32)
     np.add.at(light, tuple(cells.T), levels)
     spot = cv2.getGaussianKernel(9, sigma_px, cv2.CV_32F)
@@ -326,8 +326,117 @@ def _points(
 
 def _speckle(rng: np.random.Generator, shape: tuple[int, int], grain_px: float) -> np.ndarray:
     """Return smooth noise of unit standard deviation with structures of `grain_px`."""
-    import cv2
-
     rough = rng.standard_normal(shape).astype(np.float32)
     smooth = cv2.GaussianBlur(rough, (0, 0), grain_px)
     return smooth / smooth.std()
+
+
+@njit(cache=True, fastmath=True, error_model='numpy')
+def draw_arms(work, vignette, arms, level, psf_px, windows, n):
+    """Cover `work` with capsules `arms` (k, 5), u0, v0, u1, v1, radius px; return the windows."""
+    blur = max(psf_px, 1.0)
+    for a in range(arms.shape[0]):
+        u0, v0, u1, v1, radius = arms[a]
+        pad = radius + 4.5 * blur
+        kernels._window(
+            windows,
+            n,
+            work.shape,
+            min(u0, u1) - pad,
+            max(u0, u1) + pad,
+            min(v0, v1) - pad,
+            max(v0, v1) + pad,
+        )
+        r0, r1, c0, c1 = windows[n]
+        n += 1
+        du, dv = u1 - u0, v1 - v0
+        length2 = max(du * du + dv * dv, 1e-9)
+        outer = (radius + 4.5 * blur) ** 2
+        beside = outer * length2
+        for r in range(r0, r1):
+            for c in range(c0, c1):
+                aside = (c - u0) * dv - (r - v0) * du
+                if aside * aside > beside:
+                    continue
+                t = ((c - u0) * du + (r - v0) * dv) / length2
+                t = min(max(t, 0.0), 1.0)
+                d2 = (c - u0 - t * du) ** 2 + (r - v0 - t * dv) ** 2
+                if d2 >= outer:
+                    continue
+                cover = kernels._phi(np.float32((radius - math.sqrt(d2)) / blur))
+                shade = level[a] * (1.0 - 0.5 * min(d2 / (radius * radius), 1.0)) * vignette[r, c]
+                work[r, c] += cover * (shade - work[r, c])
+    return n
+
+
+class Cluttered(Renderer):
+    """A renderer that draws clutter of a level, and arms."""
+
+    def __init__(
+        self,
+        level: str | ClutterLevel = 'clean',
+        calibration: Calibration | None = None,
+        seed: int = 0,
+        n_blocks: int | None = None,
+        **options: Any,
+    ):
+        self._level, self._seed = level, seed
+        self._more: ArrayLike | None = None
+        super().__init__(RenderOptions(**options), calibration, seed, n_blocks)
+        self._windows = np.concatenate([self._windows, np.zeros((64, 4), np.int64)])
+
+    def _scenery(self) -> Clutter:
+        options = self.options
+        return Clutter(
+            self._level,
+            self.calibration,
+            options.background,
+            self._seed,
+            self.n_blocks,
+            options.rate_hz,
+        )
+
+    def render(
+        self,
+        x: ArrayLike,
+        y: ArrayLike,
+        yaw: ArrayLike,
+        image_index: int,
+        out: np.ndarray | None = None,
+        *,
+        velocity: ArrayLike | None = None,
+        flash: ArrayLike | None = None,
+        ir: ArrayLike | None = None,
+        arms: ArrayLike | None = None,
+    ) -> np.ndarray:
+        """Draw as `Renderer` does; without `flash` the level flashes.
+
+        arms: (k, 5) capsules x0, y0, x1, y1, radius in metres, besides those of the level; (k, 6)
+        with their grey levels.
+        """
+        self._more = arms
+        flash = self.scenery.flashes(image_index) if flash is None else flash
+        ir = self.scenery.battery * (1.0 if ir is None else np.asarray(ir, float))
+        return super().render(x, y, yaw, image_index, out, velocity=velocity, flash=flash, ir=ir)
+
+    def _cover(self, image_index: int, n: int) -> int:
+        capsules, grey = self.scenery.arms_and(self._more, image_index)
+        if not len(capsules):
+            return n
+        ends = self.calibration.to_pixels(capsules[:, :4].reshape(-1, 2)).reshape(-1, 4)
+        arms = np.hstack([ends, capsules[:, 4:] * self.calibration.px_per_m()])
+        vignette, psf_px = self.scenery.vignette, self.options.psf_px
+        return draw_arms(self._work, vignette, arms, grey, psf_px, self._windows, n)
+
+    def visible_share(
+        self,
+        x: ArrayLike,
+        y: ArrayLike,
+        yaw: ArrayLike,
+        image_index: int,
+        arms: ArrayLike | None = None,
+    ) -> np.ndarray:
+        """Return the true share (n,) of each cover that no arm hides in this image."""
+        capsules, _ = self.scenery.arms_and(arms, image_index)
+        side_m = self.table.block_side_m
+        return 1.0 - self.scenery.hidden_share(x, y, np.asarray(yaw, float), capsules, side_m)
