@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eol_ros.core.compiled import njit
+from eol_ros.core.elementary_kernels import exp
 from eol_ros.core.table import Table
 from eol_ros.core.vision.calibration.model import Calibration
 from eol_ros.core.vision.render import kernels
-from eol_ros.core.vision.render.renderer import Renderer, RenderOptions, Scenery
+from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 
 _SLOT_S = 3.0  # one visit of one arm
 _FLASH_SLOT_S = 0.5
@@ -136,7 +137,7 @@ def clutter_calibration(level: str, width: int = 1280, height: int = 800) -> Cal
     )
 
 
-class Clutter(Scenery):
+class Clutter:
     """The static image of one clutter level, and what moves in it as the image index grows.
 
     Args:
@@ -157,11 +158,10 @@ class Clutter(Scenery):
         n_blocks: int,
         rate_hz: float,
     ):
-        super().__init__(calibration, background, n_blocks)
         self.level = chosen = LEVELS[level] if isinstance(level, str) else level
         self.calibration, self.table = calibration, calibration.table
         self.seed, self.n_blocks, self.rate_hz = seed, n_blocks, rate_hz
-        self.core, self.core_px = chosen.core, chosen.core_px
+        self.scale_px = calibration.px_per_m() * calibration.table.block_side_m / 45.8
         rng = np.random.default_rng([seed, 1])
         shape = (calibration.image_height, calibration.image_width)
         v, u = np.mgrid[0 : shape[0], 0 : shape[1]].astype(np.float32)
@@ -331,6 +331,78 @@ def _speckle(rng: np.random.Generator, shape: tuple[int, int], grain_px: float) 
     return smooth / smooth.std()
 
 
+@njit(inline='always', fastmath=True)
+def _grain(tile, x, y):
+    """Return `tile` (T, T) at x, y in 0..1, bilinear."""
+    size = tile.shape[0] - 1
+    tu = min(max(x * size, 0.0), size - 0.001)
+    tv = min(max(y * size, 0.0), size - 0.001)
+    iu, iv = int(tu), int(tv)
+    fu, fv = tu - iu, tv - iv
+    return (1 - fv) * ((1 - fu) * tile[iv, iu] + fu * tile[iv, iu + 1]) + fv * (
+        (1 - fu) * tile[iv + 1, iu] + fu * tile[iv + 1, iu + 1]
+    )
+
+
+@njit(cache=True, fastmath=True, error_model='numpy')
+def draw_covers(
+    work,
+    vignette,
+    glints,
+    corners,
+    level,
+    core,
+    core_px,
+    texture,
+    psf_px,
+    owner,
+    weight,
+    windows,
+):
+    """Add covers as `kernels.draw_blocks` does, which hide `glints` (h, w), part of `work`.
+
+    glints may be (0, 0). Per block: level, core (k,), texture (k, T, T) relative, or (0, 0, 0) for
+    smooth covers.
+    """
+    size, glitters = texture.shape[1], glints.shape[0] > 0
+    blur = math.sqrt(psf_px * psf_px + 1.0 / 12.0)
+    nx = np.empty(4)
+    ny = np.empty(4)
+    at = np.empty(4)
+    inwards = np.empty(4)
+    across = np.empty(work.shape[1], np.float32)
+    cover = np.empty(work.shape[1], np.float32)
+    for p in range(corners.shape[0]):
+        b = owner[p]
+        cu, cv = kernels.placed(work, corners[p], blur, nx, ny, inwards, windows, p)
+        r0, r1, c0, c1 = windows[p]
+        share, shine, lit = np.float32(weight[p]), np.float32(level[b]), core[b] > 0
+        for i in range(c1 - c0):
+            x = (c0 + i - cu) / core_px
+            across[i] = core[b] * exp(-0.5 * x * x) if lit else 0.0
+        for r in range(r0, r1):
+            for k in range(4):
+                at[k] = inwards[k] + nx[k] * (c0 - cu) + ny[k] * (r - cv)
+            begin, end = kernels.covered(cover, nx, at, blur, c1 - c0)
+            width = end - begin
+            row, fall = work[r, c0 + begin : c0 + end], vignette[r, c0 + begin : c0 + end]
+            down = np.float32(exp(-0.5 * ((r - cv) / core_px) ** 2)) if lit else np.float32(0.0)
+            beam = across[begin:end]
+            for i in range(width):
+                row[i] += share * cover[i] * fall[i] * (shine + down * beam[i])
+            if size > 0:
+                for i in range(width):
+                    a0, a1 = at[0] + nx[0] * (begin + i), at[1] + nx[1] * (begin + i)
+                    a2, a3 = at[2] + nx[2] * (begin + i), at[3] + nx[3] * (begin + i)
+                    grain = _grain(texture[b], a0 / (a0 + a2), a1 / (a1 + a3))
+                    row[i] += share * cover[i] * fall[i] * shine * np.float32(grain)
+            if glitters:
+                hidden = glints[r, c0 + begin : c0 + end]
+                for i in range(width):
+                    row[i] -= share * cover[i] * hidden[i]
+    return corners.shape[0]
+
+
 @njit(cache=True, fastmath=True, error_model='numpy')
 def draw_arms(work, vignette, arms, level, psf_px, windows, n):
     """Cover `work` with capsules `arms` (k, 5), u0, v0, u1, v1, radius px; return the windows."""
@@ -385,15 +457,34 @@ class Cluttered(Renderer):
         super().__init__(RenderOptions(**options), calibration, seed, n_blocks)
         self._windows = np.concatenate([self._windows, np.zeros((64, 4), np.int64)])
 
-    def _scenery(self) -> Clutter:
+    def _platform(self) -> np.ndarray:
         options = self.options
-        return Clutter(
+        self.scenery = Clutter(
             self._level,
             self.calibration,
             options.background,
             self._seed,
             self.n_blocks,
             options.rate_hz,
+        )
+        return self.scenery.static
+
+    def _covers(
+        self, corners: np.ndarray, white: np.ndarray, on: np.ndarray, *given: np.ndarray
+    ) -> int:
+        scenery = self.scenery
+        return draw_covers(
+            self._work,
+            scenery.vignette,
+            scenery.glints,
+            corners,
+            self._levels(white, on),
+            scenery.level.core * on,
+            scenery.level.core_px * scenery.scale_px,
+            scenery.texture,
+            self.options.psf_px,
+            *given,
+            self._windows,
         )
 
     def render(

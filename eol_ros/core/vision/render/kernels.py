@@ -58,112 +58,84 @@ def _window(windows, i, shape, u0, u1, v0, v1):
     windows[i, 3] = min(max(int(math.ceil(u1)) + 1, 0), shape[1])
 
 
-@njit(inline='always', fastmath=True)
-def _grain(tile, x, y):
-    """Return `tile` (T, T) at x, y in 0..1, bilinear."""
-    size = tile.shape[0] - 1
-    tu = min(max(x * size, 0.0), size - 0.001)
-    tv = min(max(y * size, 0.0), size - 0.001)
-    iu, iv = int(tu), int(tv)
-    fu, fv = tu - iu, tv - iv
-    return (1 - fv) * ((1 - fu) * tile[iv, iu] + fu * tile[iv, iu + 1]) + fv * (
-        (1 - fu) * tile[iv + 1, iu] + fu * tile[iv + 1, iu + 1]
-    )
-
-
 @njit(cache=True, fastmath=True, error_model='numpy')
-def draw_blocks(
-    work,
-    vignette,
-    glints,
-    corners,
-    level,
-    core,
-    core_px,
-    texture,
-    psf_px,
-    owner,
-    weight,
-    windows,
-    n,
-):
-    """Add quadrilateral covers to `work`; return the new number of dirty windows.
+def draw_blocks(work, corners, level, psf_px, owner, weight, windows):
+    """Add quadrilateral covers to `work`; return the number of dirty windows.
 
-    A cover adds its light to the ambient light, which it sends back as the platform does, but hides
-    the `glints` (h, w) of the platform, part of `work`; (0, 0) where there are none. It is a flat
-    quadrilateral seen through a Gaussian of `psf_px` and a square pixel. The pixel's box adds
+    A cover adds its light to the ambient light, which it sends back as the platform does. It is a
+    flat quadrilateral seen through a Gaussian of `psf_px` and a square pixel. The pixel's box adds
     its variance 1/12 to the Gaussian's: exact to the third moment along every direction, so edges
     stay where they are at any angle and any sub-pixel place.
 
     corners (p, 4, 2) px in turn round the square, one entry for each position that a block takes
-    during the exposure; owner (p,) its block, weight (p,) its share of the exposure. Per block:
-    level, core (k,), texture (k, T, T) relative, or (0, 0, 0) for smooth covers.
+    during the exposure; owner (p,) its block, weight (p,) its share of the exposure. level (k,): of
+    each block.
     """
-    size, glitters = texture.shape[1], glints.shape[0] > 0
-    blur = math.sqrt(psf_px * psf_px + 1.0 / 12.0)
-    far = _REACH * blur
     nx = np.empty(4)
     ny = np.empty(4)
     at = np.empty(4)  # distance from each side, inwards: at the row's first pixel
     inwards = np.empty(4)  # of the centre
-    across = np.empty(work.shape[1], np.float32)
     cover = np.empty(work.shape[1], np.float32)
+    blur = math.sqrt(psf_px * psf_px + 1.0 / 12.0)
     for p in range(corners.shape[0]):
-        b = owner[p]
-        cu = cv = 0.0
-        for k in range(4):
-            cu += corners[p, k, 0] / 4
-            cv += corners[p, k, 1] / 4
-        reach = 0.0
-        for k in range(4):
-            ax, ay = corners[p, k, 0], corners[p, k, 1]
-            ex, ey = corners[p, (k + 1) % 4, 0] - ax, corners[p, (k + 1) % 4, 1] - ay
-            length = math.sqrt(ex * ex + ey * ey)
-            nu, nv = -ey / length, ex / length
-            inwards[k] = (cu - ax) * nu + (cv - ay) * nv
-            if inwards[k] < 0:
-                nu, nv, inwards[k] = -nu, -nv, -inwards[k]
-            nx[k], ny[k] = nu, nv
-            reach = max(reach, math.sqrt((ax - cu) ** 2 + (ay - cv) ** 2))
-        pad = reach + 4.5 * blur
-        _window(windows, n, work.shape, cu - pad, cu + pad, cv - pad, cv + pad)
-        r0, r1, c0, c1 = windows[n]
-        n += 1
-        share, shine, lit = np.float32(weight[p]), np.float32(level[b]), core[b] > 0
-        for i in range(c1 - c0):
-            x = (c0 + i - cu) / core_px
-            across[i] = core[b] * exp(-0.5 * x * x) if lit else 0.0
+        cu, cv = placed(work, corners[p], blur, nx, ny, inwards, windows, p)
+        r0, r1, c0, c1 = windows[p]
+        light = np.float32(weight[p]) * np.float32(level[owner[p]])
         for r in range(r0, r1):
             for k in range(4):
                 at[k] = inwards[k] + nx[k] * (c0 - cu) + ny[k] * (r - cv)
-            begin, end = _beyond(nx, at, -far, c1 - c0)
-            if begin >= end:
-                continue
-            full, edge = _beyond(nx, at, far, c1 - c0)
-            if full >= edge:  # no pixel of the row is wholly covered
-                full = edge = end
-            width = end - begin
-            _edges(cover[: full - begin], nx, at, blur, begin)
-            _edges(cover[edge - begin : width], nx, at, blur, edge)
-            inner = cover[full - begin : edge - begin]
-            for i in range(len(inner)):
-                inner[i] = 1.0
-            row, fall = work[r, c0 + begin : c0 + end], vignette[r, c0 + begin : c0 + end]
-            down = np.float32(exp(-0.5 * ((r - cv) / core_px) ** 2)) if lit else _ZERO
-            beam = across[begin:end]
-            for i in range(width):
-                row[i] += share * cover[i] * fall[i] * (shine + down * beam[i])
-            if size > 0:
-                for i in range(width):
-                    a0, a1 = at[0] + nx[0] * (begin + i), at[1] + nx[1] * (begin + i)
-                    a2, a3 = at[2] + nx[2] * (begin + i), at[3] + nx[3] * (begin + i)
-                    grain = _grain(texture[b], a0 / (a0 + a2), a1 / (a1 + a3))
-                    row[i] += share * cover[i] * fall[i] * shine * np.float32(grain)
-            if glitters:
-                hidden = glints[r, c0 + begin : c0 + end]
-                for i in range(width):
-                    row[i] -= share * cover[i] * hidden[i]
-    return n
+            begin, end = covered(cover, nx, at, blur, c1 - c0)
+            row = work[r, c0 + begin : c0 + end]
+            for i in range(end - begin):
+                row[i] += light * cover[i]
+    return corners.shape[0]
+
+
+@njit(inline='always', fastmath=True)
+def placed(work, corners, blur, nx, ny, inwards, windows, n):
+    """Note the window `n` of a cover, the normals of its sides and how far inwards its centre is.
+
+    Return its centre in px.
+    """
+    cu = cv = 0.0
+    for k in range(4):
+        cu += corners[k, 0] / 4
+        cv += corners[k, 1] / 4
+    reach = 0.0
+    for k in range(4):
+        ax, ay = corners[k, 0], corners[k, 1]
+        ex, ey = corners[(k + 1) % 4, 0] - ax, corners[(k + 1) % 4, 1] - ay
+        length = math.sqrt(ex * ex + ey * ey)
+        nu, nv = -ey / length, ex / length
+        inwards[k] = (cu - ax) * nu + (cv - ay) * nv
+        if inwards[k] < 0:
+            nu, nv, inwards[k] = -nu, -nv, -inwards[k]
+        nx[k], ny[k] = nu, nv
+        reach = max(reach, math.sqrt((ax - cu) ** 2 + (ay - cv) ** 2))
+    pad = reach + 4.5 * blur
+    _window(windows, n, work.shape, cu - pad, cu + pad, cv - pad, cv + pad)
+    return cu, cv
+
+
+@njit(inline='always', fastmath=True)
+def covered(cover, nx, at, blur, width):
+    """Write to `cover` f4 how much of each pixel of a row is covered; return from where to where.
+
+    nx, at (4,): as `_edges` has them.
+    """
+    far = _REACH * blur
+    begin, end = _beyond(nx, at, -far, width)
+    if begin >= end:
+        return 0, 0
+    full, edge = _beyond(nx, at, far, width)
+    if full >= edge:  # no pixel of the row is wholly covered
+        full = edge = end
+    _edges(cover[: full - begin], nx, at, blur, begin)
+    _edges(cover[edge - begin : end - begin], nx, at, blur, edge)
+    inner = cover[full - begin : edge - begin]
+    for i in range(len(inner)):
+        inner[i] = 1.0
+    return begin, end
 
 
 @njit(inline='always', fastmath=True)

@@ -71,26 +71,6 @@ class RenderOptions:
     rate_hz: float = 60.0
 
 
-class Scenery:
-    """What blocks stand on, in grey levels: an even platform, and covers that shine evenly.
-
-    Args:
-        calibration: the camera.
-        background: grey level of the platform.
-        n_blocks: how many blocks there are.
-    """
-
-    core, core_px = 0.0, 6.0  # of the LED that shows through a cover; px of a 45.8 px block
-
-    def __init__(self, calibration: Calibration, background: float, n_blocks: int):
-        shape = calibration.image_height, calibration.image_width
-        self.scale_px = calibration.px_per_m() * calibration.table.block_side_m / 45.8
-        self.vignette = np.ones(shape, np.float32)
-        self.static = np.full(shape, background, np.float32)
-        self.glints = np.zeros((0, 0), np.float32)  # (h, w) light of grains, which covers hide
-        self.texture = np.zeros((n_blocks, 0, 0), np.float32)  # of each cover, relative
-
-
 class Renderer:
     """Draws the table as the camera sees it.
 
@@ -131,15 +111,19 @@ class Renderer:
         self.table = table = self.calibration.table
         self._present = table.present if n_blocks is None else np.ones(n_blocks, bool)
         self.n_blocks = n_blocks = len(self._present)
-        self.scenery = self._scenery()
         self._land = _land_lines(self.calibration)
         self._sensor = Sensor(*NOISE_LEVELS[options.noise], (int(seed), 0))
-        self._work = self.scenery.static.copy()
+        side_px = self.calibration.px_per_m() * table.block_side_m
+        self._halo_px = 40.0 * (side_px / 45.8)
+        self._static = self._platform()
+        self._work = self._static.copy()
         self._windows = np.zeros((n_blocks * (_BLUR_STEPS + 1), 4), np.int64)
         self._dirty = 0
 
-    def _scenery(self) -> Scenery:
-        return Scenery(self.calibration, self.options.background, self.n_blocks)
+    def _platform(self) -> np.ndarray:
+        """Return the light (h, w) f4 of an image without blocks."""
+        shape = self.calibration.image_height, self.calibration.image_width
+        return np.full(shape, self.options.background, np.float32)
 
     def render(
         self,
@@ -183,7 +167,7 @@ class Renderer:
         True
         """
         work = self._work
-        kernels.restore(work, self.scenery.static, self._windows, self._dirty)
+        kernels.restore(work, self._static, self._windows, self._dirty)
         poses = np.column_stack([np.asarray(c, float) for c in (x, y, yaw)])
         white = np.zeros(len(poses)) if flash is None else np.asarray(flash, float)
         on = np.ones(len(poses)) if ir is None else np.asarray(ir, float)
@@ -203,30 +187,24 @@ class Renderer:
         self, poses: np.ndarray, velocity: ArrayLike | None, white: np.ndarray, on: np.ndarray
     ) -> int:
         """Draw the blocks and the halos of their flashes; return how many windows they take."""
-        work, scenery, windows = self._work, self.scenery, self._windows
-        glow = self.options.block_level - self.options.background
-        scale = scenery.scale_px
         placed, owner, weight = self._positions(poses, velocity)
-        n = kernels.draw_blocks(
-            work,
-            scenery.vignette,
-            scenery.glints,
-            self.corners_px(placed, owner),
-            glow * on + _FLASH_LEVEL * white,
-            scenery.core * on,
-            scenery.core_px * scale,
-            scenery.texture,
-            self.options.psf_px,
-            owner,
-            weight,
-            windows,
-            0,
-        )
+        n = self._covers(self.corners_px(placed, owner), white, on, owner, weight)
         halo = _FLASH_HALO * (white * self._present[: len(poses)])
         if halo.any():
             centres = self.corners_px(poses).mean(axis=1)
-            n = kernels.draw_halos(work, centres, halo, 40.0 * scale, windows, n)
+            n = kernels.draw_halos(self._work, centres, halo, self._halo_px, self._windows, n)
         return n
+
+    def _covers(
+        self, corners: np.ndarray, white: np.ndarray, on: np.ndarray, *given: np.ndarray
+    ) -> int:
+        level, psf_px = self._levels(white, on), self.options.psf_px
+        return kernels.draw_blocks(self._work, corners, level, psf_px, *given, self._windows)
+
+    def _levels(self, white: np.ndarray, on: np.ndarray) -> np.ndarray:
+        """Return how much light (n,) covers add, by their white and infrared LEDs."""
+        glow = self.options.block_level - self.options.background
+        return glow * on + _FLASH_LEVEL * white
 
     @property
     def light(self) -> np.ndarray:
