@@ -221,7 +221,7 @@ def _tracked(rehearsal: Rehearsal, seed: int):
     from eol_ros.settings import TrackerSettings, TwinSettings
 
     twin, calibration = TwinSettings(), Calibration.ideal()
-    options = RenderOptions(twin.noise, exposure_s=twin.exposure_us * 1e-6, rate_hz=rehearsal.fps)
+    options = RenderOptions(twin.noise, exposure_s=twin.exposure_us * 1e-6)
     renderer = Renderer(options, calibration, seed)
     tracker = Tracker(TrackerSettings(), calibration)
     tracker.warm_up()

@@ -29,7 +29,7 @@ class Compiled(event.Listener):
 
 def film(seconds, fps=60.0, hole=()):
     """Yield (stamp_s, read-only image) as a node gets them, with images of nothing in `hole`."""
-    renderer = Renderer(RenderOptions(rate_hz=fps), Calibration.ideal(), 5)
+    renderer = Renderer(RenderOptions(), Calibration.ideal(), 5)
     play = Play(5)
     table = play.table
     for index in range(round(seconds * fps)):

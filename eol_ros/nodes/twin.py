@@ -50,7 +50,7 @@ class TwinNode(EolNode):
         super().__init__(settings, **kwargs)
         s, exposure_s = self.settings, self.settings.exposure_us * 1e-6
         calibration = twin_camera(s, self.table)
-        options = RenderOptions(s.noise, exposure_s=exposure_s, rate_hz=s.fps)
+        options = RenderOptions(s.noise, exposure_s=exposure_s)
         self.renderer = Renderer(options, calibration, s.seed)
         felt = s.accelerometer and block.compiled()
         self.blocks = FeltBlocks(s, self.table) if felt else None

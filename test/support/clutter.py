@@ -450,9 +450,10 @@ class Cluttered(Renderer):
         calibration: Calibration | None = None,
         seed: int = 0,
         n_blocks: int | None = None,
+        rate_hz: float = 60.0,
         **options: Any,
     ):
-        self._level, self._seed = level, seed
+        self._level, self._seed, self._rate_hz = level, seed, rate_hz
         self._more: ArrayLike | None = None
         super().__init__(RenderOptions(**options), calibration, seed, n_blocks)
         self._windows = np.concatenate([self._windows, np.zeros((64, 4), np.int64)])
@@ -465,7 +466,7 @@ class Cluttered(Renderer):
             options.background,
             self._seed,
             self.n_blocks,
-            options.rate_hz,
+            self._rate_hz,
         )
         return self.scenery.static
 

@@ -336,7 +336,7 @@ class Film:
         from eol_ros.core.vision.calibration.model import Calibration
         from eol_ros.core.vision.render.renderer import Renderer, RenderOptions
 
-        renderer = Renderer(RenderOptions(rate_hz=self.fps), Calibration.ideal(*self.size), seed)
+        renderer = Renderer(RenderOptions(), Calibration.ideal(*self.size), seed)
         play = Play(seed)
         table, image = play.table, np.empty(self.size[::-1], np.uint8)
         mjpg = cv2.VideoWriter_fourcc(*'MJPG')

@@ -16,7 +16,7 @@ FPS = 30.0
 
 @pytest.mark.slow
 def test_blocks_of_a_rim_that_rotates_all_the_way_round_keep_their_names():
-    renderer = Renderer(RenderOptions(rate_hz=FPS), Calibration.ideal(), 5)
+    renderer = Renderer(RenderOptions(), Calibration.ideal(), 5)
     tracker, play = Tracker(TrackerSettings(), Calibration.ideal()), Play(5)
     table, dark = play.table, {*range(34, 38), *range(120, 130), *range(180, 183)}
     for index in range(250):

@@ -60,7 +60,6 @@ class RenderOptions:
         psf_px: standard deviation of the lens blur.
         background, block_level: grey levels of the platform and of a lit cover.
         exposure_s: shutter time; moving blocks blur over it.
-        rate_hz: images a second.
     """
 
     noise: str = 'L2'
@@ -68,7 +67,6 @@ class RenderOptions:
     background: float = 14.0
     block_level: float = 184.0
     exposure_s: float = 0.003
-    rate_hz: float = 60.0
 
 
 class Renderer:
