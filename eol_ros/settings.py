@@ -333,10 +333,6 @@ class LedsSettings:
     tap_threshold_mg: float = live(
         16.0, 'mean acceleration over 12 ms from which a block reports a tap', 'mg', 4, 500
     )
-    frame_hz: float = setting(
-        100.0, 'rate at which light levels are sent while any block is lit', 'Hz', 10, 500
-    )
-    baud: int = setting(1_000_000, 'baud rate of the serial port', '', 9600, 4_000_000)
     decay_s: float = live(
         0.1,
         'time constant of a flash; flash_limit: field or false raises a shorter one, also that of '

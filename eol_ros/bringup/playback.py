@@ -15,7 +15,7 @@ from eol_ros.settings import by_today
 from eol_ros.streams.graph import NODES
 
 DECIDING = ('tracker', 'motion', 'grains', 'leds')  # what they do follows from bag and settings
-PASSING = ('preview_hz', 'port', 'baud', 'board_log')  # settings of theirs that change none of it
+PASSING = ('preview_hz', 'port', 'board_log')  # settings of theirs that change none of it
 
 
 def settle(scene: Scene) -> tuple[Scene, list[str]]:

@@ -11,7 +11,7 @@ from eol_msgs.msg import BlockTap, LedCommand, Slip
 
 from eol_ros.core.vision.states import TRACKING
 from eol_ros.devices.board.board import State
-from eol_ros.devices.board.lights import Lights, Played, Sent, Tap
+from eol_ros.devices.board.lights import FRAME_HZ, Lights, Played, Sent, Tap
 from eol_ros.errors import EolError
 from eol_ros.nodes.leds_infrared import Infrared
 from eol_ros.ros.main_clock import MainClock
@@ -42,7 +42,7 @@ class LedsNode(EolNode):
         self.commands = self.publisher('led_commands')
         # Behind a replay the taps are those of its bag, and a knock of today does not count.
         self.taps = None if self.sim_time else self.publisher('block_taps')
-        self.frames = self.create_timer(1 / self.settings.frame_hz, self.on_frame, autostart=False)
+        self.frames = self.create_timer(1 / FRAME_HZ, self.on_frame, autostart=False)
         self.idle = self.create_timer(1.0, self.on_idle, autostart=False)
         self.infrared = Infrared(self, self.lights, self.tell)
         self.health.watches('board', self.lights.board.rounds)
@@ -123,7 +123,7 @@ class LedsNode(EolNode):
         """Wake up when idle light is due; until then no frames are needed."""
         wait_s = self.lights.idle_in_s
         if wait_s is not None:
-            self.resume(self.idle, max(wait_s, 1 / self.settings.frame_hz))
+            self.resume(self.idle, max(wait_s, 1 / FRAME_HZ))
 
     def on_idle(self) -> None:
         self.idle.cancel()

@@ -77,7 +77,6 @@ class Board:
         port: str,
         on_tap: Callable[[TapReport], None] = lambda tap: None,
         on_state: Callable[[State], None] = lambda state: None,
-        baud: int = BAUD,
         backoff: Backoff | None = None,
         line: Callable[[], int] | None = None,
     ):
@@ -93,7 +92,7 @@ class Board:
         self._good = 0  # packets that it counted since it started
         self.rejected = 0  # reports of blocks that it does not drive, or of knocks at another time
         self.round_trip_ms: deque[float] = deque(maxlen=64)
-        self._port, self._baud, self._line = port, baud, line
+        self._port, self._line = port, line
         self._on_tap, self._on_state = on_tap, on_state
         self._backoff = backoff or Backoff()
         self._lock = threading.Lock()
@@ -212,7 +211,7 @@ class Board:
                 opened.callback(os.close, fd)
             else:
                 path = find_port(self._port)
-                fd = opened.enter_context(_serial_port(path, self._baud)).fileno()
+                fd = opened.enter_context(_serial_port(path)).fileno()
             with self._lock:
                 self._fd = fd
             opened.callback(self._put_down)
@@ -338,12 +337,12 @@ class VersionRefused(Exception):
         )
 
 
-def _serial_port(path: str, baud: int) -> Any:
+def _serial_port(path: str) -> Any:
     """Return it open and ours alone; raise OSError where it cannot be."""
     import serial
 
     try:
-        port = serial.Serial(path, baud, timeout=0, exclusive=True)
+        port = serial.Serial(path, BAUD, timeout=0, exclusive=True)
     except serial.SerialException as error:
         raise OSError(error.errno, str(error)) from error
     with contextlib.suppress(ValueError, OSError):  # not every driver knows it

@@ -44,6 +44,7 @@ MOST_TAPS = 256  # between two looks at them
 LOW_MV = 3000  # of a lithium cell, whose protection lets go soon after
 SET_S = 0.02  # the system clock departs from steady time by more only where somebody sets it
 FADE_STEP = 1 / 32  # of the peak
+FRAME_HZ = 100.0  # at which levels are sent while a block is lit
 LOOK_S = 0.1  # period of the look for idle light behind a replay
 FOREIGN_NS = 1_000_000_000  # a stamp so old, or of the future, is of another clock
 
@@ -180,7 +181,7 @@ class Lights:
             self.twin, self._twin_sigma_s = TwinBoard(s.board_log, namespace, table), SIGMA_S
         line = self.twin.fake.open_line if self.twin else None
         port = self.twin.port if self.twin else s.port
-        self.board = Board(port, self._tap, on_state, s.baud, line=line)
+        self.board = Board(port, self._tap, on_state, line=line)
         self._configure()
 
     def start(self) -> None:
@@ -519,7 +520,7 @@ class Lights:
     def _new_frames(self) -> Frames:
         s = self._settings
         field = new_field(s.flash_limit, self._look.decay_s, self._peak, self.table)
-        return Frames(field, s.frame_hz)
+        return Frames(field, FRAME_HZ)
 
     def _tap(self, tap: TapReport) -> None:
         if tap.block not in self._ids:
