@@ -10,6 +10,7 @@ Stricter than the text, changes above a relative luminance of 0.8 count as well.
 import math
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from eol_ros.core.compiled import njit
 
@@ -36,18 +37,17 @@ def fields(centres_m, eye_m, step_deg=1.5, side_m=0.084):
     rays = ((np.cos(v) * np.cos(h))[..., None] * gaze + (np.cos(v) * np.sin(h))[..., None] * right
             + np.sin(v)[..., None] * up)  # fmt: skip
     down = rays[..., 2] < -0.05
-    way = np.where(down, -eye[2] / np.where(down, rays[..., 2], -1.0), np.nan)
-    spot = eye[:2] + way[..., None] * rays[..., :2]
-    sr = np.cos(v) * math.radians(PIXEL_DEG) ** 2
-    shows = np.full(h.shape, -1)
-    for block, centre in enumerate(centres_m):
-        shows[(np.abs(spot - centre) <= side_m / 2).all(axis=-1)] = block
-    lit = shows >= 0
-    pixels, block, weight = rays[lit], shows[lit], sr[lit]
+    pixels = rays[down]
+    spot = eye[:2] - eye[2] / pixels[:, 2:] * pixels[:, :2]
+    apart, block = KDTree(centres_m).query(spot, p=np.inf)
+    lit = apart <= side_m / 2
+    pixels, block = pixels[lit], block[lit]
+    weight = np.cos(v)[down][lit] * math.radians(PIXEL_DEG) ** 2
     found = []
     stride = round(step_deg / PIXEL_DEG)
-    for middle in rays[::stride, ::stride].reshape(-1, 3):
-        inside = pixels @ middle >= math.cos(math.radians(5))
+    middles = rays[::stride, ::stride].reshape(-1, 3)
+    chord = 2 * math.sin(math.radians(2.5)) + 1e-9  # with the pixels on the edge
+    for inside in KDTree(pixels).query_ball_point(middles, chord, return_sorted=True):
         if weight[inside].sum() > 0.006:
             found.append(np.bincount(block[inside], weight[inside], len(centres_m)))
     return np.array(found).reshape(-1, len(centres_m))
