@@ -52,9 +52,13 @@ link.on('blocks', (packet) => {
   space.blocks(blocks, moving);
   if (stirred(blocks.rows)) camera.dirty = space.dirty = true;
   coordinates.take(blocks, moving);
+  sayCamera(blocks);
+});
+function sayCamera(blocks) {
+  if (!blocks) return;
   const seen = blocks.rows.filter((value, i) => i % 8 === 7 && value).length;
   write($('camera-state'), say('camera_words', { seen, all: COUNT, state: say(`tracker_${blocks.state}`) }));
-});
+}
 // Whether a block has gone far enough to be redrawn, or has been lost or found.
 let shown = new Float32Array(8 * CELLS);
 function stirred(rows) {
@@ -158,6 +162,7 @@ function retell() {
   nodes.draw();
   instrument.retell();
   desk.retell();
+  sayCamera(camera.past.at(-1)?.blocks);
   sayViewers();
   nameCorpus();
   desk.sayAnswer();
