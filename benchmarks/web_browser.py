@@ -54,9 +54,9 @@ def measure_browser(url: str, seconds: float, sound_latency_s: float) -> dict[st
             driver.quit()
 
 
-def wait(driver: Any, condition: str) -> None:
-    """Return when `condition` holds in the page; raise EolError where it never does."""
-    end = time.monotonic() + 30
+def wait(driver: Any, condition: str, seconds: float = 30.0) -> None:
+    """Return when `condition` holds in the page; raise EolError where it does not for so long."""
+    end = time.monotonic() + seconds
     while not driver.execute_script(f'return Boolean(window.eol) && ({condition})'):
         if time.monotonic() > end:
             raise EolError(f'the page does not come to: {condition}')
