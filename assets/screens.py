@@ -218,10 +218,8 @@ def row_of(
     On a busy machine bringup may restart the panel, or a state come late.
     """
     for _ in range(3):
-        if panel := status(address).get('panel'):
-            # Chromium, run by root, raises its priority; the panel has a low one, and starves.
-            priority.step_back(int(panel['pid']), -8)
         try:
+            hasten(address)
             return look_at(browser, address, path, state, wrong)
         except (EolError, OSError, WebDriverException) as error:
             why = str(error).split('\n')[0]
@@ -229,6 +227,12 @@ def row_of(
     wrong.setdefault(f'no picture, {path}', set()).add(f'{why} ({state})')
     black = [np.zeros((height, width, 3), np.uint8) for width, height in SIZES]
     return dict.fromkeys(LANGUAGES, black)
+
+
+def hasten(address: str) -> None:
+    """Raise the panel's low priority: beside Chromium, run by root, it would starve."""
+    if panel := status(address).get('panel'):
+        priority.step_back(int(panel['pid']), -8)
 
 
 def look_at(
@@ -294,13 +298,15 @@ def picture(browser: Any, width: int, height: int) -> np.ndarray:
 
 def draw_panel(browser: Any, address: str) -> int:
     """Write docs/img/panel.png, 1920 x 1080: the panel while many blocks slip."""
+    hasten(address)
     resize(browser, *SIZES[0])
     browser.get(address)
     wait(browser, READY['/'])
-    wait(browser, 'document.getElementById("law").dataset.total > 30', 300)
+    wait(browser, 'document.getElementById("law").dataset.total > 20', 300)
     moving = 'parseInt(document.getElementById("moving-count").textContent) > 3'
-    good = 'eol.link.work.code === "awake" && !document.querySelector(".card.old")'
-    wait(browser, f'{good} && {moving}', 300)
+    good = '!document.querySelector("#nodes [data-level=silent], #nodes [data-level=error]")'
+    fresh = 'eol.link.now() - eol.camera.stamp < 0.3'
+    wait(browser, f'{good} && {fresh} && {moving}', 300)
     png = ROOT / 'docs' / 'img' / 'panel.png'
     Image.fromarray(picture(browser, *SIZES[0])[..., ::-1]).quantize(256).save(png, optimize=True)
     print(png)
