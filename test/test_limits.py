@@ -10,7 +10,6 @@ KERNELS = 'njit', 'entry', 'uncounted', 'inlined'  # the decorators of compiled 
 # Functions that exceed a limit.
 MORE = {
     'core/sound/mixer.py:Mixer.__init__',
-    'core/vision/render/renderer.py:Renderer.render',
 }
 
 
