@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
 
     from eol_ros.lab.automaton.ofc import Automaton, Events
 
-    full = bool(args.output)
+    full = args.output is not None
     if full:
         folders.check_writable(args.output, '--output')
     fit_range = _fit_range(args.fit, args.size)

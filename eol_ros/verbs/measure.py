@@ -96,7 +96,7 @@ def run(args) -> int:
 
 def _table(args, scene: Table | None) -> Table:
     """Return the table of the bag, of the scene or of the running graph."""
-    if args.bag:
+    if args.bag is not None:
         from eol_ros.analysis.bag import open_bag
         from eol_ros.analysis.recorded_settings import recorded_table
 

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if scene.duration_s / args.sample > 5e6 / scene.n:
         raise UsageError(f'--sample {args.sample:g}: too many samples of {scene.duration_s:g} s')
-    if args.output:
+    if args.output is not None:
         folders.check_writable(args.output, '--output')
     compile.ensure(['simulate'])
     limits = Limits(args.max_events, args.max_steps)
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
         begin_s = time.perf_counter()
         result = choose.simulate(scene, args.sample, args.path, args.tol, limits)
         solve_s = time.perf_counter() - begin_s
-    if args.output:
+    if args.output is not None:
         physics_file.save_run(args.output, result)
     energy = result.energy
     assert energy is not None  # ledger=True

@@ -72,6 +72,7 @@ def test_too_few_events_are_told_instead_of_fitted(capsys):
         (('--fit', '1:20001'), 2, 'up to 20000'),
         # told before the run, which would not end
         (('--output', '/nowhere/x.npz', '--size', 64, '--events', 10**9), 78, 'No such file'),
+        (('--output', '', '--size', 64, '--events', 10**9), 78, 'Is a directory'),
     ],
 )
 def test_mistakes_are_one_line(capsys, words, code, message):
