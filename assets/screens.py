@@ -5,7 +5,7 @@
     python -m assets.screens --panel    writes docs/img/panel.png, and no sheet
 
 A row of a sheet is a page in its whole length, a column a size; a pixel is a pixel of the screen.
-What a machine can see is printed, with exit code 1: what axe-core finds, small text, small controls
+The program prints what it finds, with exit code 1: findings of axe-core, small text, small controls
 on a touch screen, text that is cut off, words of another language, a page wider than its screen.
 Needs chromium and chromedriver.
 """
@@ -51,7 +51,7 @@ STATES = {  # with the requests that lead there from the one before
     'asleep': ['unmute', 'sleep'],
     'stale': ['wake'],  # each page then loses its connection: CUT
 }
-# Everything that a page has heard gets old at once, and nothing more comes.
+# Makes all data of a page 7 s old, and ends its connection.
 CUT = """
 eol.link.open = () => {};
 eol.link.socket.close();
@@ -65,7 +65,7 @@ PAINTED = """
 const done = arguments[0];
 requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done, 300)));
 """
-READY = {  # what a page shows once it has heard all
+READY = {  # conditions that hold once a page has all its data
     '/': 'document.querySelector("#camera canvas").dataset.images > 5'
     ' && document.querySelector("#space canvas").dataset.grains > 0'
     ' && document.querySelectorAll("#nodes li").length > 7',
@@ -75,7 +75,7 @@ READY = {  # what a page shows once it has heard all
     '/wall/left': 'eol.view.shows || eol.link.work.code.startsWith("asleep")',
     '/wall/right': 'eol.view.shows || eol.link.work.code.startsWith("asleep")',
 }
-AXE_SIZES = (1280, 720), (390, 844)  # each of a layout
+AXE_SIZES = (1280, 720), (390, 844)  # one of each layout
 # What is wrong with a page, by kind: texts smaller than `least` px, controls smaller than 44 px ...
 LOOK = r"""
 const [least, touch] = arguments;
@@ -110,7 +110,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--output', type=Path, default=ROOT / 'build' / 'screens')
     parser.add_argument('--states', nargs='+', choices=STATES, default=list(STATES))
-    parser.add_argument('--panel', action='store_true', help='write docs/img/panel.png alone')
+    parser.add_argument('--panel', action='store_true', help='write only docs/img/panel.png')
     args = parser.parse_args(argv)
     args.output.mkdir(parents=True, exist_ok=True)
     wrong: dict[str, set[str]] = {}
@@ -170,7 +170,7 @@ def begin(folder: Path, ending: contextlib.ExitStack, only_panel: bool = False) 
     scene = folder / 'screens.yaml'
     nodes = {
         'panel': {'port': port}, 'recorder': 'off', 'sound': {'device': 'wav', 'wav': ''},
-        'twin': {'fps': 20},  # leaves the browser more of the processor
+        'twin': {'fps': 20},  # leaves the browser more processor time
     }  # fmt: skip
     scene.write_text(json.dumps({'scene': 'screens', 'include': 'rehearsal', 'nodes': nodes}))
     module = ['eol_ros.nodes', 'panel', '--scene'] if only_panel else ['eol_ros.bringup']
@@ -193,7 +193,7 @@ def begin(folder: Path, ending: contextlib.ExitStack, only_panel: bool = False) 
 
 
 def lead_to(address: str, state: str) -> None:
-    """Ask for a state, from that before."""
+    """Request a state, from the one before."""
     for control in STATES[state]:
         ask(address, control)
 
@@ -213,7 +213,7 @@ def ask(address: str, control: str) -> None:
 def row_of(
     browser: Any, address: str, path: str, state: str, wrong: dict[str, set[str]]
 ) -> dict[str, list[np.ndarray]]:
-    """Return pictures of a page by language, one a size; black ones where three tries fail.
+    """Return pictures of a page by language, one a size; black ones if three tries fail.
 
     On a busy machine bringup may restart the panel, or a state come late.
     """
@@ -258,7 +258,7 @@ def look(
     browser: Any, address: str, path: str, state: str, size: tuple[int, int],
     wrong: dict[str, set[str]],
 ) -> np.ndarray:  # fmt: skip
-    """Return a picture of the page that is shown, in a size; note what is wrong with it."""
+    """Return a picture of the open page in a size; note what is wrong with it."""
     touch = resize(browser, *size)
     code = 'return eol.link.work.code'
     if state == 'test' and browser.execute_script(code) != state:
@@ -277,7 +277,7 @@ def look(
 
 
 def resize(browser: Any, width: int, height: int) -> bool:
-    """Make the browser's screen of this size, in px; return whether it is touched."""
+    """Set the size of the browser's screen in px; return whether it is a touch screen."""
     touch = width <= TOUCH_PX
     metrics = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': touch}
     browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', metrics)
@@ -288,7 +288,7 @@ def resize(browser: Any, width: int, height: int) -> bool:
 def picture(browser: Any, width: int, height: int) -> np.ndarray:
     """Return a picture of the page in its whole length."""
     high = browser.execute_script('return document.documentElement.scrollHeight')
-    if high > height:  # all of it is laid out and painted, as no capture beyond the screen does
+    if high > height:  # a capture beyond the screen does not lay out and paint it
         resize(browser, width, high)
         browser.execute_async_script(PAINTED)
     asked = {'optimizeForSpeed': True}

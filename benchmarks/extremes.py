@@ -63,7 +63,7 @@ brackets. K_C is the stiffness between blocks, K_L that to the plate."""
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--case', default='', metavar='TEXT', help='only rows whose name has TEXT')
     parser.add_argument(
-        '--hours', type=within(0, 1000), default=24.0, help='of the live clock (24)'
+        '--hours', type=within(0, 1000), default=24.0, help='time of the live clock (24)'
     )
     parser.add_argument('--markdown', action='store_true', help='as extremes.md of the docs')
     parser.add_argument(
@@ -249,7 +249,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _earlier(file: str) -> dict[str, Any]:
-    """Return what --json printed; raises ConfigError if `file` holds something else."""
+    """Return the results in `file`; raises ConfigError if it is no output of --json."""
     try:
         found = json.loads(Path(file).read_text())
     except ValueError:

@@ -55,7 +55,7 @@ def measure_browser(url: str, seconds: float, sound_latency_s: float) -> dict[st
 
 
 def wait(driver: Any, condition: str, seconds: float = 30.0) -> None:
-    """Return when `condition` holds in the page; raise EolError where it does not for so long."""
+    """Return when `condition` holds in the page; raise EolError after `seconds`."""
     end = time.monotonic() + seconds
     while not driver.execute_script(f'return Boolean(window.eol) && ({condition})'):
         if time.monotonic() > end:

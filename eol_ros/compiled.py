@@ -77,10 +77,10 @@ def alone(waiting: Callable[[], None]) -> Iterator[None]:
 
 
 def load(name: str) -> tuple[bytes, Callable[[], bytes | None]] | None:
-    """Return the payload stored under `name` and what reads it again; None if missing or damaged.
+    """Return the payload of `name` and a function that reads it again; None if missing or damaged.
 
-    A process that compiled the same may have replaced the file, by code with other symbols, before
-    it is read again: the mapping keeps the file that was loaded, and no memory.
+    Another process that compiled the same function may replace the file by code with other symbols.
+    The mapping keeps the file that was loaded, at no cost in memory.
     """
     for folder in folders():
         try:

@@ -60,7 +60,7 @@ def writing(path: str | Path, option: str = '') -> Iterator[None]:
 
 
 def each(check: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
-    """Return `check(item)` of each item; raise one ConfigError with all that it refuses."""
+    """Return `check(item)` of each item; raise one ConfigError that names all refused items."""
     found, wrong = [], []
     for item in items:
         try:

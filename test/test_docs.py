@@ -242,14 +242,14 @@ def known(code):
 
 @each_page
 def test_names_in_back_quotes_are_in_the_code(page, code, known):
-    """A name with a dot stands there so, or is a setting of a node, or a file of an example."""
+    """A dotted name is in the code as written, a setting of a node or a file of an example."""
     for name in re.findall(r'`([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)(?:\(\))?`', page.read_text()):
         first, _, last = name.rpartition('.')
         if first:
             setting = first in NODES and hasattr(NODES[first].settings, last)
             example = last in ('csv', 'jpg', 'yaml') and known.issuperset(name.split('.'))
             assert name in code or setting or example or name in FOREIGN, name
-        elif '_' in name:  # one word alone may be any word
+        elif '_' in name:  # a single word may be plain English
             assert name in known, name
 
 

@@ -18,8 +18,8 @@ ROOT = os.path.dirname(__file__)
 def test_bent_inputs_raise_no_other_error_and_leave_nothing_in_memory(name, tmp_path):
     """It is read for months: what 60 inputs leave in memory, the next 90 may not add to."""
     found = fuzz.target(name, tmp_path)
-    for seed in found.seeds:  # what is bent is good to begin with
-        assert found.feed(seed) is None  # it raises what is wrong
+    for seed in found.seeds:  # inputs are valid before mutation
+        assert found.feed(seed) is None  # raises if not
     inputs = list(fuzz.mutations(found.seeds, 150, 1))
 
     def feed(some):

@@ -12,7 +12,7 @@ the old one, into which all writers go on writing (SharedMemGlobal.hpp, open_por
 notice after 2 to 3 s that nobody reads there; never, if the killed reader stood between two
 messages, or had been stopped so long that they had made its port again themselves. So the ports of
 a process are marked when it has ended: every writer then opens at its next message what is there.
-Bringup marks those of its nodes; where it was killed with them, the next bringup does.
+Bringup marks the ports of its nodes; if it was killed with them, the next bringup marks them.
 """
 
 import contextlib
@@ -143,7 +143,7 @@ def mark_unread(folder: Path = FOLDER) -> list[int]:
     marked = []
     for path in folder.glob('fastrtps_port*_el'):
         with contextlib.suppress(OSError, ValueError), path.open('rb') as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # raises where it is read
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # raises if a reader holds it
             port = path.with_name(path.name.removesuffix('_el'))
             number = int(port.name.removeprefix('fastrtps_port'))
             with port.open('r+b', buffering=0) as file:
@@ -153,7 +153,7 @@ def mark_unread(folder: Path = FOLDER) -> list[int]:
 
 
 def clean() -> None:
-    """Remove what killed processes have left, once writers are told; what a live one uses stays."""
+    """Mark ports without a reader, then remove files of killed processes; files in use stay."""
     release_unfinished()
     mark_unread()
     try:

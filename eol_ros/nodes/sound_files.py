@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Audio files of the corpus on the machines of `grains` and `sound`: found, and compared."""
+"""Audio files of the corpus on the machines of `grains` and `sound`: located and compared."""
 
 import contextlib
 import hashlib
@@ -39,10 +39,10 @@ class SoundFiles:
             node.on_states(self._hear)
 
     def here(self, files: Sequence[str]) -> list[str]:
-        """Return where the files of `grains` lie on this machine.
+        """Return the paths of the files of `grains` on this machine.
 
-        That is the same path or, where nothing is there, a sound of the scene with the same name,
-        best in a folder of the same name. Raises ConfigError if the ice recording cannot be made.
+        A path stays the same if a file is there. Else it is a sound of the scene with that name,
+        first in a folder of the same name. Raises ConfigError if the ice recording cannot be made.
         """
         if not self._apart or all(map(os.path.isfile, files)):
             return list(files)
@@ -50,7 +50,7 @@ class SoundFiles:
         from eol_ros.devices.corpus.corpus_file import Options, all_sounds
 
         settings, sounds, found = self._node.scene.settings('grains'), [], []
-        with contextlib.suppress(EolError):  # who reads the files says what is missing
+        with contextlib.suppress(EolError):  # the loader of the files reports what is missing
             sounds = all_sounds(settings.sound, Options.of(settings))
         for file in files:
             there = of_this_machine(file)
@@ -79,7 +79,7 @@ class SoundFiles:
         from eol_ros.devices.corpus.corpus_file import sha256
 
         here = files
-        with contextlib.suppress(EolError):  # the loader of the files tells it
+        with contextlib.suppress(EolError):  # the loader of the files reports it
             here = self.here(files)
         marks = [(file, *stamp(file)) for file in (*files, *here)]
         if marks == self._marks:

@@ -207,7 +207,7 @@ def test_the_proof_needs_what_was_asked_for(run, result, monkeypatch):
 
 
 def keep_blocks(result, monkeypatch):
-    """Take how the blocks compare, which nothing of the test touches, from `result`."""
+    """Reuse the comparison of blocks of `result`, which the test does not change."""
     blocks = result.topics['blocks']
     monkeypatch.setattr(
         retracking, '_compare_blocks', lambda *given: given[3].topics.update(blocks=blocks)

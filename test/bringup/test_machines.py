@@ -171,7 +171,7 @@ def test_a_clock_that_is_ahead_is_subtracted_and_each_killed_machine_comes_back(
             )
 
         def heard():
-            """Whether all work, whatever the node `machine` says of the clock of audio."""
+            """Return whether all nodes work; ignore what `machine` says of the clock of audio."""
             seen = [rows(name) for name in machines.names]
             return all(
                 len(found) == 11
@@ -221,7 +221,7 @@ def test_a_bag_of_ten_minutes_at_load_8_lacks_no_event(machines, tmp_path):
     named = json.loads(bag.gaps['lost_before_recorder'])
     slips = bag.table('slips')
     slips = slips[slips['kind'] == Slip.KIND_START]
-    # those of one image are in the order of their onsets
+    # slips of one image are published in the order of their onsets
     starts = slips['slip'][np.lexsort((slips['slip'], slips['stamp']))].astype(int)
     numbers = {
         'blocks': bag.table('blocks')['image'].astype(int),

@@ -168,7 +168,7 @@ def test_a_writer_finds_the_next_reader_once_the_port_of_a_killed_one_is_marked(
             reader.send_signal(signal.SIGSTOP)
         reader.kill()
         reader.wait()
-        # DDS may have noticed itself by now
+        # DDS itself may have noticed by now
         assert not seen or set(ports.end()) <= set(numbers)
         if not seen:
             shared_memory.clean()

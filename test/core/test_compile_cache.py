@@ -79,7 +79,8 @@ for k in range(20):
     assert all(map(compiled._is_whole, names))
 assert [ended(fork()), ended(fork(allowed=0))] == [0, 0]
 """
-# Two compile the same; a third loads one, which the other then replaces, and compiles its caller.
+# Two processes compile one function. A third loads an object, replaces it by the other one, and
+# compiles a caller.
 REPLACED = """
 values = np.arange(10.0)
 for place in 'ab':

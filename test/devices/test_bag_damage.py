@@ -124,7 +124,7 @@ def test_a_flipped_bit_costs_its_chunk_at_most_and_is_said(tmp_path, whole):
 
 @pytest.mark.slow
 def test_a_cut_costs_what_is_behind_it_at_most_and_is_said(tmp_path):
-    """A file without its end is a cut of one that has it."""
+    """A file without its end is one of these cuts, so only whole files are cut."""
     path = write(tmp_path / 'run')
     truth = Truth(path)
     path.unlink()

@@ -66,7 +66,7 @@ def test_a_file_on_one_machine_only_is_for_its_node_to_tell(pair, tmp_path):
 
 
 def test_a_file_that_lies_elsewhere_here_is_found_by_its_name(ros, tmp_path, monkeypatch):
-    """As of another user; of two with that name the one whose folder has that name, too."""
+    """Paths of another user: of two files of that name, the one in a folder of the same name."""
     for folder in ('sea', 'wind'):
         (tmp_path / folder).mkdir()
         written(tmp_path / folder, ['1.wav', '2.wav'])

@@ -352,7 +352,7 @@ def good(topic, raw, now):
         case 'SoundSamples':
             return m.channels > 0 and len(m.samples) % m.channels == 0
         case 'Image':
-            rows = m.step >= m.width > 0 and m.height * m.step == len(m.data) > 0  # or padded
+            rows = m.step >= m.width > 0 and m.height * m.step == len(m.data) > 0  # padded, too
             return rows and m.encoding in ('mono8', '8UC1')
     return True
 
@@ -398,7 +398,7 @@ def test_nodes_live_on_and_count_true(live, count):
                         assert dropped == wrong, (node.NAME, topic, raw, now_s)
             nodes.turn()
         gc.collect()
-        ctypes.CDLL(None).malloc_trim(0)  # what is free is no growth, though glibc keeps it
+        ctypes.CDLL(None).malloc_trim(0)  # memory that glibc keeps free is no growth
         sizes.append(int(process.read_text().split()[1]) * os.sysconf('SC_PAGE_SIZE') / 1e6)
     assert sizes[-1] - sizes[1] < 0.05 * sizes[1] + 10, sizes
     nodes.run(2.0)

@@ -75,7 +75,7 @@ def kill():
             owner.take(0, np.zeros((8, 8), np.uint8))
         if WORKER == 'projector':
             owner._change.set()
-        if WORKER == 'bag-housekeeper':  # it rests for a minute
+        if WORKER == 'bag-housekeeper':  # it sleeps for a minute
             thread._stopped.set()
         thread.join(2.0)
 

@@ -90,7 +90,7 @@ def test_a_start_in_1970_and_then_a_jump_of_decades(tmp_path, scene):
 
 
 def test_a_home_and_a_state_folder_that_cannot_be_written(tmp_path):
-    """Only the cache has to be writable: the state is said and lived with; no home is needed."""
+    """Only the cache must be writable: a warning names the state folder; no home is needed."""
     (tmp_path / 'scene.yaml').write_text(LIGHT)
     (tmp_path / 'file').write_text('')
     nothing = {'HOME': NOWHERE, 'XDG_CACHE_HOME': None, 'XDG_STATE_HOME': None}

@@ -158,7 +158,7 @@ def eol(graph, *words):
 
 
 def test_killed_nodes_come_back_and_no_other_is_started_again(tmp_path):
-    """Every second node at once, then the others: each is killed, and sees its neighbours go."""
+    """Kill every second node, then the others: each is killed, and loses its neighbours."""
     path = rehearsal(tmp_path, recorder={'images': 'none'})
     with Graph(path, tmp_path / 'bags') as graph:
         graph.wait_until_ok()

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A machine with too much else to do: nobody is killed for it, and what is lost is counted.
 
-Minutes of it run in `make soak`.
+Variants that take minutes run in `make soak`.
 """
 
 import time

@@ -158,7 +158,7 @@ def reduced_motion(browser):
 
 
 def resize(browser, width, height, mobile=False):
-    """Give the screen another size, in pixels of the page."""
+    """Set the size of the screen, in CSS pixels."""
     browser.execute_cdp_cmd(
         'Emulation.setDeviceMetricsOverride',
         {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': mobile},
@@ -166,7 +166,7 @@ def resize(browser, width, height, mobile=False):
 
 
 def visit(browser, address, path, width=1280, height=800, mobile=False):
-    """Open a page, and wait until its connection lives."""
+    """Open a page, and wait until it is connected."""
     resize(browser, width, height, mobile)
     browser.get(address + path)
     until_page(browser, 'eol.link.viewer')

@@ -142,7 +142,7 @@ class Clutter:
 
     Args:
         level: a level, or its name in LEVELS.
-        calibration: the camera; arms scale with its table, whose platform glints.
+        calibration: the camera and its table: arms scale with it, glints lie on its platform.
         background: grey level of the empty platform.
         seed: of everything drawn by chance.
         n_blocks: how many blocks there are.
@@ -359,7 +359,7 @@ def draw_covers(
     weight,
     windows,
 ):
-    """Add covers as `kernels.draw_blocks` does, which hide `glints` (h, w), part of `work`.
+    """Add covers as `kernels.draw_blocks` does; they hide `glints` (h, w), which `work` contains.
 
     glints may be (0, 0). Per block: level, core (k,), texture (k, T, T) relative, or (0, 0, 0) for
     smooth covers.
@@ -501,7 +501,7 @@ class Cluttered(Renderer):
         ir: ArrayLike | None = None,
         arms: ArrayLike | None = None,
     ) -> np.ndarray:
-        """Draw as `Renderer` does; without `flash` the level flashes.
+        """Draw as `Renderer` does; the level flashes blocks if `flash` is None.
 
         arms: (k, 5) capsules x0, y0, x1, y1, radius in metres, besides those of the level; (k, 6)
         with their grey levels.

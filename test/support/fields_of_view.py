@@ -46,7 +46,7 @@ def fields(centres_m, eye_m, step_deg=1.5, side_m=0.084):
     found = []
     stride = round(step_deg / PIXEL_DEG)
     middles = rays[::stride, ::stride].reshape(-1, 3)
-    chord = 2 * math.sin(math.radians(2.5)) + 1e-9  # with the pixels on the edge
+    chord = 2 * math.sin(math.radians(2.5)) + 1e-9  # includes pixels on the edge
     for inside in KDTree(pixels).query_ball_point(middles, chord, return_sorted=True):
         if weight[inside].sum() > 0.006:
             found.append(np.bincount(block[inside], weight[inside], len(centres_m)))

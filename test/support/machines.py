@@ -207,11 +207,11 @@ class Machines:
             config.parent.mkdir()
             config.write_text(text)
             self.variables[name]['EOL_CONFIG'] = str(config.parent)
-            self.own_cache(name, 'dds', config.parent / 'cache')  # its profile has its address
+            self.own_cache(name, 'dds', config.parent / 'cache')  # the DDS profile has its address
             self.up(name)
 
     def own_cache(self, machine: str, part: str, folder: Path) -> None:
-        """Let a machine have a cache of its own, with all of this one but `part`."""
+        """Give a machine its own cache, with links to all parts of this one but `part`."""
         folder.mkdir()
         for entry in folders.cache_path().iterdir():
             if entry.name != part:

@@ -74,7 +74,7 @@ PAINTED = """[...document.querySelectorAll('.card canvas')].every((c) => {
     [(p, 3840) for p in ('/', '/remote', '/table', '/about', '/wall/left')] + [('/', 360)],
 )
 def test_pages_fill_every_screen_and_axe_finds_no_barrier(graph, browser, path, width):
-    """By all rules of axe-core, also those on the size of what is touched; in both languages."""
+    """By all rules of axe-core, those on the size of touch targets included; in both languages."""
     address, _ = graph
     height = {360: 740, 3840: 2160}[width]
     visit(browser, address, path, width, height)
@@ -884,7 +884,7 @@ def test_the_monitor_is_one_view_without_inner_scrolling(graph, browser):
         cut = 'const {width, height} = eol.camera.canvas, {w, h} = eol.camera.cut(width / height);'
         w, h, side = run(browser, cut + 'return [w, h, eol.camera.part.side]')
         assert min(w, h) == pytest.approx(min(side, 800), abs=2)
-    # of one machine, whose blocks the twin shows
+    # the nodes of one machine with the twin
     names = [name for name in NODES if name not in ('camera', 'replay', 'machine')]
     words = 'the card /dev/snd/by-path/pci-0000:00:1f.3 has gone; waiting'
     for less in (('osc', 'midi', 'sacn'), ('osc', 'midi'), ()):

@@ -39,7 +39,7 @@ WALK = ['test', *(code for code in STATES if code != 'test')]
     ],
 )
 def test_a_page_shows_every_state(serve, browser, path, language, looked_at):
-    """Without a finding of axe-core in those looked at, nor after the connection is lost."""
+    """axe-core finds nothing in the states `looked_at`, nor after the connection is lost."""
     server = serve()
     heights = (terrain.landscape(1) * 65535).astype('<u2').tobytes()
     server.routes.documents['terrain'] = heights  # of the table's covers

@@ -32,13 +32,13 @@ def length_scale(scene: Scene) -> float:
 def usual_size(scene: Scene) -> tuple[Scene, float]:
     """Return (scene, size): the scene with lengths and g `size` times as large.
 
-    Constants of the solvers in m and m/s are meant for slips of some 1 m/s, the root of
-    acceleration times length. `size` is a power of 2^20: usual scenes stay as they are, and no
-    digit is lost.
+    Constants of the solvers in m and m/s suit slips of about 1 m/s. The speed of slips is estimated
+    as sqrt(acceleration x length). `size` is a power of 2^20, so that scaling does not round; it is
+    1 for ordinary scenes.
     """
     static = scene.static_limit / scene.mass
     square = float(static[static > 0].min(initial=np.inf)) * length_scale(scene)
-    if not 0.0 < square < np.inf:  # nothing is held, or beyond double precision
+    if not 0.0 < square < np.inf:  # no friction, or beyond double precision
         return scene, 1.0
     size = 2.0 ** (-20 * round(np.clip(0.5 * np.log2(square), -60, 60) / 20))
     return (scene, 1.0) if size == 1.0 else (scene.scaled(size), size)

@@ -96,7 +96,7 @@ class Scene:
         return self.mu_k * self.mass * self.g
 
     def scaled(self, size: float) -> 'Scene':
-        """Return the scene with lengths and g `size` times as large: so are displacements."""
+        """Return the scene with lengths and g `size` times as large; displacements scale alike."""
         between, to_frame = (
             replace(s, natural=s.natural * size, rest=s.rest * size, anchor=s.anchor * size)
             for s in (self.between, self.to_frame)

@@ -112,7 +112,7 @@ def new_mixer(settings: SoundSettings, epoch_s: float = 0.0, table: Table = Tabl
 def _scale(triggers, area, since_s, slower, level_db, duck_db, duck_s):
     """Scale rate and gain of `triggers` (n,) by their areas (n,) and times since the onset (n,).
 
-    slower, level_db: of each area, (areas,).
+    slower, level_db: factor of the rate and level by area, (areas,).
     """
     for i in range(len(triggers)):
         t, level = triggers[i], level_db[area[i]]
@@ -130,7 +130,7 @@ class Voicing:
 
     def __init__(self, settings: SoundSettings, table: Table = Table()):
         self.settings, self._table = settings, table
-        # of each area from 1 on; area 0 is none
+        # tables by area from 1 on; index 0 is unused
         area = np.maximum(np.arange(table.cells + 1), 1)
         self._log, self._bus = elementary.log(area), bus_of(area)
         self._share = self._log / elementary.log(float(table.count))

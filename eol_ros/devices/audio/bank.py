@@ -64,8 +64,8 @@ class BankLoader:
     """Loads banks behind the scenes, and knows which one a trigger speaks of.
 
     A corpus is told some time before triggers name its grains; until then those of the one before
-    are meant. One that cannot be read is tried again for as long as it is wanted. `here` returns
-    where the files of the corpus lie on this machine.
+    are meant. One that cannot be read is tried again for as long as it is wanted. `here` maps the
+    files of the corpus to paths on this machine.
     """
 
     def __init__(self, sample_rate: int, here: Callable[[Sequence[str]], list[str]] = list):

@@ -44,7 +44,7 @@ MOST_TAPS = 256  # between two looks at them
 LOW_MV = 3000  # of a lithium cell, whose protection lets go soon after
 SET_S = 0.02  # the system clock departs from steady time by more only where somebody sets it
 FADE_STEP = 1 / 32  # of the peak
-FRAME_HZ = 100.0  # at which levels are sent while a block is lit
+FRAME_HZ = 100.0  # rate at which light levels are sent while a block is lit
 LOOK_S = 0.1  # period of the look for idle light behind a replay
 FOREIGN_NS = 1_000_000_000  # a stamp so old, or of the future, is of another clock
 

@@ -189,7 +189,7 @@ def test_a_scene_of_another_size_moves_alike(mass, size, error, geometric):
     ],
 )
 def test_a_million_times_the_size_changes_no_bit(size, geometric, rotation, kind, par):
-    """No speed counts as none but in proportion to those of the scene's slips."""
+    """Speeds that count as zero are proportional to the speeds of the slips."""
     scene = builders.table(
         {'kind': kind, 'par': par}, 2.0, 3, 3, geometric=geometric, rotation=rotation,
         u0=builders.offsets(9, 5e-3, 1),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Descriptors against what the formulas say by hand, and against essentia."""
+"""Descriptors against formulas computed by hand, and against essentia."""
 
 from pathlib import Path
 
@@ -153,7 +153,7 @@ def essentia():
 def test_spectrum_of_real_recordings_as_essentia_has_it(recording, essentia):
     samples, rate, cuts, grains, silent = recording
     centroid, flatness = essentia.Centroid(range=rate / 2), essentia.Flatness()
-    rolloff = essentia.RollOff(cutoff=0.95, sampleRate=rate)  # of the squares of what it is given
+    rolloff = essentia.RollOff(cutoff=0.95, sampleRate=rate)  # of the squares of its input
     window = get_window('hann', 1024)
     for (a, b), grain in zip(cuts[~silent], grains[~silent], strict=True):
         frames = np.lib.stride_tricks.sliding_window_view(samples[a:b], 1024)[::256] * window

@@ -68,7 +68,7 @@ def draw_blocks(work, corners, level, psf_px, owner, weight, windows):
     stay where they are at any angle and any sub-pixel place.
 
     corners (p, 4, 2) px in turn round the square, one entry for each position that a block takes
-    during the exposure; owner (p,) its block, weight (p,) its share of the exposure. level (k,): of
+    during the exposure; owner (p,) its block, weight (p,) its share of the exposure; level (k,) of
     each block.
     """
     nx = np.empty(4)
@@ -93,9 +93,9 @@ def draw_blocks(work, corners, level, psf_px, owner, weight, windows):
 
 @njit(inline='always', fastmath=True)
 def placed(work, corners, blur, nx, ny, inwards, windows, n):
-    """Note the window `n` of a cover, the normals of its sides and how far inwards its centre is.
+    """Write window `n` of a cover, the normals of its sides and their distances to its centre.
 
-    Return its centre in px.
+    Return the centre (px).
     """
     cu = cv = 0.0
     for k in range(4):
@@ -119,9 +119,9 @@ def placed(work, corners, blur, nx, ny, inwards, windows, n):
 
 @njit(inline='always', fastmath=True)
 def covered(cover, nx, at, blur, width):
-    """Write to `cover` f4 how much of each pixel of a row is covered; return from where to where.
+    """Write to `cover` (f4) the covered share of each pixel of a row; return its (begin, end).
 
-    nx, at (4,): as `_edges` has them.
+    nx, at (4,): as in `_edges`.
     """
     far = _REACH * blur
     begin, end = _beyond(nx, at, -far, width)

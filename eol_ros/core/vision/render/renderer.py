@@ -178,7 +178,7 @@ class Renderer:
         return out
 
     def _cover(self, image_index: int, n: int) -> int:
-        """Draw what stands before the blocks; return how many windows are in use, `n` till now."""
+        """Draw what occludes blocks (here nothing); return the number of windows, `n` so far."""
         return n
 
     def _draw_blocks(
@@ -200,7 +200,7 @@ class Renderer:
         return kernels.draw_blocks(self._work, corners, level, psf_px, *given, self._windows)
 
     def _levels(self, white: np.ndarray, on: np.ndarray) -> np.ndarray:
-        """Return how much light (n,) covers add, by their white and infrared LEDs."""
+        """Return the light (n,) that covers add, from their white and infrared LEDs."""
         glow = self.options.block_level - self.options.background
         return glow * on + _FLASH_LEVEL * white
 
