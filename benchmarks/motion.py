@@ -82,7 +82,7 @@ def block(args: argparse.Namespace, seed: int) -> dict[str, Any]:
             for noise_px in map(float, args.noise.split(',')):
                 print(f'{fps:g} images/s, {noise_px:g} px', file=sys.stderr, flush=True)
                 rows.append(measure(fps, noise_px / PX_PER_M, args.seconds, seed))
-        if args.plots:
+        if args.plots and seed == args.seed:
             _draw(rows, Path(args.plots))
     result: dict[str, Any] = {'slips': rows}
     if args.false_alarm_hours:

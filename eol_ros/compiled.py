@@ -85,8 +85,10 @@ def load(name: str) -> tuple[bytes, Callable[[], bytes | None]] | None:
     for folder in folders():
         try:
             with (folder / name).open('rb') as file:
-                if (payload := _checked(file.read())) is not None:
-                    kept = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+                kept: bytes | mmap.mmap = file.read()
+                if (payload := _checked(kept)) is not None:
+                    with contextlib.suppress(OSError):  # a file system that maps no files
+                        kept = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
                     _used.add(name)
                     return payload, functools.partial(_checked, kept)
         except OSError:

@@ -31,6 +31,7 @@ class SoundFiles:
         self._machine = scene.machine_of('grains')
         self._apart = self._machine != scene.machine_of('sound')
         self._wanted: list[str] = []
+        self._reader: threading.Thread | None = None
         self._marks: list[tuple] = []  # of the files that were read last
         self._here = self._there = ''
         if self._apart and node.NAME == 'grains':
@@ -50,11 +51,12 @@ class SoundFiles:
         from eol_ros.devices.corpus.corpus_file import Options, all_sounds
 
         settings, sounds, found = self._node.scene.settings('grains'), [], []
-        with contextlib.suppress(EolError):  # the loader of the files reports what is missing
+        # the loader of the files reports what is missing
+        with contextlib.suppress(EolError, OSError):
             sounds = all_sounds(settings.sound, Options.of(settings))
         for file in files:
             there = of_this_machine(file)
-            if not there.is_file():
+            if not os.path.isfile(there):
                 same = [each for each in sounds if each.name == there.name]
                 there = max(same, key=lambda s: s.parent.name == there.parent.name, default=there)
             found.append(str(there))
@@ -62,9 +64,12 @@ class SoundFiles:
 
     def look(self, files: Sequence[str]) -> None:
         """Begin to read the files of a corpus, in a thread, if the nodes are on two machines."""
-        if self._apart:
-            self._wanted = list(files)
-            threading.Thread(target=self._read, args=(self._wanted,), daemon=True).start()
+        busy = self._reader is not None and self._reader.is_alive()
+        if not self._apart or (busy and self._wanted == list(files)):
+            return
+        self._wanted = list(files)
+        self._reader = threading.Thread(target=self._read, args=(self._wanted,), daemon=True)
+        self._reader.start()
 
     @property
     def trouble(self) -> str:

@@ -211,9 +211,10 @@ class Machines:
             self.up(name)
 
     def own_cache(self, machine: str, part: str, folder: Path) -> None:
-        """Give a machine its own cache, with links to all parts of this one but `part`."""
+        """Give a machine its own cache, with links to all parts of the one it has but `part`."""
         folder.mkdir()
-        for entry in folders.cache_path().iterdir():
+        before = self.variables[machine].get('EOL_CACHE') or folders.cache_path()
+        for entry in Path(before).iterdir():
             if entry.name != part:
                 (folder / entry.name).symlink_to(entry)
         self.variables[machine]['EOL_CACHE'] = str(folder)
@@ -230,7 +231,7 @@ class Machines:
         """Give the work keys, let `guest` in, and bring both ends of the tunnel up."""
         require(['wg', 'wg-quick', 'nft'])
         for name in (self.work, guest):
-            self.variables[name] = {'EOL_CONFIG': str(folder / name)}
+            self.variables.setdefault(name, {})['EOL_CONFIG'] = str(folder / name)
         self.eol(self.work, 'keys', 'make')
         theirs = folder / f'{guest}.conf'
         words = ['keys', 'add', guest, '--endpoint', self.address(self.work)]

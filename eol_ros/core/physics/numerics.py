@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the solvers measure alike: lengths, forces at their limit, and the energy of a run."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from eol_ros.core import algebra
@@ -20,24 +22,29 @@ def length_scale(scene: Scene) -> float:
     That of blocks too heavy to move would make steps too coarse: it is at most the size of the
     scene, the longest spring at rest or the farthest anchor. Without either it is not limited.
     """
+    return max(_displacement(scene, np.min), 1e-12)
+
+
+def _displacement(scene: Scene, of: Callable[[np.ndarray], float]) -> float:
+    """Return `length_scale` without a floor; `of` chooses among the blocks with friction."""
     lattice = scene.lattice
-    static = lattice.static
     stiff = lattice.k.max(initial=0.0)
-    holding = static[static > 0]
-    hold = float(holding.min()) / stiff if stiff > 0 and len(holding) else 0.0
+    holding = lattice.static[lattice.static > 0]
+    hold = float(of(holding)) / stiff if stiff > 0 and len(holding) else 0.0
     size = max(lattice.far, float(np.hypot(*lattice.rest.T).max(initial=0.0)))
-    return max(min(hold, size or hold), float(np.abs(scene.u0).max()), 1e-12)
+    return max(min(hold, size or hold), float(np.abs(scene.u0).max()))
 
 
 def usual_size(scene: Scene) -> tuple[Scene, float]:
     """Return (scene, size): the scene with lengths and g `size` times as large.
 
     Constants of the solvers in m and m/s suit slips of about 1 m/s. The speed of slips is estimated
-    as sqrt(acceleration x length). `size` is a power of 2^20, so that scaling does not round; it is
-    1 for ordinary scenes.
+    as sqrt(acceleration x length) of the median block with friction. `size` is a power of 2^20, so
+    that scaling does not round; it is 1 for ordinary scenes.
     """
     static = scene.static_limit / scene.mass
-    square = float(static[static > 0].min(initial=np.inf)) * length_scale(scene)
+    holding = static[static > 0]
+    square = float(np.median(holding)) * _displacement(scene, np.median) if len(holding) else 0.0
     if not 0.0 < square < np.inf:  # no friction, or beyond double precision
         return scene, 1.0
     size = 2.0 ** (-20 * round(np.clip(0.5 * np.log2(square), -60, 60) / 20))

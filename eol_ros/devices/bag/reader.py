@@ -71,6 +71,8 @@ class BagReader:
     """
 
     def __init__(self, path: str | Path, any_span: bool = False):
+        if not str(path):
+            raise ConfigError('the name of the bag is empty')
         self.path = _newest(Path(path))
         paths, self.notes = files_of(self.path)
         self.files, left_out = open_files(paths)

@@ -75,6 +75,10 @@ link.on('health', (status) => {
 });
 link.on('work', tell);
 let greatest = null; // of today's cascades
+function offer() {
+  $('replay').disabled = !greatest || asleep();
+}
+link.on('work', offer);
 $('replay').onclick = () => {
   const [onset, nucleus, area, , , blocks] = greatest;
   const time = new Date(onset * 1000).toLocaleTimeString(document.documentElement.lang, { timeStyle: 'short' });
@@ -85,7 +89,7 @@ link.on('cascades', (day) => {
   const [onset, nucleus, area] = day.recent[day.recent.length - 1] ?? [0, 0, 0];
   counts.cascade = area;
   greatest = day.greatest?.[2] > 1 ? day.greatest : null;
-  $('replay').disabled = !greatest;
+  offer();
   if (told !== null && onset !== told && !asleep()) modes.cascade(area, nucleus);
   told = onset;
 });

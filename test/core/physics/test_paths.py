@@ -7,7 +7,12 @@ from scipy.optimize import brentq
 from support import physics_oracles, scipy_solver, stepping
 
 from eol_ros.core.physics import builders
-from eol_ros.core.physics.numerics import elastic_energy, keep_ledger, kinetic_energy
+from eol_ros.core.physics.numerics import (
+    elastic_energy,
+    keep_ledger,
+    kinetic_energy,
+    usual_size,
+)
 from eol_ros.core.physics.result import Limits
 from eol_ros.core.physics.scene import from_mapping
 from eol_ros.core.table import Table
@@ -201,6 +206,12 @@ def test_a_million_times_the_size_changes_no_bit(size, geometric, rotation, kind
     assert vars(other.energy) == {key: x * size**2 for key, x in vars(usual.energy).items()}
     if rotation:
         assert np.array_equal(other.yaw, usual.yaw) and np.array_equal(other.spin, usual.spin)
+
+
+def test_one_block_with_little_friction_does_not_change_the_unit_of_length():
+    scene = builders.table(NONE, 1.0, 3, 3)
+    scene |= {name: [1e-9, *[scene[name]] * 8] for name in ('mu_s', 'mu_k')}
+    assert usual_size(from_mapping(scene))[1] == 1.0
 
 
 def test_a_large_ledger_residual_adds_a_note():
