@@ -30,6 +30,7 @@ import cv2
 import numpy as np
 from PIL import Image
 from selenium.common import WebDriverException
+from support import chromium
 from support.chromium import barriers, healthy, status
 
 from benchmarks.web_browser import start as start_browser
@@ -279,8 +280,7 @@ def look(
 def resize(browser: Any, width: int, height: int) -> bool:
     """Set the size of the browser's screen in px; return whether it is a touch screen."""
     touch = width <= TOUCH_PX
-    metrics = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': touch}
-    browser.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', metrics)
+    chromium.resize(browser, width, height, touch)
     browser.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': touch})
     return touch
 

@@ -97,7 +97,7 @@ def exp10(x: Any) -> Any:
     x = np.minimum(np.maximum(np.asarray(x, np.float64), -325.0), 309.0)
     n = np.floor(x * LOG2_10 + 0.5)
     y = exp(((x - n * LOG10_2_HIGH) - n * LOG10_2_LOW) * LN10)
-    return np.ldexp(y, np.where(n == n, n, 0.0).astype(np.int32))[()]
+    return _times_power_of_2(y, n)
 
 
 def _scaled(n: Any, high: Any, low: Any) -> Any:
@@ -106,6 +106,11 @@ def _scaled(n: Any, high: Any, low: Any) -> Any:
     t = r * r
     c = r - t * _polynomial(t, _EXP)
     y = 1.0 - ((low - r * c / (2.0 - c)) - high)
+    return _times_power_of_2(y, n)
+
+
+def _times_power_of_2(y: Any, n: Any) -> Any:
+    """Return y 2^n; `n` is whole, or nan where y is."""
     return np.ldexp(y, np.where(n == n, n, 0.0).astype(np.int32))[()]
 
 

@@ -494,12 +494,11 @@ class Cluttered(Renderer):
         y: ArrayLike,
         yaw: ArrayLike,
         image_index: int,
-        out: np.ndarray | None = None,
-        *,
-        velocity: ArrayLike | None = None,
+        *out: np.ndarray | None,
         flash: ArrayLike | None = None,
         ir: ArrayLike | None = None,
         arms: ArrayLike | None = None,
+        **more: Any,
     ) -> np.ndarray:
         """Draw as `Renderer` does; the level flashes blocks if `flash` is None.
 
@@ -509,7 +508,7 @@ class Cluttered(Renderer):
         self._more = arms
         flash = self.scenery.flashes(image_index) if flash is None else flash
         ir = self.scenery.battery * (1.0 if ir is None else np.asarray(ir, float))
-        return super().render(x, y, yaw, image_index, out, velocity=velocity, flash=flash, ir=ir)
+        return super().render(x, y, yaw, image_index, *out, flash=flash, ir=ir, **more)
 
     def _cover(self, image_index: int, n: int) -> int:
         capsules, grey = self.scenery.arms_and(self._more, image_index)

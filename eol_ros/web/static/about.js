@@ -40,7 +40,7 @@ function rows() {
   const areas = day?.areas ?? [];
   const total = areas.reduce((sum, n) => sum + n, 0);
   const newest = day?.recent[day.recent.length - 1];
-  const asleep = link.work.code.startsWith('asleep') && link.workWords(false);
+  const asleep = link.asleep && link.workWords(false);
   return {
     state: link.workWords(false),
     hands: asleep || (twin ? say(`playing_${twin.values.playing || 'nobody'}`) : motion && say('playing_real')),

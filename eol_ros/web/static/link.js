@@ -97,6 +97,11 @@ export class Link extends EventTarget {
     return this.heard[kind] === undefined ? Infinity : (performance.now() - this.heard[kind]) / 1000;
   }
 
+  // Whether the work sleeps: nothing lights or sounds, so no page shows cascades.
+  get asleep() {
+    return this.work.code.startsWith('asleep');
+  }
+
   // The state of the whole work in words, the same on every page; '' before anything is known.
   workWords(stale) {
     return stale && this.work.code !== 'stopped' ? this.silence() : sentence(this.work);

@@ -57,7 +57,7 @@ link.on('blocks', (packet) => {
 link.on('slip', (slip) => {
   if (state && !state.rim) state.moving[slip.block] = slip.start ? 1 : 0;
   if (!slip.start) return;
-  if (!asleep()) drawing.paths.slip(slip.block, slip.cascade, slip.onset, performance.now());
+  if (!link.asleep) drawing.paths.slip(slip.block, slip.cascade, slip.onset, performance.now());
   counts.slips++;
 });
 link.on('leds', (packet) => {
@@ -66,7 +66,6 @@ link.on('leds', (packet) => {
   leds = white;
   ledsAt = performance.now();
 });
-const asleep = () => link.work.code.startsWith('asleep'); // cascades are not shown: nothing lights or sounds
 let sounds = false; // whether the node of that name is there
 link.on('health', (status) => {
   if (status.node === 'sound') sounds = true;
@@ -76,7 +75,7 @@ link.on('health', (status) => {
 link.on('work', tell);
 let greatest = null; // of today's cascades
 function offer() {
-  $('replay').disabled = !greatest || asleep();
+  $('replay').disabled = !greatest || link.asleep;
 }
 link.on('work', offer);
 $('replay').onclick = () => {
@@ -90,7 +89,7 @@ link.on('cascades', (day) => {
   counts.cascade = area;
   greatest = day.greatest?.[2] > 1 ? day.greatest : null;
   offer();
-  if (told !== null && onset !== told && !asleep()) modes.cascade(area, nucleus);
+  if (told !== null && onset !== told && !link.asleep) modes.cascade(area, nucleus);
   told = onset;
 });
 for (const wall of walls) {
@@ -165,7 +164,7 @@ function tell() {
         : link.age('truth') > STALE_S ? (link.work.code === 'starting' ? ''
           : !playing ? say('table_none') // no twin has been heard
             : state?.rim ? say('no_data', { seconds: link.age('truth').toFixed(0) }) : say('no_data_yet'))
-          : counts.cascade && !modes.captions && !asleep() ? say('table_cascade', { area: counts.cascade }) : '';
+          : counts.cascade && !modes.captions && !link.asleep ? say('table_cascade', { area: counts.cascade }) : '';
   write($('words'), words);
   if (hands.holding) playing = 'people'; // the twin says so a moment later
   $('work').hidden = stale || !link.work.code;
@@ -178,7 +177,7 @@ function tell() {
   $('limit').hidden = !limit;
   if (limit) write($('limit'), say(limit));
   const lonely = performance.now() - hands.heldAt > 1000 * IDLE_S;
-  drawing.hint = lonely && !asleep() && link.mayPush && !stale && Boolean(state?.rim) && link.age('truth') < STALE_S;
+  drawing.hint = lonely && !link.asleep && link.mayPush && !stale && Boolean(state?.rim) && link.age('truth') < STALE_S;
   $('invite').hidden = !drawing.hint;
   const touch = fingers.matches;
   if (drawing.hint) write($('invite'), say(touch ? 'invite_touch' : 'invite'));
