@@ -24,13 +24,18 @@ export class CoordinateList {
     list.classList.toggle('long', COUNT > FIT);
     if (COUNT > FIT) list.tabIndex = 0; // the keys scroll it
     this.before = null;
+    this.count = 0;
+  }
+
+  retell() {
+    if (this.before) write(this.sum, say('moving_words', { count: this.count }));
   }
 
   // Ten times a second is as fast as digits can be read.
   take(blocks, moving) {
     if (this.before && blocks.stamp - this.before.stamp < 0.1) return;
     const span = this.before ? blocks.stamp - this.before.stamp : Infinity;
-    let count = 0;
+    this.count = 0;
     IDS.forEach((id, k) => {
       const at = id * 8;
       const [x, y, yaw] = blocks.rows.subarray(at, at + 3);
@@ -43,10 +48,10 @@ export class CoordinateList {
       write(cells[4], moving[id] ? (speed * 1000).toFixed(1) : '0.0');
       const state = moving[id] ? 'moving' : blocks.rows[at + 7] ? '' : 'unseen';
       if (this.rows[k].className !== state) this.rows[k].className = state;
-      count += moving[id] ? 1 : 0;
+      this.count += moving[id] ? 1 : 0;
     });
-    write(this.sum, say('moving_words', { count }));
     this.before = { stamp: blocks.stamp, rows: blocks.rows.slice() };
+    this.retell();
   }
 }
 

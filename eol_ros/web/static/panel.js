@@ -160,6 +160,7 @@ function retell() {
   if (space.corpus) space.setCorpus(space.corpus);
   redraw();
   nodes.draw();
+  coordinates.retell();
   instrument.retell();
   desk.retell();
   sayCamera(camera.past.at(-1)?.blocks);
