@@ -12,6 +12,7 @@ from eol_ros.devices.bag.selection import LogTimes, Slipping
 from eol_ros.devices.bag.writer import CONTINUES, REPLAY_OF
 from eol_ros.ros.definitions import describe
 from eol_ros.ros.node import EolNode
+from eol_ros.ros.requests import REQUESTS, RESULTS
 from eol_ros.ros.run_record import about
 from eol_ros.ros.startup_barrier import READY
 from eol_ros.ros.topics import CLOCK
@@ -42,6 +43,7 @@ class RecorderNode(EolNode):
         self._times = LogTimes()
         self._early: deque[BagMessage] = deque(maxlen=EARLY)  # before a log time was known
         self._slips = self.intake('slips')
+        self._ids = {t: self.intake(t) for t in (REQUESTS, RESULTS)}
         for topic, bag_topic in self.described.items():
             callback = self._callback(topic, bag_topic)
             self.subscribe(topic, callback, raw=True, with_info=True)
@@ -69,6 +71,7 @@ class RecorderNode(EolNode):
             Roles(
                 images=self.resolve_topic_name(IMAGES),
                 infos=self.resolve_topic_name(INFO),
+                requests=self.resolve_topic_name(REQUESTS),
                 rhythm=[described[t].name for t in RHYTHM if t in described],
                 thinned=[described[t].name for t in (PREVIEW, 'sound_meter') if t in described],
                 rate_hz=self.scene.image_rate,
@@ -116,6 +119,8 @@ class RecorderNode(EolNode):
             log_ns = self._keep(item, received_ns, sent_ns)
             if topic == 'slips' and (slip := self._slips(raw)):
                 self.recording.slip(Slipping(slip.slip, slip.kind == START, log_ns))
+            elif topic in self._ids and (message := self._ids[topic](raw)):
+                self.recording.request(message.id, topic == REQUESTS)
 
         return keep
 

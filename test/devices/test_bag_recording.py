@@ -19,7 +19,7 @@ from eol_ros.devices.bag import recording as bag_recording
 from eol_ros.devices.bag.mcap_file import BagMessage
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.recording import Machine, Recording, Roles
-from eol_ros.devices.bag.selection import Slipping
+from eol_ros.devices.bag.selection import MOST_REQUESTS, Slipping
 from eol_ros.disk import Disk
 from eol_ros.errors import ConfigError
 from eol_ros.settings import RecorderSettings
@@ -27,10 +27,10 @@ from eol_ros.settings import RecorderSettings
 SETTINGS = RecorderSettings(images='all', min_free_gb=0.0)
 
 
-def start(root, settings=SETTINGS, images='', rhythm=(), **machine) -> Recording:
+def start(root, settings=SETTINGS, images='', rhythm=(), requests='', **machine) -> Recording:
     return Recording(
         root, 'my scene', [POINT, TEXT], {'scene': 'x'}, settings,
-        Roles(images, rhythm=rhythm), Machine(**machine),
+        Roles(images, rhythm=rhythm, requests=requests), Machine(**machine),
     )  # fmt: skip
 
 
@@ -65,6 +65,24 @@ def test_all_that_is_taken_is_in_the_bag_and_what_was_lost_in_its_metadata(tmp_p
     assert bag.about == {'scene': 'x'}
     assert (recording.lost, recording.message_count) == (3, 5000)
     assert recording.folder.name.startswith('my-scene_2')
+
+
+def test_a_request_whose_answer_alone_came_is_named_in_the_bag(tmp_path):
+    recording = start(tmp_path, requests='/eol/requests', threaded=False)
+    for id_, is_request in (
+        ('a', True), ('a', False), ('a', False),  # two nodes answered
+        ('b', False), ('b', True),  # overtaken by its answer
+        ('c', False), ('c', False),  # made before its sender knew the recorder
+        ('', False), ('d', True),
+    ):  # fmt: skip
+        recording.request(id_, is_request)
+    assert recording.lost == 1
+    for k in range(MOST_REQUESTS):  # a bag of months
+        recording.request(str(k), True)
+    assert recording.lost == 1
+    recording.close()
+    gaps = BagReader(recording.folder).gaps
+    assert json.loads(gaps['lost_before_recorder']) == {'/eol/requests': 1}
 
 
 def test_a_disk_that_does_not_answer_for_long_drops_and_counts(tmp_path, monkeypatch):

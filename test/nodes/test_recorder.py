@@ -24,6 +24,7 @@ from eol_ros.ros.topics import CLOCK, CLOCK_QOS
 from eol_ros.scene import Scene
 from eol_ros.settings import MotionSettings, RecorderSettings, ReplaySettings
 from eol_ros.streams.cdr import stamp_ns
+from eol_ros.streams.requests import Asked
 
 
 class Source(EolNode):
@@ -66,13 +67,17 @@ def test_the_bag_holds_the_bytes_that_were_published(ros, tmp_path):
         source.send(source.slips, Slip(slip=i, kind=1 + i % 2))
         source.send(source.triggers, GrainTrigger(sequence=i))
         rig.until(lambda i=i: taken() >= 4 * (i + 1))  # no burst beyond the depth of the QoS
+    source.requests.declare('mute', {}, 0)
+    source.requests.answer(Asked('mute', id='of one who does not know the recorder'), True, '')
+    rig.until(lambda: recorder.recording.received['/eol/request_results'] == 2)
+    rig.until(lambda: recorder.recording.received['/eol/requests'] == 1)
     rig.close()
     bag = BagReader(tmp_path)
     for topic, sent in source.sent.items():
         assert [m.data for m in bag.messages([topic])] == sent, topic
     pictures = [m.data[-1024000:] for m in bag.messages(['/eol/camera/image_raw'])]
     assert pictures == [image.tobytes() for image in images]
-    assert json.loads(bag.gaps['lost_before_recorder']) == {}
+    assert json.loads(bag.gaps['lost_before_recorder']) == {'/eol/requests': 1}
     assert bag.topics['/eol/blocks'].type == 'eol_msgs/msg/Blocks'
 
 

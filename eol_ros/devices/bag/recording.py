@@ -105,11 +105,12 @@ class Roles:
 
     `images` and `infos`: the raw images and what describes their camera. `rhythm`: those whose
     stamps come regularly, `rate_hz` times a second. `thinned`: those made for the eye, of which one
-    per `display_period_s` is enough.
+    per `display_period_s` is enough. `requests`: what answers name by their ids.
     """
 
     images: str = ''
     infos: str = ''
+    requests: str = ''
     rhythm: Sequence[str] = ()
     thinned: Sequence[str] = ()
     rate_hz: float = 0.0
@@ -161,7 +162,7 @@ class Recording:
         self._selection = Selection(
             settings, {images, roles.infos} - {''}, roles.thinned, self.budget.take
         )
-        self._losses = Losses(images, roles.rhythm, roles.rate_hz)
+        self._losses = Losses(images, roles.rhythm, roles.rate_hz, roles.requests)
         self._queue = Backlog(QUEUE_BYTES, images, MOST_BYTES)
         self._written = 0  # messages of bags already closed
         self._ready = threading.Condition()
@@ -203,6 +204,10 @@ class Recording:
             self._queue.put(self._clock(), news)
             self._ready.notify()
 
+    def request(self, id_: str, is_request: bool) -> None:
+        """Tell that a request has come, or an answer to one: an answer alone is a loss."""
+        self._losses.requests.take(id_, is_request)
+
     def close(self) -> None:
         """Write what is queued, finish the file, end the thread; a second call does nothing."""
         atexit.unregister(self.close)
@@ -232,7 +237,7 @@ class Recording:
     @property
     def lost(self) -> int:
         """Messages that were sent and are not in the bag though they should be."""
-        return self._losses.gaps.lost.total() + self.dropped.total()
+        return self._losses.lost.total() + self.dropped.total()
 
     @property
     def dropped(self) -> Counter[str]:

@@ -17,6 +17,7 @@ NS = 1_000_000_000
 KNOWN = 5  # so many intervals tell a rhythm
 LATEST_NS = 10 * NS  # a message is handed over no later than this: readers keep ten seconds of them
 SLIP_LIMIT_NS = 10 * NS  # a slip whose stop never came is over by then
+MOST_REQUESTS = 1000  # that are remembered until their answers come
 
 
 class LogTimes:
@@ -143,6 +144,27 @@ class Gaps:
         return missing
 
 
+class Unrecorded:
+    """Counts requests that were answered and did not come: several nodes number them."""
+
+    def __init__(self) -> None:
+        self._forgotten = 0
+        self._came: dict[str, bool] = {}  # id: whether the request came, not only an answer
+
+    @property
+    def missing(self) -> int:
+        """Return how many requests have not come so far; an answer may overtake its request."""
+        return self._forgotten + list(self._came.values()).count(False)
+
+    def take(self, id_: str, is_request: bool) -> None:
+        """Note a request, or an answer to one; those without an id are not counted."""
+        if not id_:
+            return
+        self._came[id_] = self._came.pop(id_, False) or is_request
+        if len(self._came) > MOST_REQUESTS:
+            self._forgotten += not self._came.pop(next(iter(self._came)))
+
+
 class StampGaps:
     """Counts images that were never sent, by holes in the regular rhythm of their stamps.
 
@@ -213,11 +235,18 @@ class Selection:
 class Losses:
     """What came, what was lost on the way, and what could not be written, per topic."""
 
-    def __init__(self, images: str, rhythm: Collection[str], rate_hz: float):
+    def __init__(self, images: str, rhythm: Collection[str], rate_hz: float, requests: str):
         self.gaps = Gaps()
+        self.requests = Unrecorded()
         self.unwritten: Counter[str] = Counter()  # for which there was no disk
         self._unstamped: Counter[str] = Counter()  # too short for a stamp, recorded unchanged
         self._images, self._rhythm = images, {topic: StampGaps(rate_hz) for topic in rhythm}
+        self._requests = requests
+
+    @property
+    def lost(self) -> Counter[str]:
+        """Return messages that were sent and did not come, per topic."""
+        return self.gaps.lost + Counter({self._requests: self.requests.missing})
 
     def count(self, item: 'BagMessage | Dropped') -> None:
         """Look for what is missing before a message that came, were it dropped or not."""
@@ -241,7 +270,7 @@ class Losses:
             missing[self._images] = max(missing[self._images], 0)
         counts: dict[str, Mapping[str, float]] = {
             'received': self.gaps.received,
-            'lost_before_recorder': +self.gaps.lost,
+            'lost_before_recorder': self.lost,
             'dropped_in_recorder': dropped,
             'stamp_gaps': missing,
         }
