@@ -2,6 +2,7 @@
 """Seeds drawn when a bench runs, beside those that a method was developed on."""
 
 import argparse
+import itertools
 import sys
 import time
 from collections.abc import Callable
@@ -43,4 +44,7 @@ def measure(
 
 
 def _table(both: dict[str, dict[str, Any]], table: Callable[[dict[str, Any]], str]) -> str:
-    return '\n\n'.join(f'seeds {name}\n{table(found)}' for name, found in both.items())
+    first, second = ([f'seeds {name}', *table(found).split('\n')] for name, found in both.items())
+    width = max(map(len, first))
+    rows = itertools.zip_longest(first, second, fillvalue='')
+    return '\n'.join(f'{left:{width}} | {right}'.rstrip() for left, right in rows)

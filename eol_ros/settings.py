@@ -444,6 +444,7 @@ _SHARE = r'(0|1|0?\.\d+|[01]\.0*)'
 FORMS = {
     'NAME WEIGHT': rf'\S.* {_SHARE}',
     'DESCRIPTOR WEIGHT SOURCE': rf'({"|".join(DESCRIPTORS)}) {_NUMBER} (x|y|speed|last)',
+    'X,Y X,Y ...': rf'{_SHARE},{_SHARE}( {_SHARE},{_SHARE}){{1,99}}',
     'NAME REGION': rf'\S.* (left|right|near|far|{_SHARE}(,{_SHARE}){{3}})',
 }
 
@@ -469,6 +470,13 @@ class GrainsSettings:
         'lines NAME REGION, one for each sound: the part of the space for its grains, as left, '
         'right, near, far or X MIN,Y MIN,X MAX,Y MAX in 0..1',
         kind='NAME REGION',
+    )
+    paths: tuple[str, ...] = live(
+        (),
+        'lines X,Y X,Y ..., one for each path through the space (points in 0..1) along which '
+        'blocks play instead of at their own places. From left to right a block follows the '
+        'path; from near to far it passes from the first path to the last',
+        kind='X,Y X,Y ...',
     )
     segment: str = live(
         'chop',

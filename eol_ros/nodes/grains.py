@@ -60,7 +60,7 @@ class GrainsNode(EolNode):
 
     def tell_settings(self, new) -> None:
         folders = [Path(x).name for x in (new.sound, *new.more_sounds) if x and Path(x).is_dir()]
-        names = ('radius', 'blend', 'mode', 'weights', 'regions')
+        names = ('radius', 'blend', 'mode', 'weights', 'regions', 'paths')
         told = {'folders': folders} | {name: getattr(new, name) for name in names}  # for the panel
         self.tell_absent(new.weights, folders)
         if not told.items() <= self.health.values.items():

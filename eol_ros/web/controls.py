@@ -79,7 +79,7 @@ CONTROLS: dict[str, Control] = {
             (Word('x'), Word('y')),
             {'x_axis': 'x', 'y_axis': 'y'},
         ),
-        *(_setting(name, 'grains', name) for name in ('mode', 'weights', 'regions')),
+        *(_setting(name, 'grains', name) for name in ('mode', 'weights', 'regions', 'paths')),
         *(
             _setting(name, 'sound', name)
             for name in (

@@ -989,6 +989,33 @@ def test_a_grain_is_heard_by_a_click_and_moved_by_a_drag_or_by_keys(graph, brows
     drawn = [float(edge) for edge in edges.split(',')]
     assert drawn == pytest.approx([0.2, 0.25, 0.6, 0.75], abs=0.011)
     assert run(browser, 'return document.getElementById("instrument").open')
+    # So is a path, by pointer or by keys at grains; then the blocks stand on it.
+    run(browser, 'document.getElementById("path-draw").click()')
+    bends = [('Pressed', (0.2, 0.25)), ('Moved', (0.6, 0.25)), ('Moved', (0.6, 0.75))]
+    for kind, at in (*bends, ('Released', (0.6, 0.75))):
+        mouse(browser, f'mouse{kind}', *run(browser, place, at), int(kind != 'Released'))
+    name, body = until_page(browser, 'eol.asked[3]')
+    (line,) = body['value']
+    points = [[float(v) for v in point.split(',')] for point in line.split(' ')]
+    assert name == 'paths'
+    assert points == pytest.approx(np.array([[0.2, 0.25], [0.6, 0.25], [0.6, 0.75]]), abs=0.011)
+    run(browser, 'document.getElementById("path-draw").click()')
+    keys = (
+        'const key = (key) => eol.space.canvas.dispatchEvent(new KeyboardEvent("keydown", {key}));'
+    )
+    run(browser, keys + 'for (const grain of [3, 60]) { eol.space.pick(grain); key("Enter"); }')
+    run(browser, keys + 'key("Escape")')
+    _, body = until_page(browser, 'eol.asked[4]')
+    grains = run(
+        browser, 'const {x, y} = eol.space.corpus; return [3, 60].map((i) => [x[i], y[i]])'
+    )
+    points = [[float(v) for v in point.split(',')] for point in body['value'][0].split(' ')]
+    assert points == pytest.approx(np.array(grains), abs=0.006)
+    run(browser, 'eol.space.setPaths(["0.1,0.1 0.5,0.1 0.5,0.9 0.9,0.9"])')
+    stands = run(browser, 'return [...Array(25).keys()].map((id) => eol.space.place(id))')
+    for x, y in stands:
+        off = [abs(y - 0.1), abs(x - 0.5), abs(y - 0.9)]
+        assert min(off) < 1e-9 and 0.1 <= x <= 0.9 and 0.1 <= y <= 0.9
 
 
 def test_the_space_says_what_lies_where_and_gives_moved_grains_back(graph, browser):

@@ -161,6 +161,7 @@ def test_each_control_reaches_the_graph(serve):
         'mode': {'value': 'chain'},
         'weights': {'value': ['ice 0.5']},
         'regions': {'value': []},
+        'paths': {'value': ['0,0 1,1']},
         'filter': {'value': 'low-pass'},
         'filter_hz': {'value': 300},
         'filter_q': {'value': 2},

@@ -14,6 +14,8 @@ as this motion lasts (`continue`). No grain sounds twice within `refractory_s`, 
 `block_cap` times and all blocks no more than `total_cap` times in any second; what a cap holds back
 is dropped, not saved.
 
+Where `paths` are drawn, a block reaches from its place along them (`paths.py`).
+
 Where `match` says so, the nearest are those most like the block in weighted descriptors, not in
 place. Where `weights` says so, a block can play only a share of the grains of a sound: always the
 same ones, other ones for each block.
@@ -39,6 +41,7 @@ from numpy.typing import ArrayLike
 
 from eol_ros.core import elementary
 from eol_ros.core.sound.corpus import Corpus, table_bounds
+from eol_ros.core.sound.paths import along
 from eol_ros.core.sound.ranks import rank_shares
 from eol_ros.core.sound.sources import weights
 from eol_ros.core.sound.stress import stress
@@ -304,13 +307,16 @@ class Selector:
     def _distances(self, at: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
         """Return the distances (n, grains) of grains from places (n, 2), in m on the default table.
 
-        A place beyond the space counts as the nearest one in it. The distance is infinite for
-        grains that blocks `rows` (n,) cannot play.
+        A place beyond the space counts as the nearest one in it; paths lead it elsewhere. The
+        distance is infinite for grains that blocks `rows` (n,) cannot play.
         """
         left, low, right, high = table_bounds(self.settings.space_m)
         x = left + self._places[0] * (right - left)
         y = low + self._places[1] * (high - low)
         at = np.clip(at, (left, low), (right, high))
+        if self.settings.paths:
+            corner, side = np.array([left, low]), np.array([right - left, high - low])
+            at = corner + side * along(self.settings.paths, (at - corner) / side)
         far = np.sqrt((x - at[:, :1]) ** 2 + (y - at[:, 1:]) ** 2)
         if rows is not None and self.settings.weights:
             far[self._absent()[rows]] = np.inf

@@ -18,8 +18,8 @@ const SLIDERS = {
 const MORPH_MS = 100; // while the slider is dragged, no oftener
 
 export class InstrumentView {
-  constructor(dialog, opener, act, askRegion) {
-    Object.assign(this, { dialog, act, askRegion, told: {}, names: [], sounds: [], morphed: -Infinity });
+  constructor(dialog, opener, act, askDrawing) {
+    Object.assign(this, { dialog, act, askDrawing, told: {}, names: [], sounds: [], morphed: -Infinity });
     const $ = (this.$ = (id) => dialog.querySelector(`#${id}`));
     opener.onclick = () => dialog.showModal();
     $('instrument-close').onclick = () => dialog.close();
@@ -35,7 +35,18 @@ export class InstrumentView {
       $(id).oninput = () => this.sayValue(id, this.value(id));
       $(id).onchange = () => this.ask(id, { value: Number(this.value(id).toPrecision(3)) });
     }
+    $('path-draw').onclick = () => this.drawn('path', (path) => this.ask('paths', { value: [...(this.told.paths ?? []), path] }));
+    $('paths-remove').onclick = () => this.ask('paths', { value: [] });
     this.retell();
+  }
+
+  // Let a hand draw over the space, which the dialog covers; `take` gets what it drew.
+  drawn(kind, take) {
+    this.dialog.close();
+    this.askDrawing(kind, (words) => {
+      this.dialog.showModal(); // the answer is written there
+      if (words) take(words);
+    });
   }
 
   async ask(name, body) {
@@ -134,12 +145,8 @@ export class InstrumentView {
       };
       region.onchange = () => {
         if (region.value !== 'drawn') return put(region.value);
-        this.dialog.close();
         this.showSounds();
-        this.askRegion((place) => {
-          this.dialog.showModal(); // its answer is written there
-          if (place) put(place);
-        });
+        this.drawn('region', put);
       };
       row.append(title, weight, words, region);
       return row;

@@ -28,7 +28,7 @@ window.eol.drawn = drawn;
 const camera = (window.eol.camera = new CameraView($('camera')));
 const space = (window.eol.space = new SpaceView($('space'), act));
 const sound = new SoundView($('sound'));
-const instrument = new InstrumentView($('instrument'), $('instrument-open'), act, (answer) => space.askRegion(answer));
+const instrument = new InstrumentView($('instrument'), $('instrument-open'), act, (...what) => space.askDrawing(...what));
 const cascades = new CascadeView($('cascades'));
 const coordinates = new CoordinateList($('coords'));
 const lights = new LightField($('lights'));
@@ -93,7 +93,10 @@ function learn(node, values) {
   }
 }
 link.on('health', (status) => {
-  if (status.node === 'grains') space.setFolders(status.values.folders ?? []);
+  if (status.node === 'grains') {
+    space.setFolders(status.values.folders ?? []);
+    space.setPaths(status.values.paths ?? []);
+  }
   if (status.node === 'twin' && status.values.hands) {
     $('ghosts').hidden = false;
   }

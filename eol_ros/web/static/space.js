@@ -10,6 +10,8 @@ const PAD = 0.08;
 const REST_MS = 80; // so long the pointer rests on a grain before its waveform is fetched
 const HEARD_MS = 120; // hearing under the pointer: no grain sooner after the one before
 const TICKS = [0, 0.25, 0.5, 0.75, 1];
+const STEP = 0.02; // of the space: less is no side of a region, and no step of a path
+const MOST_POINTS = 100;
 const BY_SOUND = 'by_sound';
 // One of its own for each sound, told apart by those who see few colours, too (Okabe, Ito).
 const SOUNDS = ['#56b4e9', '#e69f00', '#009e73', '#f0e442', '#cc79a7', '#d55e00', '#0072b2', '#bbbbbb'];
@@ -32,6 +34,7 @@ export class SpaceView {
     this.picked = -1;
     this.reach = 0;
     this.folders = [];
+    this.paths = []; // of each its points
     this.menus.colour.onchange = () => this.recolour();
     for (const axis of ['x', 'y']) {
       this.menus[axis].onchange = () => act('axes', { x: this.menus.x.value, y: this.menus.y.value });
@@ -47,10 +50,10 @@ export class SpaceView {
     this.slider.oninput = () => this.sayBlend();
     this.slider.onchange = () => act('blend', { value: Number(this.slider.value) });
     this.canvas.onpointermove = (event) => this.hover(event);
-    this.canvas.onpointerleave = () => this.dragging || this.region || this.pick(-1);
+    this.canvas.onpointerleave = () => this.dragging || this.drawing || this.pick(-1);
     this.canvas.onpointerdown = (event) => this.grab(event);
     this.canvas.onpointerup = (event) => this.release(event);
-    this.canvas.onpointercancel = () => this.answerRegion('');
+    this.canvas.onpointercancel = () => this.answerDrawing('');
     this.canvas.onkeydown = (event) => this.key(event);
   }
 
@@ -219,35 +222,59 @@ export class SpaceView {
     });
   }
 
-  // Where in the space, 0..1, a block plays: beyond the edge, at the edge.
+  // Where in the space, 0..1, a block plays: beyond the edge, at the edge; with paths, on these.
   place(id) {
     const [x0, y0, x1, y1] = this.corpus.bounds;
     const [x, y] = this.seen.rows.slice(id * 8, id * 8 + 2);
     const within = (v) => Math.min(Math.max(v, 0), 1);
-    return [within((x - x0) / (x1 - x0)), within((y - y0) / (y1 - y0))];
+    return along(this.paths, within((x - x0) / (x1 - x0)), within((y - y0) / (y1 - y0)));
   }
 
-  // `answer` gets the edges, 0..1, of the rectangle that the next drag draws, or '' if it draws none.
-  askRegion(answer) {
-    this.region = { answer };
-    write(this.legend, say('region_ask'));
+  setPaths(lines) {
+    if (lines.join() === this.paths.lines) return;
+    this.paths = lines.map((line) => line.split(' ').map((point) => point.split(',').map(Number)));
+    this.paths.lines = lines.join();
+    this.dirty = true;
+  }
+
+  // `answer` gets the words of what the next drag draws, a `region` or a `path`, in 0..1; '' if nothing.
+  askDrawing(kind, answer) {
+    this.drawing = { kind, answer, points: [] };
+    write(this.legend, say(kind === 'path' ? 'path_ask' : 'region_ask'));
     this.canvas.focus(); // Escape ends it
   }
 
-  answerRegion(place) {
-    const { region } = this;
-    this.region = null;
+  answerDrawing(words) {
+    const { drawing } = this;
+    this.drawing = null;
     this.dirty = true;
-    if (!region) return;
+    if (!drawing) return;
     write(this.legend, '');
-    region.answer(place);
+    drawing.answer(words);
+  }
+
+  // Add a point to the drawing: of a region the corner that the pointer holds, of a path the next.
+  drawTo(x, y) {
+    const { kind, points } = this.drawing;
+    const [px, py] = points.at(-1) ?? [-1, -1];
+    if (kind === 'region') points.splice(1, 1, [x, y]);
+    else if (points.length < MOST_POINTS && Math.hypot(x - px, y - py) > STEP) points.push([x, y]);
+    this.dirty = true;
+  }
+
+  endDrawing() {
+    const { kind, points } = this.drawing;
+    const across = (axis) => points.map((point) => point[axis]).sort((a, b) => a - b);
+    const [x, y] = [across(0), across(1)];
+    const words = (...numbers) => numbers.map((v) => v.toFixed(2)).join();
+    if (kind === 'path') this.answerDrawing(points.length > 1 ? points.map((at) => words(...at)).join(' ') : '');
+    else this.answerDrawing(x[1] - x[0] > STEP && y[1] - y[0] > STEP ? words(x[0], y[0], x[1], y[1]) : '');
   }
 
   hover(event) {
     if (!this.corpus) return;
-    if (this.region) {
-      this.region.to = this.back(event.offsetX, event.offsetY);
-      this.dirty = true;
+    if (this.drawing) {
+      if (this.canvas.hasPointerCapture(event.pointerId)) this.drawTo(...this.back(event.offsetX, event.offsetY));
       return;
     }
     if (this.dragging) {
@@ -266,9 +293,9 @@ export class SpaceView {
 
   grab(event) {
     if (!this.corpus) return;
-    if (this.region) {
+    if (this.drawing) {
       this.canvas.setPointerCapture(event.pointerId);
-      this.region.from = this.region.to = this.back(event.offsetX, event.offsetY);
+      this.drawing.points = [this.back(event.offsetX, event.offsetY)];
       return;
     }
     const grain = this.nearest(event.offsetX, event.offsetY);
@@ -280,13 +307,8 @@ export class SpaceView {
   }
 
   release() {
-    const { dragging, region } = this;
-    if (region?.from) {
-      const [[x0, y0], [x1, y1]] = [region.from, region.to];
-      const edges = [Math.min(x0, x1), Math.min(y0, y1), Math.max(x0, x1), Math.max(y0, y1)];
-      const wide = edges[2] - edges[0] > 0.02 && edges[3] - edges[1] > 0.02;
-      this.answerRegion(wide ? edges.map((v) => v.toFixed(2)).join() : '');
-    }
+    const { dragging, drawing } = this;
+    if (drawing?.points.length) this.endDrawing();
     this.dragging = null;
     if (!dragging) return;
     if (dragging.moved) this.send();
@@ -320,7 +342,8 @@ export class SpaceView {
   key(event) {
     const step = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
     if (!this.corpus || !this.corpus.x.length) return;
-    if (event.key === 'Escape') this.answerRegion('');
+    if (event.key === 'Escape') this.drawing && this.endDrawing();
+    else if (event.key === 'Enter' && this.drawing?.kind === 'path' && this.picked >= 0) this.drawTo(this.corpus.x[this.picked], this.corpus.y[this.picked]);
     else if (event.key === 'Enter' || event.key === ' ') this.play(this.picked);
     else if (step && event.shiftKey && this.picked >= 0 && !this.locked) {
       const within = (v) => Math.min(Math.max(v, 0), 1);
@@ -366,11 +389,21 @@ export class SpaceView {
     }
     this.drawBlocks(brush);
     this.drawWave(brush, w, h);
-    if (this.region?.from) {
-      const [[x0, y0], [x1, y1]] = [this.at(...this.region.from), this.at(...this.region.to)];
-      brush.strokeStyle = INK;
-      brush.strokeRect(x0, y0, x1 - x0, y1 - y0);
+    for (const points of this.paths) this.drawPath(brush, points, QUIET);
+    const { kind, points = [] } = this.drawing ?? {};
+    if (kind === 'path') this.drawPath(brush, points, INK);
+    else if (points.length > 1) {
+      const [[x0, y0], [x1, y1]] = points;
+      this.drawPath(brush, [[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]], INK);
     }
+  }
+
+  drawPath(brush, points, colour) {
+    brush.strokeStyle = colour;
+    brush.lineWidth = 1.6;
+    brush.beginPath();
+    points.forEach((point) => brush.lineTo(...this.at(...point)));
+    brush.stroke();
   }
 
   // Axes and grains move only when a person moves them: drawn once, kept.
@@ -518,6 +551,23 @@ export class SpaceView {
       brush.globalAlpha = 1;
     }
   }
+}
+
+// The place on the paths of a block at x, y, as `eol_ros.core.sound.paths.along`.
+function along(paths, x, y) {
+  if (!paths.length) return [x, y];
+  const level = y * (paths.length - 1);
+  const low = Math.max(Math.min(Math.floor(level), paths.length - 2), 0);
+  const [a, b] = [low, Math.min(low + 1, paths.length - 1)].map((i) => on(paths[i], x));
+  return a.map((v, axis) => v + (level - low) * (b[axis] - v));
+}
+
+function on(points, share) {
+  const lengths = points.slice(1).map(([x, y], i) => Math.hypot(x - points[i][0], y - points[i][1]));
+  let left = share * lengths.reduce((sum, v) => sum + v, 0);
+  let i = 0;
+  while (i < lengths.length - 1 && left > lengths[i]) left -= lengths[i++];
+  return points[i].map((v, axis) => v + (left / Math.max(lengths[i], 1e-9)) * (points[i + 1][axis] - v));
 }
 
 function round(value) {

@@ -410,3 +410,32 @@ def test_envelopes_fill_the_grain_as_they_say(envelope, attack_s, release_s):
     found = run(settings, CENTRE, THROUGH)
     assert found['attack_s'] == pytest.approx(attack_s)
     assert found['release_s'] == pytest.approx(release_s)
+
+
+def test_blocks_play_along_drawn_paths():
+    """A block at the far left to the right edge sounds the grains of the path, end to end."""
+    path = [(0.1, 0.1), (0.5, 0.1), (0.5, 0.9), (0.9, 0.9)]  # lengths 0.4, 0.8, 0.4
+    apart = [(0.9, 0.1), (0.1, 0.9), (0.5, 0.0)]
+    settings = replace(STILL, paths=(' '.join(f'{x},{y}' for x, y in path),), radius=0.01)
+
+    def heard(paths, y):
+        selector = Selector(replace(settings, paths=paths), space([*path, *apart]))
+        found = []
+        for k in range(501):
+            x = np.full(25, np.nan)
+            x[12] = -0.5 + 0.002 * k
+            triggers = selector.update(
+                k / FPS, x, np.full(25, y), np.arange(25) == 12, np.zeros(25)
+            )
+            found += [(int(t['grain']), round(float(x[12]) + 0.5, 3)) for t in triggers]
+        return found
+
+    for y in (-0.3, 0.0, 0.5):  # one path: only x counts
+        found = heard(settings.paths, y)
+        assert [grain for grain, _ in found] == [0, 1, 2, 3]
+        passed = [share for _, share in found[1:]]
+        assert passed == pytest.approx([0.25, 0.75, 1.0], abs=0.01)
+    # two paths, at the near and the far edge: as without any; in the middle: half-way between
+    edges = ('0,0 1,0', '0,1 1,1')
+    assert heard(edges, 0.4) == heard((), 0.4) != []
+    assert [grain for grain, _ in heard(('0,0.2 1,0.2', '0,1 1,1'), -0.5 + 0.875)] == [5, 2, 3]
