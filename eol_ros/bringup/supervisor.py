@@ -29,7 +29,7 @@ from eol_ros.bringup.policy import (
 from eol_ros.bringup.service_manager import ServiceManager
 from eol_ros.said import Said, clauses, said
 from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE, NODES, providers
-from eol_ros.streams.work_state import DOWN, work_state
+from eol_ros.streams.work_state import DOWN, ERROR, WARN, work_state
 
 if TYPE_CHECKING:
     from eol_ros.bringup.notify import Notifier
@@ -145,8 +145,7 @@ class Supervisor:
                 return ended
             if not any(child.starved for child in self.children):
                 could_s += min(now - last_s, PAUSE_S)
-                faulty = self._work_code in ('work_fault', 'no_camera')
-                faulty_s = faulty_s + min(now - last_s, PAUSE_S) if faulty else 0.0
+                faulty_s = faulty_s + min(now - last_s, PAUSE_S) if self._faulty() else 0.0
             if now - last_s > AWAY_S:
                 self._note(
                     f'bringup stood still for {now - last_s:.0f} s; the nodes went on, but '
@@ -157,7 +156,7 @@ class Supervisor:
             if seconds is not None and self.all_ok_s is not None:
                 if now - self._began_s - self.all_ok_s >= seconds:
                     return max(child.left_out for child in self.children)
-            elif seconds is not None and (late or faulty_s > FAULT_S + seconds):
+            elif seconds is not None and (late or faulty_s > max(FAULT_S, seconds)):
                 self._note(f'not all OK within {now - began_s:.0f} s: {self._not_ok()}')
                 return 1
             self._manager.ready()
@@ -291,6 +290,14 @@ class Supervisor:
         count = sum(len(child.status) for child in self.children)
         restarts = sum(child.policy.restarts for child in self.children)
         return f'{self.scene}: {self._not_ok() or "all OK"}; {count} nodes, {restarts} restarts'
+
+    def _faulty(self) -> bool:
+        """Return whether a fault keeps the run from all OK; others may still wait for images."""
+        sources = [
+            r for c in self.children for r in c.status.values() if r['node'] in IMAGE_SOURCES
+        ]
+        blind = any(row['level'] in (WARN, ERROR) and not row['rate'] for row in sources)
+        return blind or self._work_code in ('work_fault', 'no_camera')
 
     def _not_ok(self) -> str:
         rows = [row for child in self.children for row in child.status.values() if row['level']]

@@ -89,6 +89,23 @@ def test_a_start_in_1970_and_then_a_jump_of_decades(tmp_path, scene):
     assert 'Traceback' not in (tmp_path / 'state' / 'eol.log').read_text()
 
 
+def test_a_museum_without_its_camera_ends_after_its_time(tmp_path):
+    """A fault that lasts as long ends `--for`, though others still wait for images."""
+    shutil.copy(ROOT / 'config' / 'museum.yaml', tmp_path)
+    scene = 'include: museum.yaml\nnodes: {camera: {device: /dev/no-camera}, recorder: off}\n'
+    (tmp_path / 'scene.yaml').write_text(scene)
+    done = subprocess.run(
+        bringup('scene.yaml', '--for', '5', '--only', 'camera,tracker,motion'), cwd=tmp_path,
+        capture_output=True, text=True, timeout=300,
+        env=environment(tmp_path, ROS_DOMAIN_ID=str(next_domain())),
+    )  # fmt: skip
+    assert done.returncode == 1, done.stderr
+    lines = done.stderr.splitlines()
+    [last] = [line for line in lines if line.startswith('not all OK within')]
+    assert 5 <= int(last.split()[4]) < 30 and 'camera /dev/no-camera is not there' in last
+    assert lines[-1].endswith(' 0 restarts') and 'Traceback' not in done.stderr
+
+
 def test_a_home_and_a_state_folder_that_cannot_be_written(tmp_path):
     """Only the cache must be writable: a warning names the state folder; no home is needed."""
     (tmp_path / 'scene.yaml').write_text(LIGHT)
