@@ -43,9 +43,9 @@ def lattice_of(scene: 'Scene') -> Lattice:
         spring[order],
         np.searchsorted(rim.i[rim_order], np.arange(n + 1)),
         outer[rim_order],
-        np.bincount(ends, both, n) + np.bincount(rim.i, rim.k, n),
+        _sums(ends, both, n) + _sums(rim.i, rim.k, n),
         drive,
-        np.bincount(rim.i, rim.k * arms, n),
+        _sums(rim.i, rim.k * arms, n),
         float(arms.max(initial=0.0)),
         scene.mass,
         1.0 / scene.mass,
@@ -54,6 +54,11 @@ def lattice_of(scene: 'Scene') -> Lattice:
         bool(scene.geometric),
         bool(scene.dim1),
     )
+
+
+def _sums(block: np.ndarray, amount: np.ndarray, n: int) -> np.ndarray:
+    """Return the sum of the amounts of each block; numpy's of none are whole numbers."""
+    return np.bincount(block, amount, n).astype(float)
 
 
 def spans(
