@@ -23,18 +23,18 @@ def slide(time_s, begin_s, acceleration=2.5, length_m=0.02):
 
 
 def watch(paths, fps, noise_m, seconds, motion=None, seed=0, seen=None):
-    """Run a detector over `paths`: block -> displacement along x of time; return its events."""
+    """Run a detector over `paths`: block -> displacement along x of times; return its events."""
     random = np.random.default_rng(seed)
     detector = SlipDetector(motion or MotionSettings())
-    rest = rest_lattice()
+    rest, times = rest_lattice(), np.arange(round(seconds * fps)) / fps
+    far = np.zeros((len(times), N_BLOCKS))
+    for block, path in paths.items():
+        far[:, block] = path(times)
     events = []
-    for k in range(round(seconds * fps)):
-        t = k / fps
+    for t, along in zip(times.tolist(), far, strict=True):
         place = rest + random.normal(0, noise_m, rest.shape)
-        for block, path in paths.items():
-            place[block, 0] += path(t)
         mask = SEEN if seen is None else seen(t)
-        events += detector.update(t, place[:, 0], place[:, 1], mask)
+        events += detector.update(t, place[:, 0] + along, place[:, 1], mask)
     return events
 
 
@@ -92,7 +92,7 @@ def test_a_block_that_moves_out_of_sight_stops_where_it_was_last_seen():
         mask[7] = t < 2.1
         return mask
 
-    events = watch({7: lambda t: 0.1 * max(t - 2.0, 0)}, 60, 1e-5, 4.0, seen=seen)
+    events = watch({7: lambda t: 0.1 * np.maximum(t - 2.0, 0)}, 60, 1e-5, 4.0, seen=seen)
     assert [e.kind for e in events] == [START, STOP]
     assert events[1].onset_s + events[1].duration_s == pytest.approx(2.1, abs=0.02)
     assert events[1].stamp_s == pytest.approx(2.35, abs=0.05)
@@ -305,14 +305,9 @@ def test_a_block_that_comes_to_rest_starts_no_more_often_than_stated():
     motion = dataclasses.replace(MotionSettings(), false_alarms_per_hour=per_hour)
     begins = np.arange(2.0, 60.0, again_s)
     paths = {
-        b: lambda t, off=b / 100: sum(
-            slide(t, begins[k] + off) for k in range(
-                max(int((t - 2.0) / again_s) - 1, 0),
-                min(int((t - 2.0) / again_s) + 1, len(begins)) if t >= 2.0 else 0,
-            )
-        ) + 0.02 * max(int((t - 2.0) / again_s) - 1, 0)
+        b: lambda t, off=b / 100: sum(slide(t, begin + off) for begin in begins)
         for b in range(N_BLOCKS)
-    }  # fmt: skip
+    }
     events = watch(paths, fps, 9e-6, 60.0, motion)
     false = 0
     for event in events:
