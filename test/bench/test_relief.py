@@ -75,7 +75,7 @@ def behind_a_wall(film, block, share):
 def test_sigma_is_the_scatter_also_behind_a_wall_but_not_at_once():
     film = films.one('straight')
     block = int(np.argmin(film.shot.poses[:, 0]))
-    places, sigma, _ = at_rest(behind_a_wall(film, block, 0.2), 300)
+    places, sigma, _ = at_rest(behind_a_wall(film, block, 0.2), 180)
     scatter = places.std(axis=0).mean(axis=1)
 
     honest = np.median(sigma[60:], axis=0) / scatter
@@ -94,9 +94,8 @@ def apart_m(found, film):
 @pytest.mark.slow
 @pytest.mark.parametrize('grey', [40, 250])
 def test_all_covers_are_found_in_six_images_however_bright_they_are(grey):
-    for film in films.load():
-        if film.name.endswith('-lit'):
-            continue
+    shown = [film for film in films.load() if not film.name.endswith('-lit')]
+    for film in shown[grey == 40 :: 2]:  # half of them in each light
         camera = films.calibration(film, True)
         u, v = np.rint(camera.to_pixels(film.shot.poses[:, :2])).astype(int).T
         ground, middle = np.median(film.light), np.median(film.light[v, u])
@@ -120,16 +119,10 @@ def test_a_turned_table_rests_under_its_own_names():
 
 @pytest.mark.slow
 def test_blocks_calibrate_a_camera_above_printed_covers():
-    shown = {film.name: film for film in films.load()}
-    one = vision_relief.solved([shown['straight']], True)
+    one = vision_relief.solved([films.one('straight')], True)
     assert one['refused'] == '' and 'held at k1 = 0' in one['note']
     assert [part[0] for part in parts_of(one['note'])] == ['lens_held']
     assert one['error_mm_rms'] < 1.0
-
-    three = [shown[name] for name in ('tilted', 'tilted-stirred-2', 'tilted-stirred-3')]
-    stirred = vision_relief.solved(three, True)
-    assert stirred['refused'] == '' and 'held at k1 = 0' in stirred['note']
-    assert stirred['error_mm_rms'] < 1.0
 
 
 def platform_mm(found, true):

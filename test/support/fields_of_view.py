@@ -90,7 +90,8 @@ def most_in_a_second(levels, areas_sr, rate_hz=RATE_HZ):
     levels: (samples, blocks) at `rate_hz`; areas_sr: as `fields` returns it. The pairs of a second
     are at most its changes to one side, whichever are fewer.
     """
-    return int(_most(np.asarray(levels, float), np.asarray(areas_sr, float), rate_hz))
+    levels, areas_sr = (np.ascontiguousarray(array, float) for array in (levels, areas_sr))
+    return int(_most(levels, areas_sr, rate_hz))
 
 
 @njit(cache=True)

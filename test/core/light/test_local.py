@@ -61,7 +61,6 @@ def adversary(period_s, offset, shape=(0, 1, 5, 6)):
 @pytest.mark.parametrize(
     ('table', 'nearer'),
     [
-        (Table(), 0.0),
         (Table(), sight.NEARER),
         (Table(block_side_m=0.07, gap_m=0.075, gap_y_m=0.2), sight.NEARER),
         (Table(block_side_m=0.12, gap_m=0.156, platform_m=(3, 3)), sight.NEARER),
@@ -117,14 +116,6 @@ def test_no_slips_of_another_table_make_a_field_flash_four_times(table):
     assert free > 3
 
 
-def test_geometry_knows_fields_that_hold_more():
-    near = sight.View(0.6, 30.0, 0.0, (0.0, 0.072))
-
-    blocks, sr = sight.covered(near, Table(gap_m=0.06))
-    assert len(blocks) == 2 and sr.min() > sight.FIELD_SR
-    assert sight.most_flashes(blocks, sr, 3, 11) == pytest.approx(6)
-
-
 def test_the_analyser_counts_a_strobe_of_one_near_block_and_none_of_a_far_one():
     lattice, strobe = rest_lattice(), np.zeros((RATE_HZ, N_BLOCKS))
     strobe[:, 12] = 0.5 + 0.5 * np.sin(2 * np.pi * 6 * np.arange(RATE_HZ) / RATE_HZ)
@@ -132,18 +123,6 @@ def test_the_analyser_counts_a_strobe_of_one_near_block_and_none_of_a_far_one():
     assert most_in_a_second(strobe, fields(lattice, (0.0, 0.0, 0.8))) >= 5
     assert most_in_a_second(strobe, fields(lattice, (0.0, 0.0, 1.5))) == 0
     assert most_in_a_second(0.09 * strobe, fields(lattice, (0.0, 0.0, 0.8))) == 0
-
-
-def test_fields_of_a_kind_count_the_same_flashes():
-    random = np.random.default_rng(8)
-    areas_sr = np.concatenate([fields(rest_lattice(), eye) for eye in EYES + FARTHEST])
-    kinds_sr, counts = distinct(areas_sr), set()
-    for _ in range(20):
-        slips = random_slips(random)
-        levels = render(LocalField(0.05, limited=False), slips, SECONDS, RATE_HZ)
-        counts.add(found := most_in_a_second(levels, areas_sr))
-        assert most_in_a_second(levels, kinds_sr) == found
-    assert len(kinds_sr) < len(areas_sr) / 2 and len(counts) > 3
 
 
 def test_no_field_from_3_m_on_holds_what_counts():
