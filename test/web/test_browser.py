@@ -564,33 +564,6 @@ const push = setInterval(() => {
 """
 
 
-def test_a_picture_is_cut_around_its_focus_or_shown_whole(graph, browser):
-    address, _ = graph
-    visit(browser, address, '/wall/left', 640, 640)  # of a picture of 16:9
-    until_page(browser, 'eol.view.shows && !eol.view.pending')
-    placed = """
-        const {view} = eol, name = view.shows, {prototype} = CanvasRenderingContext2D;
-        const {drawImage} = prototype;
-        const found = [];
-        prototype.drawImage = (image, ...place) => found.push(place.map(Math.round));
-        const looks = [['cover', 0.5, 0.5], ['cover', 0, 0.5], ['cover', 1, 0], ['contain', 0, 0]];
-        for (const look of looks) {
-          view.looks = {[name]: look};
-          view.paint(view.front, name);
-        }
-        prototype.drawImage = drawImage;
-        return found;
-    """
-    assert run(browser, placed) == [
-        [-249, 0, 1138, 640], [0, 0, 1138, 640], [-498, 0, 1138, 640], [0, 140, 640, 360],
-    ]  # fmt: skip
-    press(browser, 'c')
-    until_page(browser, '!document.getElementById("caption").hidden')
-    words = run(browser, 'return [...document.querySelectorAll("#caption span")]'
-                         '.map((e) => e.textContent)')  # fmt: skip
-    assert ' | ' in words[0] and '｜' in words[1] and words[2] == 'Echoes of the Land'
-
-
 def test_the_corners_of_a_projection_are_dragged_and_kept(graph, browser):
     address, _ = graph
     where = '/wall/left?screen=north'
@@ -635,45 +608,6 @@ def test_the_corners_of_a_projection_are_dragged_and_kept(graph, browser):
     visit(browser, address, '/wall/left', 800, 400)  # another screen
     until_page(browser, 'eol.view.shows')
     assert run(browser, 'return document.getElementById("wall").style.transform') == ''
-
-
-def test_the_test_card_tells_greys_apart_and_flashes_by_the_second(graph, browser):
-    address, _ = graph
-    visit(browser, address, '/wall/right', 960, 540)
-    press(browser, 't')
-    until_page(browser, '!document.getElementById("card").hidden')
-    greys = """
-        const card = document.getElementById('card'), {width, height} = card;
-        const {data} = card.getContext('2d').getImageData(0, Math.round(0.79 * height), width, 1);
-        const middles = Array.from({length: 16}, (_, i) => 0.1 + 0.05 * (i + 0.5));
-        return middles.map((share) => data[4 * Math.round(width * share)]);
-    """
-    assert run(browser, greys) == [17 * i for i in range(16)]
-    sync = 'document.getElementById("sync").hidden'
-    until_page(browser, f'!{sync} && eol.link.now() % 1 < 0.2')
-    until_page(browser, f'{sync} && eol.link.now() % 1 > 0.1')
-    press(browser, 't')
-    until_page(browser, f'document.getElementById("card").hidden && {sync}')
-
-
-def test_a_wall_without_a_server_keeps_its_pair_and_fades_to_black(graph, browser):
-    """The minute is 1 s here (`?lost=1`); the connection is cut in the page itself."""
-    show(graph, browser, '/wall/right?lost=1', 'eol.view.shows', 640, 360)
-    wait_until(lambda: picture(browser).std() > 5)
-    cut = 'eol.opening = eol.link.open; eol.link.open = () => {}; eol.link.socket.close();'
-    run(browser, cut)
-    kept = 'const wall = document.getElementById("wall");'
-    kept += 'return [eol.link.age(), wall.classList.contains("lost")];'
-    looked = 0
-    while (found := run(browser, kept))[0] < 0.6:  # until then the pair stands
-        assert not found[1]
-        looked += 1
-        assert picture(browser).std() > 5 or run(browser, kept)[0] > 0.6
-    assert looked
-    wait_until(lambda: picture(browser).max() < 8)
-    assert run(browser, 'return document.body.innerText.trim()') == ''
-    run(browser, 'eol.link.open = eol.opening; eol.link.open();')
-    wait_until(lambda: picture(browser).std() > 5)
 
 
 def test_the_panel_by_keyboard_alone(graph, browser):
@@ -1128,59 +1062,6 @@ def test_reduced_motion_stills_flashes_and_rings(graph, browser):
         assert run(browser, still) == 1  # the mark where it began
         assert run(browser, SAME_IN_ANY_LIGHT), 'slips are told by outlines, nothing flashes'
     assert run(browser, still) == 2  # and a ring that grows
-
-
-def test_walls_change_slowly_where_quick_changes_are_unwelcome(graph, browser):
-    address, _ = graph
-    with reduced_motion(browser):
-        visit(browser, address, '/wall/left', 640, 360)
-        until_page(browser, 'eol.view.shows && !eol.view.pending && eol.view.ahead.length > 2')
-        # Blocks that still slide after another test would change the walls, too.
-        run(browser, 'const {link} = eol, emit = link.emit.bind(link); link.emit = (name, told) =>'
-            '{ if (name !== "wall" || told.change > 1000) emit(name, told); };')  # fmt: skip
-        until_page(browser, '!eol.view.pending')
-        change = 'const [left] = eol.view.ahead.splice(0, 1); eol.link.emit("wall", {change:'
-        change += ' arguments[0], left, right: "x", flip: 0, moving: true, fade: 0, ahead:'
-        change += ' eol.view.ahead.flatMap((name) => [name, "x"])});'
-        count = run(browser, 'eol.view.lastFlip -= 4000; return eol.flips.length')
-        for number in (1, 2, 3):  # the second is passed over: the third has come meanwhile
-            run(browser, change, 1000 + number)
-            if number == 1:
-                until_page(browser, f'eol.flips.length > {count}')
-        until_page(browser, f'eol.flips.length > {count + 1}')
-        flips = run(browser, f'return eol.flips.slice({count})')
-        assert [number for number, _ in flips] == [1001, 1003]
-        assert flips[1][1] - flips[0][1] >= 3990
-        fades = run(browser, 'return eol.view.layers[eol.view.front].style.transition')
-        assert '1.5s' in fades
-
-
-def test_walls_fade_into_sleep_and_out_of_it_as_slowly_as_the_light(graph, browser):
-    show(graph, browser, '/wall/left', 'eol.view.shows && !eol.view.pending', 640, 360)
-    opacity = 'Number(getComputedStyle(eol.view.holder).opacity)'
-    # The messages are the test's own: what the graph says of its walls and lights is not heard.
-    run(browser, 'const {link} = eol; eol.emit = link.emit.bind(link); eol.name = eol.view.shows;'
-        'link.emit = (name, told) => ["wall", "health"].includes(name) || eol.emit(name, told);'
-        'eol.emit("health", {node: "leds", values: {sleep_fade_s: 3}})')  # fmt: skip
-    tell = 'eol.emit("wall", {change: arguments[0], left: arguments[1], right: "", ahead: [],'
-    tell += ' flip: eol.link.now(), moving: false, fade: 0})'
-    begun = time.monotonic()
-    run(browser, tell, 10_001, '')
-    half = until_page(browser, f'{opacity} < 0.5')
-    assert half and time.monotonic() - begun > 1.3
-    assert run(browser, 'return eol.view.shows === eol.name')  # the picture, not yet black
-    run(browser, tell, 10_002, run(browser, 'return eol.name'))  # woken half-way
-    until_page(browser, f'{opacity} === 1')
-    assert run(browser, 'return eol.view.shows === eol.name')
-    run(browser, tell, 10_003, '')
-    until_page(browser, f'{opacity} === 0 && !eol.view.shows')
-    assert time.monotonic() - begun > 3
-    run(browser, 'eol.emit("health", {node: "leds", values: {sleep_fade_s: 0}})')
-    begun = time.monotonic()
-    run(browser, tell, 10_004, run(browser, 'return eol.name'))
-    until_page(browser, f'{opacity} === 1 && eol.view.shows === eol.name')
-    assert time.monotonic() - begun > 1.9
-    assert complaints(browser) == []
 
 
 def test_a_wall_outlives_the_panel_and_the_panel_forgets_nothing(graph, browser):
