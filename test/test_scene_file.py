@@ -10,7 +10,6 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eol_ros import cli
 from eol_ros import scene as scenes
 from eol_ros.errors import ConfigError
 from eol_ros.ros import presets
@@ -357,11 +356,6 @@ def test_paths_are_relative_to_the_scene(tmp_path):
     assert scene.nodes['grains'].sound == str(tmp_path / 'ice.wav')
 
 
-def test_unknown_scene_has_a_hint():
-    with pytest.raises(ConfigError, match='Did you mean museum'):
-        scenes.load('musuem')
-
-
 def values_of(field):
     """Return a strategy of what a scene may say of a number, a choice or a switch; else None."""
     meta = field.metadata
@@ -505,36 +499,6 @@ def test_every_setting_of_every_node_refuses_what_it_cannot_be(node, what, tmp_p
     told = [where for *_, where, _ in mistakes(path) if where.partition('.')[2] in values]
 
     assert sorted(told) == sorted(f'{node}.{name}' for name in values)
-
-
-def broken(path):
-    """Yield files that somebody could make of a scene, each with what is to be said of it."""
-    text = path.read_text()
-    node = next(iter(yaml.safe_load(text)['nodes'])) if 'include' not in text else 'twin'
-    include = f'include: {path}\nnodes: {{{node}: {{%s}}}}\n'
-    yield b'', 'names no node'
-    yield b'\n# nothing but a comment\n', 'names no node'
-    yield b'nodes: [twin, tracker]\n', 'is a list; write each node as a key'
-    yield text.encode() + '# où\n'.encode('latin-1'), 'not a text file in UTF-8'
-    yield text.encode('utf-16')[:-1], 'not a text file in UTF-8'
-    yield text.encode() + b'\0', 'not YAML'
-    yield text.encode() + b'nodes: {', 'not YAML'
-    yield (include % 'nonsense: 1').encode(), f'{node}.nonsense: no such key'
-    yield b'scene: &a [*a]\n', 'within another without end'
-    yield None, 'is a folder'
-
-
-@pytest.mark.parametrize('verb', ['check', 'run'])
-@pytest.mark.parametrize('name', ['rehearsal', 'ring'])  # whole, and with an include
-def test_a_broken_scene_is_told_in_a_line_and_nothing_is_started(name, verb, tmp_path, capsys):
-    for k, (data, said) in enumerate(broken(scenes.shipped()[name])):
-        path = tmp_path / f'{k}.yaml'
-        path.mkdir() if data is None else path.write_bytes(data)
-
-        assert cli.main([verb, str(path)]) == 78, said
-        line, *count = capsys.readouterr().err.splitlines()
-        assert said in line and str(path) in line
-        assert count[-1:] in (['1 error. Nothing was started.'], []) and len(count) in (0, 1, 3)
 
 
 def test_settings_renamed_since_the_last_release_are_read_everywhere(tmp_path):

@@ -3,16 +3,11 @@
 
 import math
 import os
-import subprocess
-import sys
 
 import pytest
-from support import fake_board
-from support.waiting import wait_until
 
 from eol_ros.core import serial_protocol as p
 from eol_ros.core.light.bridge import Bridge
-from eol_ros.devices.board.board import Board
 from eol_ros.devices.board.fake import FakeBoard, obey
 from eol_ros.errors import ConfigError
 
@@ -46,23 +41,3 @@ def test_while_a_block_is_silent_that_might_flash_nothing_falls(bridge):
     assert bridge.levels(3.5)[5] == pytest.approx(math.exp(-0.5 / 4), abs=0.01)
     bridge.hear(3.5, 20, True)
     assert bridge.levels(5.5)[5] < 0.15
-
-
-def test_runs_as_a_program(tmp_path):
-    link, log, taps = tmp_path / 'board', tmp_path / 'log.csv', []
-    command = [sys.executable, fake_board.__file__]
-    options = ['--link', str(link), '--taps', '50', '--log', str(log)]
-    program = subprocess.Popen(command + options, stdout=subprocess.PIPE, text=True)
-    board = Board(str(link), taps.append)
-    try:
-        assert program.stdout.readline().strip() == str(link)
-        board.start()
-        assert wait_until(lambda: taps)[0].strength == pytest.approx(5.0)
-    finally:
-        board.close()
-        program.terminate()
-        program.wait(5)
-        program.stdout.close()
-
-    assert log.read_text().startswith('time_ns,kind,sequence,stamp_us\n')
-    assert ',Hello,' in log.read_text()

@@ -51,22 +51,6 @@ def seen(lights, block, stamp_ns):
     lights.slip(block, stamp_ns, stamp_ns - 15_000_000)
 
 
-def storm(lights, fake, seconds=2.0):
-    """A slip of one block every 90 ms; the levels that the board shows, and when."""
-    times, shown, at = [], [], 0.0
-    began = time.monotonic()
-    while (now := time.monotonic() - began) < seconds:
-        if now >= at:
-            seen(lights, 12, time.time_ns())
-            at += 0.09
-        else:
-            lights.frame()
-        times.append(now)
-        shown.append(fake.levels()[12] / 255)
-        time.sleep(0.002)
-    return np.array(times), np.array(shown)
-
-
 def replayed_storm(lights, fake, rate, seconds=2.0):
     """A slip of one block every 400 recorded ms, played at `rate`; as `storm`, or as it is told."""
     times, shown, at, told, began = [], [], 0.0, 0.0, time.monotonic()
@@ -85,23 +69,6 @@ def replayed_storm(lights, fake, rate, seconds=2.0):
 def flashes(found):
     """The most pairs of changes in any second."""
     return max(((found >= t) & (found <= t + 1)).sum() // 2 for t in found)
-
-
-FREE = {'flash_limit': 'false', 'flash_limit_off_because': 'to see the difference'}
-WHOLE = {'flash_limit': 'field'}
-
-
-@pytest.mark.slow
-def test_a_storm_of_slips_is_no_strobe_on_the_blocks(make_lights):
-    most = []
-    for more in (FREE, WHOLE, {}):
-        with FakeBoard() as fake:
-            lights = make_lights(port=fake.port, decay_s=0.182, **more)
-            most.append(flashes(changes(*storm(lights, fake))))
-            lights.close()
-    free, *held = most
-    assert free > 5
-    assert max(held) <= 3
 
 
 @pytest.mark.slow
