@@ -147,6 +147,14 @@ def test_foreign_hosts_and_origins_are_refused_in_one_line(serve):
     assert ask(server, '/control/wake', '{}', Origin=own)[0] == 200
 
 
+def test_strangers_of_many_addresses_write_one_line(serve):
+    server = serve()
+    for k in range(1000):
+        server.say(f'too many wrong PINs from 2001:db8::{k:x}: locked out for 9 s')
+        server.say(f'Error handling request from 10.0.{k // 256}.{k % 256}: ValueError()')
+    assert len(server.lines) == len(server._said) == 2
+
+
 def test_each_control_reaches_the_graph(serve):
     server = serve()
     bodies = {
