@@ -195,7 +195,7 @@ def _losses(bag: Bag, topic: str) -> int:
 
 
 def _name_losses(bag: Bag, result: Retracked) -> None:
-    for topic in ('block_taps', *KEYS):
+    for topic in ('block_taps', 'requests', *KEYS):
         if lost := _losses(bag, topic):
             result.holes.append(f'not in the bag: {lost} of {topic}, by the count of the recorder')
 

@@ -239,6 +239,13 @@ def test_results_that_were_lost_are_named_and_the_others_compared(run, result, m
 
 
 @pytest.mark.slow
+def test_a_request_that_the_recorder_missed_is_named(run, result, monkeypatch):
+    keep_blocks(result, monkeypatch)
+    result = lose(run, monkeypatch, 'requests', [], 1)
+    assert result.holes == ['not in the bag: 1 of requests, by the count of the recorder']
+
+
+@pytest.mark.slow
 def test_more_that_lack_than_were_lost_differ(run, result, monkeypatch):
     keep_blocks(result, monkeypatch)
     assert lose(run, monkeypatch, 'slips', [0, 2], 1).verdict == 'different'
