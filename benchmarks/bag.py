@@ -32,9 +32,9 @@ STAMP_NS = 1_700_000_000_123_456_789
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('bag', nargs='?', default=str(SAMPLE), help='default: the sample bag')
-    parser.add_argument('--repeats', type=int, default=5, help='the best of so many counts')
-    parser.add_argument('--json', action='store_true')
+    parser.add_argument('bag', nargs='?', default=str(SAMPLE), help='bag (default: bags/sample)')
+    parser.add_argument('--repeats', type=int, default=5, help='number of runs; the fastest counts')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -29,7 +29,7 @@ from eol_ros.errors import ConfigError, UsageError
 from eol_ros.lab import choose, presets
 from eol_ros.verbs.progress import track
 
-HELP = 'error, run time and status of stiff and extreme cases, with a peer beside each'
+HELP = 'Measure error, run time and status of stiff and extreme cases, with a peer beside each.'
 EXAMPLES = [
     'eol bench extremes',
     'eol bench extremes --case "mu_s = mu_k"',
@@ -61,11 +61,16 @@ brackets. K_C is the stiffness between blocks, K_L that to the plate."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--case', default='', metavar='TEXT', help='only rows whose name has TEXT')
     parser.add_argument(
-        '--hours', type=within(0, 1000), default=24.0, help='time of the live clock (24)'
+        '--case', default='', metavar='TEXT', help='measure only rows whose name has TEXT'
     )
-    parser.add_argument('--markdown', action='store_true', help='as extremes.md of the docs')
+    parser.add_argument(
+        '--hours',
+        type=within(0, 1000),
+        default=24.0,
+        help='duration of the live clock (24)',
+    )
+    parser.add_argument('--markdown', action='store_true', help='print the tables of extremes.md')
     parser.add_argument(
         '--with',
         dest='earlier',
@@ -74,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         help='measure nothing: take the rows of earlier --json runs',
     )
-    parser.add_argument('--json', action='store_true', help='everything as JSON')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def judge(run: Run, duration_s: float, limits: Limits) -> list[str]:

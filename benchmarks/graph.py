@@ -24,7 +24,7 @@ from eol_ros import scene as scenes
 from eol_ros.errors import EolError, UsageError
 from eol_ros.ros.stamps import NS, to_ns
 
-HELP = 'Measure the running graph: images, latency, processor, memory, start-up, per scene.'
+HELP = 'Measure images, latency, processor, memory and start-up time of the graph of each scene.'
 EXAMPLES = [
     'eol bench graph --seconds 30 --json',
     'eol bench graph --scenes rehearsal --seconds 60',
@@ -46,8 +46,8 @@ SCENES = ('rehearsal', 'museum', 'lights', 'instrument', 'playback')
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('--seconds', type=float, default=30.0, help='measured, per scene')
-    parser.add_argument('--scenes', default=','.join(SCENES), help='separated by commas')
+    parser.add_argument('--seconds', type=float, default=30.0, help='measuring time of each scene')
+    parser.add_argument('--scenes', default=','.join(SCENES), help='scenes, separated by commas')
     parser.add_argument(
         '--fast',
         type=float,
@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='measure the rehearsal again, by the camera alone; write senses.png there',
     )
     parser.add_argument('--real-time', action='store_true', help='ask for real-time priority')
-    parser.add_argument('--json', action='store_true')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -30,7 +30,7 @@ from eol_ros.core.vision.tracker import Tracker
 from eol_ros.errors import UsageError
 from eol_ros.settings import TrackerSettings
 
-HELP = 'Identity failures per simulated hour, ours against nearest neighbour and Hungarian.'
+HELP = 'Measure identity failures per simulated hour, beside nearest neighbour and Hungarian.'
 EXAMPLES = [
     'eol bench identity --hours 0.5 --json',
     'eol bench identity --fps 120 --rough 1.4 --permanent 3',
@@ -48,29 +48,34 @@ LAMP_PX = 42  # half width of what is drawn of a false light: three standard dev
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('--hours', type=float, default=0.25, help='simulated')
-    parser.add_argument('--fps', type=float, default=60.0)
-    parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--seeds', type=int, default=1, help='so many times, seed after seed')
-    parser.add_argument('--rough', type=float, default=1.0, help='visitors; 1.4 is very rough')
-    parser.add_argument('--permanent', type=int, default=0, help='lamps that never go away')
-    parser.add_argument('--losses', type=float, default=6.0, help='times of darkness an hour')
+    parser.add_argument('--hours', type=float, default=0.25, help='simulated time of each seed')
+    parser.add_argument('--fps', type=float, default=60.0, help='image rate, Hz')
+    parser.add_argument('--seed', type=int, default=1, help='random seed')
+    parser.add_argument('--seeds', type=int, default=1, help='number of seeds, from --seed on')
+    parser.add_argument(
+        '--rough',
+        type=float,
+        default=1.0,
+        help='speed of the visitors; 1.4 is very rough',
+    )
+    parser.add_argument('--permanent', type=int, default=0, help='number of lamps that stay on')
+    parser.add_argument('--losses', type=float, default=6.0, help='dark intervals an hour')
     parser.add_argument(
         '--yaw-offset',
         type=float,
         default=2.9,
-        help='yaw offsets of the blocks: sd, degrees',
+        help='standard deviation of the yaw offsets of the blocks, degrees',
     )
     parser.add_argument(
         '--covers',
         default='textured',
         choices=('textured', 'alike'),
-        help='covers with a texture each, or names by place alone',
+        help='covers with a texture each, or all alike, so that only places tell them apart',
     )
-    parser.add_argument('--no-taps', action='store_true', help='accelerometers are silent')
-    parser.add_argument('--methods', default=','.join(METHODS))
+    parser.add_argument('--no-taps', action='store_true', help='leave the accelerometers out')
+    parser.add_argument('--methods', default=','.join(METHODS), help='methods, separated by commas')
     held_out.add_argument(parser)
-    parser.add_argument('--json', action='store_true')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -28,7 +28,7 @@ from support.running import Film, Graph, stand_in
 from benchmarks.machine import tell
 from eol_ros.errors import EolError, UsageError
 
-HELP = 'processes, memory, modules, threads and DDS entities of each scene and of single verbs'
+HELP = 'Count processes, memory, modules, threads and DDS entities of each scene and verb.'
 EXAMPLES = [
     'eol bench lean',
     'eol bench lean --scenes rehearsal,lights --no-verbs',
@@ -47,10 +47,10 @@ benchmark check it."""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('--scenes', default=','.join(SCENES), help='separated by commas')
-    parser.add_argument('--no-verbs', action='store_true', help='scenes only')
-    parser.add_argument('--markdown', action='store_true', help='as lean.md of the docs')
-    parser.add_argument('--json', action='store_true')
+    parser.add_argument('--scenes', default=','.join(SCENES), help='scenes, separated by commas')
+    parser.add_argument('--no-verbs', action='store_true', help='leave the verbs out')
+    parser.add_argument('--markdown', action='store_true', help='print the tables of lean.md')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def scene_row(name: str, folder: Path, film: Film, bag: Path | None) -> dict[str, Any]:

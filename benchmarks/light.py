@@ -49,7 +49,7 @@ from eol_ros.core.table import Table
 from eol_ros.errors import EolError
 from eol_ros.verbs.progress import track
 
-HELP = 'Light of a recording under each limit of flashes: duration, share lit, WCAG 2.2.'
+HELP = 'Measure the light of a bag under each flash limit: duration, lit share, WCAG 2.2.'
 EXAMPLES = [
     'eol bench light',
     'eol bench light bags/run --json',
@@ -82,21 +82,28 @@ LIMITS = {  # name: field, look, limited
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('bag', nargs='?', default=str(SAMPLE), help='default: bags/sample')
-    parser.add_argument('--json', action='store_true')
     parser.add_argument(
-        '--sheet', help='write an SVG with twelve frames of the greatest cascade under each limit'
+        'bag', nargs='?', default=str(SAMPLE), help='bag to light (default: bags/sample)'
+    )
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
+    parser.add_argument(
+        '--sheet',
+        metavar='FILE.svg',
+        help='draw an SVG with twelve frames of the greatest cascade under each limit',
     )
     parser.add_argument(
         '--seeds', type=int, default=0, metavar='N', help='measure N rehearsals of the twin instead'
     )
     parser.add_argument(
-        '--seconds', type=float, default=60.0, metavar='S', help='length of each (60 s)'
+        '--seconds', type=float, default=60.0, metavar='S', help='length of each rehearsal (60 s)'
     )
-    parser.add_argument('--first-seed', type=int, default=1, metavar='S', help='of --seeds')
+    parser.add_argument('--first-seed', type=int, default=1, metavar='S', help='first of --seeds')
     held_out.add_argument(parser)
     parser.add_argument(
-        '--look', choices=('paper', *LOOKS), default='paper', help='of the rehearsals (paper)'
+        '--look',
+        choices=('paper', *LOOKS),
+        default='paper',
+        help='look of the light in the rehearsals (paper)',
     )
 
 

@@ -34,7 +34,7 @@ from eol_ros.core.vision.calibration import calibrate
 from eol_ros.lab.science import spectra
 from eol_ros.verbs.progress import track
 
-HELP = 'error against run time of clocks, onsets, calibration, layout, pitch, fits, loudness ...'
+HELP = 'Measure error against run time of clocks, onsets, layout, pitch, fits, loudness ...'
 EXAMPLES = [
     'eol bench methods',
     'eol bench methods --part onset --part calibration --json',
@@ -529,12 +529,17 @@ def realised(name: str) -> Curve:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument(
-        '--part', choices=[*RANDOM, *FIXED], action='append', help='only this; may be repeated'
+        '--part',
+        choices=[*RANDOM, *FIXED],
+        action='append',
+        help='measure only this part; may be repeated',
     )
     parser.add_argument('--plots', metavar='FOLDER', help='draw method_*.png there')
     form = parser.add_mutually_exclusive_group()
-    form.add_argument('--markdown', action='store_true', help='the table of methods')
-    form.add_argument('--json', action='store_true')
+    form.add_argument(
+        '--markdown', action='store_true', help='print the table of the page on methods'
+    )
+    form.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

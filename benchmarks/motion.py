@@ -21,7 +21,7 @@ from support.paper import N_BLOCKS, rest_lattice
 from benchmarks import held_out, plots
 from eol_ros.settings import MotionSettings
 
-HELP = 'Slips: onset error, latency, precision, recall, false alarms, at 60 and 120 images/s.'
+HELP = 'Measure onset error, latency, recall and false alarms of slips at 60 and 120 images/s.'
 EXAMPLES = [
     'eol bench motion --seconds 150 --json', 'eol bench motion --false-alarm-hours 10',
     'eol bench motion --minutes 10 --film-seconds 30 --false-alarm-hours 0',
@@ -32,10 +32,14 @@ LEAST_SIGMAS = 20.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('--seconds', type=float, default=60.0, help='of table time, per row')
-    parser.add_argument('--seed', type=int, default=3)
-    parser.add_argument('--fps', default='60,120')
-    parser.add_argument('--noise', default='0.002,0.007,0.035,0.1', help='px, separated by commas')
+    parser.add_argument('--seconds', type=float, default=60.0, help='table time of each row')
+    parser.add_argument('--seed', type=int, default=3, help='random seed')
+    parser.add_argument('--fps', default='60,120', help='image rates, Hz, separated by commas')
+    parser.add_argument(
+        '--noise',
+        default='0.002,0.007,0.035,0.1',
+        help='position noise, px, separated by commas',
+    )
     parser.add_argument(
         '--false-alarm-hours', type=float, default=0.5,
         help='simulated hours of rest, at 20 alarms an hour; 0 leaves it out',
@@ -51,8 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='seconds of the twin rendered and tracked: visitors, and the rim led at 0.3 m/s',
     )
     held_out.add_argument(parser)
-    parser.add_argument('--plots', metavar='FOLDER', help='draw slips.png there, of --noise')
-    parser.add_argument('--json', action='store_true')
+    parser.add_argument('--plots', metavar='FOLDER', help='draw slips.png of --noise there')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -29,7 +29,7 @@ from benchmarks import machine
 from eol_ros import parent_death
 from eol_ros.errors import EolError
 
-HELP = 'Processor time of the node osc at a thousand packets a second, out and in, over DDS.'
+HELP = 'Measure the processor time of the node osc at 1000 packets a second, out and in.'
 EXAMPLES = ['eol bench osc', 'eol bench osc --rate 200 --seconds 5 --json']
 SUBSCRIBER = """
 import rclpy
@@ -50,9 +50,9 @@ FADERS = ('radius', 'blend', 'gain', 'pan_width', 'k', 'overlap', 'gain_floor')
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('--rate', type=float, default=1000.0, help='packets a second')
-    parser.add_argument('--seconds', type=float, default=10.0, help='of each part')
-    parser.add_argument('--json', action='store_true')
+    parser.add_argument('--rate', type=float, default=1000.0, help='number of packets a second')
+    parser.add_argument('--seconds', type=float, default=10.0, help='duration of each part')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -30,7 +30,7 @@ from eol_ros.lab import choose, presets
 from eol_ros.lab.exact import solver as exact
 from eol_ros.verbs.progress import track
 
-HELP = 'error against run time of the spring-block solvers and their peers'
+HELP = 'Measure error against run time of the spring-block solvers and their peers.'
 EXAMPLES = [
     'eol bench physics --json > physics.json',
     'eol bench physics --part own',
@@ -47,11 +47,13 @@ RANDOM_SCENES = ((False, 500), (True, 100))  # whether blocks rotate
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     form = parser.add_mutually_exclusive_group()
-    form.add_argument('--json', action='store_true', help='everything as JSON')
-    form.add_argument('--markdown', action='store_true', help='the tables of the page on physics')
+    form.add_argument('--json', action='store_true', help='print the figures as JSON')
+    form.add_argument(
+        '--markdown', action='store_true', help='print the tables of the page on physics'
+    )
     parser.add_argument('--plots', metavar='DIR', help='draw the results there')
     parser.add_argument(
-        '--part', choices=PARTS, action='append', help='only this part; may be given again'
+        '--part', choices=PARTS, action='append', help='measure only this part; may be repeated'
     )
 
 

@@ -38,7 +38,7 @@ from eol_ros.analysis import open_bag
 from eol_ros.errors import EolError, UsageError
 from eol_ros.verbs.progress import track
 
-HELP = 'Days of exhibition at a high rate, hours of faults in real time: what was lost, what grows.'
+HELP = 'Run days of exhibition at a high rate and hours of faults; report losses and growth.'
 EXAMPLES = [
     'eol bench soak --json > soak.json          # 72 hours as fast as it goes, 2 hours of faults',
     'eol bench soak --parts faults --faults-hours 0.2',
@@ -59,10 +59,10 @@ class Look(NamedTuple):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('--parts', default=','.join(PARTS), help='which, separated by commas')
-    parser.add_argument('--hours', type=float, default=72.0, help='of exhibition, recorded time')
+    parser.add_argument('--parts', default=','.join(PARTS), help='parts, separated by commas')
+    parser.add_argument('--hours', type=float, default=72.0, help='recorded time of the exhibition')
     parser.add_argument(
-        '--rate', type=float, help='of exhibition, times real time (default: the highest)'
+        '--rate', type=float, help='speed of the exhibition, times real time (default: the highest)'
     )
     parser.add_argument(
         '--faults-hours',
@@ -72,16 +72,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--fps', type=float, default=60.0, help='image rate of the fault test, Hz')
     parser.add_argument(
-        '--run-minutes', type=float, default=10.0, help='how long a run is recorded to be played'
+        '--run-minutes',
+        type=float,
+        default=10.0,
+        help='duration of the run that the exhibition plays',
     )
     parser.add_argument('--bag', type=Path, help='play this run instead of recording one')
-    parser.add_argument('--keep', type=Path, help='a folder for logs and bags, which stay there')
+    parser.add_argument('--keep', type=Path, help='folder in which logs and bags are kept')
     parser.add_argument(
         '--results', type=Path, default=soak_total.RESULTS, metavar='FILE',
         help='file to which this run is appended (default benchmarks/soak.jsonl)',
     )  # fmt: skip
-    parser.add_argument('--seed', type=int, default=1, help='of the order of the faults')
-    parser.add_argument('--json', action='store_true')
+    parser.add_argument('--seed', type=int, default=1, help='seed of the order of the faults')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

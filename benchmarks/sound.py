@@ -8,7 +8,7 @@ import argparse
 import sys
 from collections.abc import Callable, Iterator
 
-HELP = 'Voices per core; error; underruns; from a slip to its sound.'
+HELP = 'Measure voices per core, errors, underruns and the delay from a slip to its sound.'
 EXAMPLES = [
     'eol bench sound --json',
     'eol bench sound --parts engine --grains 400 --seconds 3',
@@ -25,15 +25,15 @@ def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument(
         '--parts', type=_some(PARTS), default=PARTS, metavar='NAMES',
-        help=f'some of {",".join(PARTS)} (default: all)',
+        help=f'names of parts, of {",".join(PARTS)} (default: all)',
     )  # fmt: skip
     parser.add_argument(
         '--grains', type=_some(OVERLAPS), default=OVERLAPS, metavar='NUMBERS',
-        help=f'that sound at once, some of {",".join(map(str, OVERLAPS))} (default: all)',
+        help=f'numbers of simultaneous grains, of {",".join(map(str, OVERLAPS))} (default: all)',
     )  # fmt: skip
-    parser.add_argument('--repeats', type=int, default=3, help='the best of so many is taken')
-    parser.add_argument('--seconds', type=float, default=10.0, help='of a score or a live run')
-    parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
+    parser.add_argument('--repeats', type=int, default=3, help='number of runs; the fastest counts')
+    parser.add_argument('--seconds', type=float, default=10.0, help='duration of score or live run')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def run(args) -> int:

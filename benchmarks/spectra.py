@@ -13,7 +13,7 @@ from eol_ros.errors import UsageError
 if TYPE_CHECKING:
     from eol_ros.lab.science.one_over_f import Answer
 
-HELP = 'Ask series of known spectrum whether they are 1/f: right, wrong and undecided, by length.'
+HELP = 'Count right, wrong and undecided 1/f verdicts on series of known spectrum, by length.'
 EXAMPLES = [
     'eol bench spectra --plots docs/img',
     'eol bench spectra --seeds 20 --seeds-from-time',
@@ -30,13 +30,22 @@ LONGEST_S = {  # of series whose next length takes half a minute for each seed, 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument(
-        '--seeds', type=int, default=100, metavar='N', help='realisations of each (default 100)'
+        '--seeds',
+        type=int,
+        default=100,
+        metavar='N',
+        help='realisations of each series (default 100)',
     )
-    parser.add_argument('--first-seed', type=int, default=0, metavar='S', help='of --seeds')
+    parser.add_argument('--first-seed', type=int, default=0, metavar='S', help='first of --seeds')
     held_out.add_argument(parser)
-    parser.add_argument('--series', metavar='NAME', action='append', help='only this one')
+    parser.add_argument(
+        '--series',
+        metavar='NAME',
+        action='append',
+        help='only this series; may be repeated',
+    )
     parser.add_argument('--plots', metavar='FOLDER', help='draw spectra.png there')
-    parser.add_argument('--json', action='store_true')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -43,7 +43,7 @@ from eol_ros.settings import GrainsSettings, LedsSettings, MotionSettings, Track
 from eol_ros.streams import blocks
 from eol_ros.verbs.progress import track
 
-HELP = 'Cost of each part, and errors of tracker and slips, for tables of 3 x 3 to 15 x 15 blocks.'
+HELP = 'Measure cost of each part, and errors of tracker and slips, for 3 x 3 to 15 x 15 blocks.'
 EXAMPLES = [
     'eol bench tables --plot docs/img/tables.png',
     'eol bench tables --sides 3,5,8 --seconds 60 --json',
@@ -56,10 +56,10 @@ PARTS = ('twin', 'tracker', 'motion', 'grains', 'light', 'bag')
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument('--sides', default='3,5,8,12,15', help='blocks along a side, with commas')
-    parser.add_argument('--seconds', type=float, default=20.0, help='of each table')
-    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--seconds', type=float, default=20.0, help='duration of each table')
+    parser.add_argument('--seed', type=int, default=1, help='random seed')
     parser.add_argument('--plot', metavar='FILE.png', help='draw time against blocks there')
-    parser.add_argument('--json', action='store_true')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

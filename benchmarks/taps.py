@@ -39,7 +39,7 @@ from eol_ros.devices.board.twin import SIGMA_S
 from eol_ros.errors import UsageError
 from eol_ros.settings import MotionSettings, TwinSettings
 
-HELP = 'Knocks felt by the blocks: missed and false per hour over thresholds, by length of slip.'
+HELP = 'Measure missed and false taps per hour by threshold and length of slip.'
 EXAMPLES = [
     'eol bench taps --minutes 10',
     'eol bench taps --parts told --minutes 10 --seed 11',
@@ -53,13 +53,17 @@ DROP = TwinSettings.mu_static - TwinSettings.mu_kinetic
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('--parts', default=','.join(PARTS), help='separated by commas')
-    parser.add_argument('--minutes', type=float, default=10.0, help='of the twin, per table')
-    parser.add_argument('--thresholds', default='10,16,24,36', help='mg, separated by commas')
-    parser.add_argument('--drops', default=f'{DROP:.2g},0.1,0.04', help='mu_s - mu_k, by commas')
-    parser.add_argument('--seed', type=int, default=3)
+    parser.add_argument('--parts', default=','.join(PARTS), help='parts, separated by commas')
+    parser.add_argument('--minutes', type=float, default=10.0, help='twin time of each table')
+    parser.add_argument('--thresholds', default='10,16,24,36', help='in mg, separated by commas')
+    parser.add_argument(
+        '--drops',
+        default=f'{DROP:.2g},0.1,0.04',
+        help='mu_s - mu_k, separated by commas',
+    )
+    parser.add_argument('--seed', type=int, default=3, help='random seed')
     held_out.add_argument(parser)
-    parser.add_argument('--json', action='store_true')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def run(args: argparse.Namespace) -> int:

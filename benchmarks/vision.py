@@ -7,7 +7,7 @@ from pathlib import Path
 from benchmarks import held_out
 from eol_ros.errors import UsageError
 
-HELP = 'Position error and run time, beside tuned peers and the Cramer-Rao bound.'
+HELP = 'Measure position error and run time, beside tuned peers and the Cramer-Rao bound.'
 EXAMPLES = [
     'eol bench vision',
     'eol bench vision --json > vision.json',
@@ -25,11 +25,11 @@ CLUTTER = ('ordinary', 'hard', 'brutal')
 
 def add_arguments(parser):
     """Declare the command line."""
-    parser.add_argument('--seconds', type=float, default=4.0, help='video of each clutter level')
+    parser.add_argument('--seconds', type=float, default=4.0, help='duration of each video')
     parser.add_argument('--images', type=int, default=40, help='clean images of each noise level')
     parser.add_argument('--levels', default=','.join(CLUTTER), help='clutter levels, with commas')
     parser.add_argument('--seeds', type=int, default=2, help='videos of each clutter level')
-    parser.add_argument('--no-peers', action='store_true', help='only our own')
+    parser.add_argument('--no-peers', action='store_true', help='leave the peers out')
     parser.add_argument('--no-clean', action='store_true', help='leave the noise levels out')
     parser.add_argument('--plots', metavar='FOLDER', help='draw vision_*.png there')
     parser.add_argument(
@@ -57,10 +57,12 @@ def add_arguments(parser):
         help='only films of another renderer: folders with frames.npy, truth.npz and'
         ' calibration.yaml',
     )
-    parser.add_argument('--surfaces', default='flat,relief', help='with --hard and --arms')
-    parser.add_argument('--first-seed', type=int, default=41, help='with those: of --seeds')
+    parser.add_argument('--surfaces', default='flat,relief', help='covers of --hard and --arms')
+    parser.add_argument(
+        '--first-seed', type=int, default=41, help='first of --seeds (--hard, --arms)'
+    )
     held_out.add_argument(parser)
-    parser.add_argument('--json', action='store_true', help='figures on stdout, for a program')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 
 def run(args) -> int:

@@ -229,7 +229,8 @@ class TwinSettings:
 class CameraSettings:
     device: str = setting(
         'auto',
-        'stable camera name, /dev path, or a file that OpenCV opens',
+        'camera by name or part of its name, /dev path, or file that OpenCV opens; auto: the only '
+        'camera found',
         kind='optional path',
     )
     fps: float = setting(60.0, 'image rate; 0: the rate stated in a video file', 'Hz', 0, 240)
@@ -322,7 +323,8 @@ class MotionSettings:
 class LedsSettings:
     port: str = setting(
         'auto',
-        'serial port by stable name; auto; twin: the simulated board',
+        'serial port of the board by name, part of its name, or path; auto: the only port found; '
+        'twin: the simulated board',
     )
     trigger: str = live(
         'both',
@@ -620,13 +622,14 @@ class GrainsSettings:
         0,
         60,
     )
-    seed: int = live(1, 'random seed of all random variation', '', 0)
+    seed: int = live(1, 'random seed of jitter, weights and ambience', '', 0)
 
 
 @dataclass(frozen=True)
 class SoundSettings:
     device: str = setting(
-        'auto', 'sound card by name or part of the name; auto; wav: a file instead of a card'
+        'auto',
+        'sound card by name or part of its name; auto: the default output; wav: a file, no card',
     )
     card_needed: bool = setting(True, 'warn while there is no sound card')
     sample_rate: int = setting(48000, 'sample rate of the output', 'Hz', 8000, 192000)
@@ -812,7 +815,7 @@ class SoundSettings:
     wav_limit_s: float = setting(3600.0, 'greatest length of the WAV file', 's', 1)
     meter_hz: float = setting(
         20.0,
-        'rate of sound_meter messages; at most 2 where panel runs on another machine',
+        'rate of sound_meter messages; at most 2 if the panel runs on another machine',
         'Hz',
         1,
         60,
@@ -857,7 +860,7 @@ class HoursSettings:
     cue_times: tuple[str, ...] = setting(
         (),
         'times of cues as lines of days, times and a cue, such as Fri,Sat 18:30 evening or '
-        '2026-12-24 12:00 farewell; at its start the node gives the cues since the last opening or '
+        '2026-12-24 12:00 farewell; at its start the node sends the cues since the last opening or '
         'closing',
     )
 
@@ -931,8 +934,8 @@ class OscSettings:
 class MidiSettings:
     output: str = setting(
         'auto',
-        'MIDI output by name or part of the name; auto: the first; virtual: a port to which '
-        'others connect; jack:NAME and so on: by JACK',
+        'MIDI output by name or part of its name; auto: the first; virtual: a port to which '
+        'others connect. With jack: before any of these, the output is one of JACK',
     )
     lowest_note: int = setting(36, 'MIDI note of block 0; block n is n notes higher', '', 0, 127)
     fastest_mps: float = setting(
@@ -1084,7 +1087,7 @@ class NotifySettings:
     after_s: float = setting(60.0, 'duration of a fault after which it is reported', 's', 5, 86400)
     pause_s: float = setting(
         300.0,
-        'least time between two messages; what changes in between is reported at its end',
+        'least time between two messages; later changes are reported at its end',
         's',
         10,
         86400,

@@ -44,7 +44,10 @@ def test_examples_parse(verb):
 @pytest.mark.parametrize('name', bench.names())
 def test_every_benchmark_explains_itself(name, capsys):
     assert cli.main(['bench', name, '--help']) == 0
-    assert 'examples:' in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert 'examples:' in told and re.search(r'\n\n[A-Z].*\.\n\n', told)
+    options = re.split(r'\n  (?=-)', told.partition('examples:')[0])[1:]
+    assert [option for option in options if not re.search(r'\n? {2,}[^ -]', option)] == []
 
 
 def test_unknown_verb(capsys):

@@ -155,6 +155,7 @@ def settings_page() -> str:
             if not span:
                 low, high = meta.get('min'), meta.get('max')
                 span = ' to '.join(f'{v:g}' for v in (low, high) if v is not None)
+                span = f'at least {span}' if low is not None and high is None else span
                 span = ' '.join(w for w in (span, meta.get('unit', '')) if w)
             rows.append(
                 f'| `{field.name}` | `{field.default!r}` | {span} | '

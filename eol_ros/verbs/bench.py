@@ -23,8 +23,8 @@ def names() -> list[str]:
 
 def add_arguments(parser):
     """Take the name; the rest belongs to the benchmark."""
-    parser.add_argument('name', help=f'which: {", ".join(names())}')
-    parser.add_argument('rest', nargs='...', help='its options')
+    parser.add_argument('name', help=f'benchmark: {", ".join(names())}')
+    parser.add_argument('rest', nargs='...', help='options of the benchmark')
 
 
 def run(args):

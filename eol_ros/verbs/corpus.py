@@ -94,7 +94,7 @@ def add_arguments(parser):
         help='0: measured places, 1: the layout',
     )
     add('-o', '--output', metavar='FILE', help='corpus file (JSON)')
-    add('--csv', metavar='FILE', help='table with one line a grain')
+    add('--csv', metavar='FILE', help='table with one line for each grain')
     add('--labels-out', metavar='FILE', help='Audacity label track of the grains')
     add('--json', action='store_true', help='print the corpus as JSON')
 
