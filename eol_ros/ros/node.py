@@ -302,7 +302,11 @@ class EolNode(Node):
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
         """Destroy a subscription, or what was made in its place."""
-        return super().destroy_subscription(self.qos.now(subscription))
+        made = self.qos.now(subscription)
+        handlers: Any = made.event_handlers  # several, whatever rclpy's annotation says
+        for events in handlers:
+            events._ready_to_take_data = False  # the executor would take them from what is gone
+        return super().destroy_subscription(made)
 
     def intake(self, topic: str, read: Callable[[Any], Any] | None = None) -> Intake:
         """Return what decodes messages of a topic of the table, checks them and calls `read`."""

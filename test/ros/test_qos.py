@@ -50,6 +50,17 @@ class Probe(EolNode):
         )
 
 
+def test_an_event_of_a_subscription_that_was_destroyed_since_is_none(ros):
+    """As where one callback destroys it in the turn in which its peer was met."""
+    probe = Probe()
+    made = probe.subscribe('camera/image_raw', print)
+    for events in made.event_handlers:
+        events._ready_to_take_data = True
+    probe.destroy_subscription(made)
+    assert [events.take_data() for events in made.event_handlers] == [None, None]
+    probe.destroy_node()
+
+
 @pytest.mark.parametrize('executor', [EventsExecutor, SingleThreadedExecutor])
 def test_images_of_a_best_effort_driver_come_and_those_of_a_reliable_one(ros, executor):
     probe, driver = Probe(), Node('driver', namespace='eol')
