@@ -38,7 +38,6 @@ EXAMPLES = [
 ]
 PATIENCE_S = 60  # an oracle or a peer that takes longer is left, and the row says so
 SAMPLES = 50
-SHARE = 0.2  # of each run at least is covered by its reference
 NO_PEER = 'none'
 ORDINARY = Case('ordinary table', 'plane', lambda: presets.scene('S3G') | {'T': 5.0})
 PEERS: dict[str, tuple[str, str, Callable[[Scene, np.ndarray], np.ndarray]]] = {

@@ -48,22 +48,3 @@ def test_a_fault_is_found_at_its_line(text, line, fault):
 )
 def test_what_is_short_or_no_prose_passes(text):
     assert check_words.prose_faults(text) == []
-
-
-def test_pages_that_people_write_are_counted_together(capsys):
-    page = 'word | `code` ' * 11_000
-    pages = {'docs/a.md': page, 'docs/guides/b.md': page, 'docs/reference/api.md': page}
-
-    check_words.check_prose(pages | {'docs/adr/001-a.md': page, 'README.md': page})
-
-    assert f'\n44000 words in {next(iter(check_words.MOST_WORDS))}, of' in capsys.readouterr().out
-    quiet = dict.fromkeys(['docs/a.md', 'docs/b.md'], '| word ' * 22_500)
-    assert check_words.check_prose(quiet) == 0
-    assert check_words.check_prose(quiet | {'docs/c.md': 'word'}) == 1
-    science = {'docs/explanation/science.md': '| word ' * 5_000}
-    assert (
-        check_words.check_prose(science | {'docs/explanation/numerics/a.md': '| w ' * 1_000}) == 0
-    )
-    assert (
-        check_words.check_prose(science | {'docs/explanation/numerics/a.md': '| w ' * 1_001}) == 1
-    )

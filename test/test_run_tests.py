@@ -37,11 +37,6 @@ def run(monkeypatch, tmp_path, capsys):
     return of
 
 
-def test_all_passed(run):
-    assert run({}) == (0, ['20 passed, 0 failed, 0 skipped'])
-    assert len(run.tried) == 2
-
-
 def test_the_ten_slowest_files_are_named(run):
     run({'a': 'late'}, {})
     slowest = run.before[run.before.index('the slowest files:') :]

@@ -11,27 +11,6 @@ from eol_ros.core.terrain import landscape
 CELLS = 12
 
 
-@pytest.mark.parametrize(
-    'shape',
-    [
-        CoverShape(),
-        CoverShape(60, 3, 5, 40),
-        CoverShape(84, 0.8, 2, 0),
-        CoverShape(lip_mm=6),
-        CoverShape(60, 3, 14, 40, 9, 3, 0.5),
-    ],
-)
-def test_each_cover_is_watertight(shape):
-    trimesh = pytest.importorskip('trimesh')
-    land = landscape(1, cells=CELLS)
-    triangles = covers.cover_mesh(covers.tile(land, 2, 3, CELLS), shape)
-    mesh = trimesh.Trimesh(*_indexed(triangles.astype('<f4')))
-    assert mesh.is_watertight and mesh.is_winding_consistent and mesh.euler_number == 2
-    assert mesh.volume > 0
-    assert mesh.volume == pytest.approx(covers.volume_mm3(triangles), rel=1e-5)
-    assert mesh.bounds[1][:2] == pytest.approx([shape.side_mm / 2] * 2)
-
-
 def test_a_lip_fits_into_the_body_and_the_rim_stands_on_it():
     """Cut by planes: below its rim the cover keeps within the body, above it is as wide as that."""
     trimesh = pytest.importorskip('trimesh')

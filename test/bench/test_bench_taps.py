@@ -3,9 +3,8 @@
 
 import json
 
-import numpy as np
 import pytest
-from support.true_slips import FALSE_PER_HOUR, Slip, compare
+from support.true_slips import Slip, compare
 
 from benchmarks import taps
 from eol_ros import cli
@@ -32,19 +31,6 @@ def test_each_report_is_right_or_false_for_a_reason():
     assert false == [1, 2, 2] and row['false_per_h'] == 5
     assert row['onset_rms_ms'] == pytest.approx(1.0)
     assert row['felt_p50_ms'] == pytest.approx(3.0)
-
-
-def test_the_ideal_detector_is_a_matched_filter():
-    """Drawn: the correlation with the slip is normal, about 0 without it and d with it."""
-    random, deflection = np.random.default_rng(1), 7.0
-    chance = FALSE_PER_HOUR / (3600 * 25 * 1344)
-    row = compare([slip(1.0, 0, whole=deflection**2)] * 10, [], 3600.0)
-    drawn = random.normal(deflection, 1.0, 400_000)
-    # the level that so few of as many normal numbers pass, from their series and not from ndtri
-    level = np.sqrt(2 * np.log(1 / chance))
-    for _ in range(50):
-        level = np.sqrt(2 * np.log((1 - 1 / level**2) / (chance * level * np.sqrt(2 * np.pi))))
-    assert row['2-5mm']['ideal_missed'] == pytest.approx(np.mean(drawn < level), abs=0.005)
 
 
 @pytest.mark.slow

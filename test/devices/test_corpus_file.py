@@ -341,20 +341,6 @@ def test_a_sound_that_goes_away_is_noticed_without_a_fault(sound):
         corpus_file.sha256(sound)
 
 
-@pytest.mark.parametrize(
-    ('grain', 'x', 'y', 'words'),
-    [
-        (2, 0.5, 0.5, 'grain 2: the corpus has grains 0 to 1'),
-        (-1, 0.5, 0.5, 'grain -1'),
-        (0, 1.5, 0.5, 'must lie in 0..1'),
-        (0, 0.5, float('nan'), 'must lie in 0..1'),
-    ],
-)
-def test_a_grain_or_a_place_that_is_not_there_is_refused(grain, x, y, words):
-    with pytest.raises(ConfigError, match=words):
-        corpus_file.move([None, None], grain, x, y)
-
-
 @pytest.fixture
 def two(sound, tmp_path):
     audio_file.write(tmp_path / 'shelf.wav', ice(3.0, RATE, seed=6), RATE, 'PCM_16')

@@ -353,7 +353,7 @@ def test_verify_finds_what_was_changed_in_metadata_yaml(tmp_path):
     text = path.read_bytes()
     assert verify(tmp_path / 'run')[1] == []
     before, missed, changed = yaml.safe_load(text), [], 0
-    for at in range(0, len(text), 17):
+    for at in range(0, len(text), 29):
         data = bytearray(text)
         data[at] ^= 1 << at % 7
         path.write_bytes(data)

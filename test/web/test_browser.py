@@ -805,6 +805,8 @@ def test_the_monitor_is_one_view_without_inner_scrolling(graph, browser):
             rem = run(browser, 'return parseFloat(getComputedStyle(document.body).fontSize)')
             assert rem / size[1] == pytest.approx(16.128 / 1080, rel=1e-3), '4K is 1080p, larger'
         assert run(browser, INNER) == []
+        if size[1] == 2160:
+            continue
         for name in ('zh-Hant', 'en'):
             speak(browser, name)
             viewers = 'document.getElementById("visitors").textContent'
@@ -847,15 +849,6 @@ def test_who_gave_the_pin_is_asked_no_more(graph, browser):
     run(browser, 'eol.link.emit("trust", {ok: true})')
     assert run(browser, f'return {form}.hidden')
     assert run(browser, 'return document.activeElement.dataset.control')
-
-
-def luminance(colour):
-    if colour.startswith('#'):
-        parts = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
-    else:
-        parts = [int(part) for part in colour.strip('rgba()').split(',')[:3]]
-    parts = [p / 255 / 12.92 if p <= 10 else ((p / 255 + 0.055) / 1.055) ** 2.4 for p in parts]
-    return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2]
 
 
 def test_what_buttons_show_does_not_outlive_who_said_it(graph, browser):
