@@ -57,7 +57,7 @@ def read(scene: Scene, words: Sequence[str]) -> RosArgs:
     for word in left:
         value = ''
         if word in (*REMAP, *PARAMETER, *WITH_VALUE, FILE) and not (value := next(left, '')):
-            raise UsageError(f'--ros-args {word}: what? A value must follow')
+            raise UsageError(f'--ros-args {word}: a value must follow')
         if word in REMAP:
             scene = _remapped(scene, word, value, others)
         elif word in PARAMETER:
@@ -76,7 +76,7 @@ def _remapped(scene: Scene, word: str, rule: str, others: list[str]) -> Scene:
     if not found:
         raise UsageError(f'--ros-args {word} {rule}: not a rule FROM:=TO')
     if name in ('__node', '__name'):
-        raise UsageError(f'--ros-args {word} {rule}: a scene has several nodes, of known names')
+        raise UsageError(f'--ros-args {word} {rule}: nodes of a scene keep their names')
     if name != '__ns':
         others += [word, rule]
         return scene

@@ -25,7 +25,7 @@ class ProjectorsNode(EolNode):
         super().__init__(settings, **kwargs)
         s = self.settings
         if not s.addresses:
-            raise ConfigError('addresses: names no projector')
+            raise ConfigError('addresses: no projector is named')
         for address in s.addresses:
             host_and_port(address)
         self.asleep = bool(self.resumed.get('asleep'))

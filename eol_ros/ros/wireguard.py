@@ -85,7 +85,7 @@ def read(path: Path | None = None) -> Keys:
     except FileNotFoundError:
         raise ConfigError(
             f'network: secure needs keys, and {path} is not there: `eol keys make` makes them on '
-            'the machine of the work, `eol keys join` takes what it gave to this machine'
+            'the machine of the work; `eol keys join FILE` installs what `eol keys add` printed'
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f'{path}: {getattr(error, "strerror", error)}') from None
@@ -149,7 +149,7 @@ def add(name: str, endpoint: str, public: str = '') -> tuple[Keys, str]:
     if not _NAME.fullmatch(name):
         raise ConfigError(f'{name!r}: a name has letters, figures, dot and hyphen, at most 31')
     if name in {peer.name for peer in keys.peers}:
-        raise ConfigError(f'{name}: is let in already; `eol keys revoke {name}` first')
+        raise ConfigError(f'{name}: has a key already; `eol keys revoke {name}` first')
     if public and not re.fullmatch(r'[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=', public):
         raise ConfigError(f'--public {public}: not a WireGuard key (44 characters)')
     net = ipaddress.ip_network(keys.subnet)
@@ -157,7 +157,7 @@ def add(name: str, endpoint: str, public: str = '') -> tuple[Keys, str]:
     free = (str(a) for a in net.hosts() if str(a) not in taken)
     address = next(free, '')
     if not address:
-        raise ConfigError(f'{keys.subnet}: all its addresses are given away')
+        raise ConfigError(f'{keys.subnet}: no address is free')
     own = _fields(text.partition('[Peer]')[0])
     if not re.search(r':\d+$', endpoint):
         endpoint = f'{endpoint}:{own["listenport"]}'
@@ -184,7 +184,7 @@ def revoke(name: str) -> Keys:
     keys = read()
     if name not in {peer.name for peer in keys.peers}:
         known = ', '.join(peer.name for peer in keys.peers) or 'nobody'
-        raise ConfigError(f'{name}: is not let in; {known} is')
+        raise ConfigError(f'{name}: has no key; {known} has')
     head, *parts = re.split(r'^\[Peer\]', keys.path.read_text('utf-8'), flags=re.M)
     kept = [part.strip() for part in parts if not re.search(rf'^# {re.escape(name)}$', part, re.M)]
     _write(keys.path, '\n\n'.join([head.strip(), *(f'[Peer]\n{part}' for part in kept)]) + '\n')
@@ -205,7 +205,7 @@ def join(text: str, source: str = 'keys') -> Keys:
 def _write(path: Path, text: str, new: bool = False) -> None:
     """Write a file that its owner alone can read, whole at every moment."""
     if new and path.exists():
-        raise ConfigError(f'{path}: is there already; remove it first, and with it who is let in')
+        raise ConfigError(f'{path}: exists already; to start over, remove it and all keys in it')
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         with DISK.replacing(path) as part:

@@ -45,7 +45,7 @@ def run(args):
         print(_list(KINDS, args.json))
         return 0
     if args.kind is None:
-        raise UsageError('name what to ask for; --list shows all')
+        raise UsageError('name a kind of request; --list shows all')
     asked = replace(asked_of([args.kind, *args.words]), source='eol call')
     return answer(asked, args)
 

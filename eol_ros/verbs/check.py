@@ -278,7 +278,7 @@ def _projectors(settings: Any, scene: Scene) -> Iterator[Check]:
     from eol_ros.devices.projector.pjlink import host_and_port
 
     if not settings.addresses:
-        yield 'projectors.addresses', 'names no projector'
+        yield 'projectors.addresses', 'no projector is named'
     for address in settings.addresses:
         yield 'projectors.addresses', functools.partial(host_and_port, address)
 

@@ -65,11 +65,11 @@ def run(args):
     elif args.action == 'add':
         keys, theirs = wireguard.add(args.name, args.endpoint, args.public)
         print(theirs, end='')
-        _say(f'{args.name} is let in as {keys.peers[-1].address}; what is printed here is secret.')
+        _say(f'{args.name} may join as {keys.peers[-1].address}; what is printed here is secret.')
         _say(_renew(keys))
     elif args.action == 'revoke':
         keys = wireguard.revoke(args.name)
-        _say(f'{args.name} is let in no longer. {_renew(keys)}')
+        _say(f'{args.name} may no longer join. {_renew(keys)}')
     elif args.action == 'join':
         try:
             from eol_ros.yaml_text import decoded

@@ -72,7 +72,7 @@ def _set(args, field) -> int:
     from eol_ros.verbs.call import answer
 
     if args.value is None:
-        raise UsageError(f'set {args.node} {args.name}: to which value?')
+        raise UsageError(f'set {args.node} {args.name}: the value is missing')
     if not field.metadata.get('live'):
         raise UsageError(
             f'{args.node}.{args.name} cannot change while the node runs: write it into the '

@@ -48,9 +48,11 @@ def is_loopback(host: str) -> bool:
 def check_settings(host: str, pin: str) -> None:
     """Raise ConfigError when the panel would be open to the network with no PIN or a weak one."""
     if pin and not (pin.isascii() and pin.isprintable() and 6 <= len(pin) <= 64):
-        raise ConfigError('panel.pin: needs 6 to 64 plain characters, six digits or a passphrase')
+        raise ConfigError(
+            'panel.pin: must have 6 to 64 ASCII characters, as six digits or a passphrase'
+        )
     if pin and len({ord(b) - ord(a) for a, b in pairwise(pin)}) == 1:
-        raise ConfigError('panel.pin: is one of the first that anybody tries; take another')
+        raise ConfigError('panel.pin: is easy to guess; choose another')
     if not is_loopback(host) and not pin:
         raise ConfigError(
             f'panel.host: {host} opens the panel to the network; set panel.pin too, which every'

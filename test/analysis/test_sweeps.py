@@ -209,10 +209,10 @@ def test_rows_of_another_version_or_model_are_refused_with_both(write, tmp_path)
         table.Table(path, 'ofc', other)
     with pytest.raises(ConfigError, match='the table of a sweep over ofc; give another file'):
         table.Table(path, 'plate', work.version())
-    with pytest.raises(UsageError, match=r'ends in \.csv'):
+    with pytest.raises(UsageError, match=r'end in \.csv'):
         table.Table(tmp_path / 'a.xls', 'ofc', work.version())
     (tmp_path / 'b.csv').write_text('nonsense')
-    with pytest.raises(ConfigError, match=r'b\.csv\.json, which says what it is, cannot be read'):
+    with pytest.raises(ConfigError, match=r'b\.csv\.json, which describes it, cannot be read'):
         table.Table(tmp_path / 'b.csv', 'ofc', work.version())
 
 

@@ -71,7 +71,7 @@ def test_started_at_night_they_stay_off(rig):
 
 
 def test_no_projector_and_no_address(ros):
-    with pytest.raises(ConfigError, match='names no projector'):
+    with pytest.raises(ConfigError, match='no projector is named'):
         ProjectorsNode(ProjectorsSettings())
     with pytest.raises(ConfigError, match="'a b' is not HOST or HOST:PORT"):
         ProjectorsNode(ProjectorsSettings(('a b',)))

@@ -196,14 +196,14 @@ def test_the_rate_of_a_replay_is_changed_while_it_plays(ros, capfd):
     [
         (['call', 'dance'], 'no such request. Of 15, the nearest are '),
         (['call', 'darkness', 'until_ns=3'], 'no such request'),
-        (['call'], 'name what to ask for'),
-        (['call', 'set', 'radius=1'], 'whose settings?'),
+        (['call'], 'name a kind of request'),
+        (['call', 'set', 'radius=1'], 'the node is missing'),
         (['call', 'play_grain', 'grain'], 'grain does not heed it, but sound'),
         (['call', 'play_grain', 'sound', 'grain'], "'grain' is not NAME=VALUE"),
         (['call', 'play_grain', 'grain=-1'], 'grain: -1 is not within'),
         (['param', 'get', 'moon'], 'no such node'),
         (['param', 'get', 'grains', 'radios'], 'grains has no setting radios'),
-        (['param', 'set', 'grains', 'radius'], 'to which value?'),
+        (['param', 'set', 'grains', 'radius'], 'the value is missing'),
         (['param', 'set', 'twin', 'seed', '3'], 'write it into the scene, and start that again'),
     ],
 )

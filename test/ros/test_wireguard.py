@@ -58,7 +58,7 @@ def test_addresses_are_given_once_and_again_when_they_are_free():
         keys, theirs = wireguard.add(f'guest{i}', 'museum:1234')
         assert 'Endpoint = museum:1234' in theirs
     assert [peer.address for peer in keys.peers] == [f'192.168.250.{i}' for i in range(2, 7)]
-    with pytest.raises(ConfigError, match='all its addresses are given away'):
+    with pytest.raises(ConfigError, match='no address is free'):
         wireguard.add('one.more', 'museum')
     left = wireguard.revoke('guest2')
     assert [peer.name for peer in left.peers] == ['guest0', 'guest1', 'guest3', 'guest4']
@@ -97,12 +97,12 @@ def test_mistakes_before_there_are_keys(capsys, words, code, says):
 @pytest.mark.parametrize(
     ('words', 'code', 'says'),
     [
-        (['make'], 78, 'is there already'),
-        (['add', 'laptop'], 78, 'is let in already'),
+        (['make'], 78, 'exists already'),
+        (['add', 'laptop'], 78, 'has a key already'),
         (['add', 'two words'], 78, "'two words': a name has letters"),
         (['add', 'x\n[Peer]'], 78, 'a name has letters'),
         (['add', 'tablet', '--public', 'abc'], 78, 'not a WireGuard key'),
-        (['revoke', 'tablet'], 78, 'tablet: is not let in; laptop is'),
+        (['revoke', 'tablet'], 78, 'tablet: has no key; laptop has'),
     ],
 )
 def test_mistakes_where_there_are_keys(folder, capsys, words, code, says):

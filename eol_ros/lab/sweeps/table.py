@@ -34,7 +34,7 @@ class Table:
     def __init__(self, path: str | Path, model: str, made_by: dict[str, str]) -> None:
         self.path = Path(path)
         if self.path.suffix != '.csv':
-            raise UsageError(f'--output {path}: a name that ends in .csv is wanted')
+            raise UsageError(f'--output {path}: the name must end in .csv')
         self._columns = columns(model)
         self._rows: dict[str, list[str]] = {}  # by task, in the order of the file
         self._flushed_s = time.monotonic()
@@ -115,8 +115,8 @@ class Table:
             found, there = about['model'], about['made_by']
         except (OSError, ValueError, KeyError, TypeError):
             raise ConfigError(
-                f'--output {self.path}: not the table of a sweep: {beside.name}, which says what it'
-                ' is, cannot be read; give another file'
+                f'--output {self.path}: not the table of a sweep: {beside.name}, which '
+                'describes it, cannot be read; give another file'
             ) from None
         if (found, about['columns']) != (model, list(self._columns)):
             other = ' with other columns' if found == model else ''

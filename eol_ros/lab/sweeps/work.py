@@ -92,7 +92,7 @@ def check_threads(threads: str, who: str) -> None:
     """Raise EolError where several threads solve one system: its last bits are then others."""
     if threads != '1':
         raise EolError(
-            f'{who} lets {threads} threads solve one system, and its last bits are others: start '
+            f'{who} solves one system in {threads} threads, which changes the last bits: start '
             f'it with {THREADS}=1 (dask worker with its nanny does so)'
         )
 
