@@ -5,7 +5,6 @@ One graph and one browser serve all tests, in order; the last one ends the graph
 """
 
 import contextlib
-import datetime
 import json
 import os
 import signal
@@ -39,11 +38,7 @@ from support.chromium import (
 from support.waiting import wait_until
 
 from assets.screens import LOOK
-from eol_ros.core.opening_hours import Door, OpeningHours
-from eol_ros.core.science import powerlaw
-from eol_ros.said import parts_of
 from eol_ros.streams.graph import NODES
-from eol_ros.web import notices
 
 pytestmark = [
     pytest.mark.live,
@@ -564,52 +559,6 @@ const push = setInterval(() => {
 """
 
 
-def test_the_corners_of_a_projection_are_dragged_and_kept(graph, browser):
-    address, _ = graph
-    where = '/wall/left?screen=north'
-    corners = """
-        const shown = document.getElementById('wall');
-        const map = new DOMMatrix(getComputedStyle(shown).transform);
-        return [[0, 0], [1, 0], [1, 1], [0, 1]].map(([x, y]) => {
-          const p = map.transformPoint(new DOMPoint(x * innerWidth, y * innerHeight));
-          return [p.x / p.w, p.y / p.w];
-        });
-    """
-    visit(browser, address, where, 800, 400)
-    until_page(browser, 'eol.view.shows')
-    press(browser, 'k')
-    until_page(browser, '!document.getElementById("pins").hidden')
-    # Handles lie whole within the window, and a corner goes as far as its handle is dragged.
-    handle = 'const {x, y, right, bottom} = document.querySelector("[data-corner=\\"1\\"]")'
-    handle += '.getBoundingClientRect(); return [x, y, right, bottom]'
-    assert run(browser, handle) == [756, 0, 800, 44]
-    for kind, x, y, buttons in (
-        ('mousePressed', 770, 30, 1), ('mouseMoved', 600, 300, 1), ('mouseMoved', 670, 70, 1),
-        ('mouseReleased', 670, 70, 0),
-    ):  # fmt: skip
-        mouse(browser, kind, x, y, buttons)
-    assert run(browser, 'return String(getSelection())') == ''  # no words were selected on the way
-    run(browser, 'document.querySelector("[data-corner=\\"3\\"]").focus()')
-    stroke = "new KeyboardEvent('keydown', {key: 'ArrowUp', shiftKey: true})"
-    run(browser, f'document.activeElement.dispatchEvent({stroke})')
-    expected = [[0, 0], [700, 40], [800, 400], [0, 390]]
-    assert np.allclose(run(browser, corners), expected, atol=0.5)
-    slider = 'document.querySelectorAll("#pins input[type=range]")[0]'
-    run(browser, f'{slider}.value = 0.2; {slider}.oninput()')
-    run(browser, 'document.querySelector("#pin-form button:last-of-type").click()')
-    until_page(browser, 'document.getElementById("pin-words").textContent === "done"')
-    visit(browser, address, where, 800, 400)
-    until_page(browser, 'eol.view.shows && eol.pin.place.edges[0] === 0.2')
-    assert np.allclose(run(browser, corners), expected, atol=0.5)
-    wait_until(lambda: picture(browser).std() > 5)
-    shot = picture(browser).astype(float)
-    assert shot[:15, 780:].max() < 8  # outside of the four corners
-    assert shot[100:300, :4].mean() < 0.3 * shot[100:300, 170:200].mean()  # and soft on the left
-    visit(browser, address, '/wall/left', 800, 400)  # another screen
-    until_page(browser, 'eol.view.shows')
-    assert run(browser, 'return document.getElementById("wall").style.transform') == ''
-
-
 def test_the_panel_by_keyboard_alone(graph, browser):
     show(graph, browser, '/', 'document.querySelector("#space canvas").dataset.grains > 0')
     count = run(browser, FOCUSABLE)
@@ -681,60 +630,6 @@ def test_outlines_are_of_the_picture_that_is_shown(graph, browser):
         ages.append(known[-1] - picture_s)
         time.sleep(0.05)
     assert max(ages) > 0.01, 'else there was nothing to tell apart'
-
-
-def test_opening_hours_stand_in_words_at_the_top(graph, browser):
-    """As the node says them, in the museum's clock; not twice, beside the state of the work."""
-    address, _ = graph
-    visit(browser, address, '/')
-    tell = (
-        'eol.link.emit("health", {node: "hours", at: eol.link.now(), level: "ok", text: "",'
-        ' values: {}, rate: 0, said: arguments[0]})'
-    )
-    shown = 'return document.getElementById("hours").textContent'
-    taipei = datetime.timezone(datetime.timedelta(hours=8))
-    door = Door(OpeningHours(['Tue-Sun 10:00-18:00'], taipei))
-    door.look(datetime.datetime(2026, 11, 23, 12, tzinfo=taipei).timestamp())  # a Monday
-    for name, text in (
-        ('en', 'closed until Tue 10:00, woken by hand'),
-        ('zh-Hant', '關閉至週二 10:00，已手動喚醒'),
-    ):
-        speak(browser, name)
-        run(browser, tell, parts_of(door.words(asleep=False)))
-        assert run(browser, shown) == text
-    asleep = door.words(asleep=True)
-    run(browser, 'eol.link.work = arguments[0]', notices.work(asleep))
-    run(browser, tell, parts_of(asleep))
-    assert run(browser, shown) == ''
-    speak(browser, 'en')
-    assert complaints(browser) == []
-
-
-def test_the_fit_on_the_page_is_that_of_the_project(graph, browser):
-    """The panel fits; the page draws the curve and says the numbers, or how many are missing."""
-    address, _ = graph
-    visit(browser, address, '/')
-    until_page(browser, 'eol.link.heard.cascades')  # else what follows is soon no news
-    shown = 'eol.link.emit("cascades", arguments[0]);'
-    for count, words in ((29, '29 so far'), (300, 'b = ')):
-        areas = powerlaw.sample(1.7, 1, 25, count, np.random.default_rng(3))
-        newest = [[0, 12, 3, 3, 0.5, [12]]]
-        day = notices.Day({'date': 'x', 'order': areas.tolist(), 'recent': newest})
-        run(browser, shown, day.notice())
-        until_page(
-            browser, f'document.getElementById("law-words").textContent.startsWith("{words}")'
-        )
-    law = powerlaw.cascade_law(areas)
-    said = run(browser, 'return document.getElementById("law-words").textContent')
-    assert said.startswith(f'b = {law.fit.b_value:.2f} ± {law.tested.error:.2f}')
-    areas = np.minimum(np.random.default_rng(1).geometric(0.2, 400), 25)
-    rejected = notices.Day({'date': 'x', 'order': areas.tolist(), 'recent': newest})
-    run(browser, shown, rejected.notice())
-    found = powerlaw.cascade_law(areas)
-    words = f'not a power law: KS {found.fit.ks:.2f}, n {found.fit.count}, p '
-    until_page(browser, f'document.getElementById("law-words").textContent.startsWith("{words}")')
-    beside = run(browser, 'return document.getElementById("law-words").textContent')
-    assert beside.endswith('; the automaton of this size: b = 0.77')
 
 
 LABELS = """

@@ -4,16 +4,20 @@
 A server without a graph gets each state as the panel node publishes it.
 """
 
+import datetime
 import itertools
 import time
 
+import numpy as np
 import pytest
 from support import needs
 from support.chromium import AXE, barriers, complaints, run, until_page, visit
 from support.work_states import STATES
 
 from eol_ros.core import terrain
-from eol_ros.said import said, translated
+from eol_ros.core.opening_hours import Door, OpeningHours
+from eol_ros.core.science import powerlaw
+from eol_ros.said import parts_of, said, translated
 from eol_ros.streams.work_state import work_state
 from eol_ros.web import notices
 
@@ -125,7 +129,7 @@ def test_a_node_s_row_has_the_latency_that_it_measures(serve, browser):
     visit(browser, f'http://127.0.0.1:{server.port}', '/')
     values = {'image_to_blocks_p50_ms': 3.9, 'image_to_blocks_p99_ms': 10.4}
     health = {'t': 'health', 'node': 'tracker', 'level': 'ok', 'text': '25 seen', 'rate': 60}
-    row = 'document.querySelector(\'#nodes li[data-node="tracker"] .why\').textContent'
+    row = 'document.querySelector(\'#nodes li[data-node="tracker"] .why\')?.textContent'
     for found, words in (
         (values, '60 Hz, image to blocks 4 ms (99 %: 10), 25 seen'),
         ({}, '60 Hz, 25 seen'),
@@ -133,3 +137,53 @@ def test_a_node_s_row_has_the_latency_that_it_measures(serve, browser):
         notice = health | {'values': found, 'at': time.time()}
         server.hub.put('notices', notice, sticky='health tracker')
         until_page(browser, f"{row} === '{words}'")
+
+
+def test_opening_hours_stand_in_words_at_the_top(serve, browser):
+    """As the node says them, in the museum's clock; not twice, beside the state of the work."""
+    visit(browser, f'http://127.0.0.1:{serve().port}', '/')
+    tell = (
+        'eol.link.emit("health", {node: "hours", at: eol.link.now(), level: "ok", text: "",'
+        ' values: {}, rate: 0, said: arguments[0]})'
+    )
+    shown = 'return document.getElementById("hours").textContent'
+    taipei = datetime.timezone(datetime.timedelta(hours=8))
+    door = Door(OpeningHours(['Tue-Sun 10:00-18:00'], taipei))
+    door.look(datetime.datetime(2026, 11, 23, 12, tzinfo=taipei).timestamp())  # a Monday
+    for name, text in (
+        ('zh-Hant', '關閉至週二 10:00，已手動喚醒'),
+        ('en', 'closed until Tue 10:00, woken by hand'),
+    ):
+        run(browser, f'document.querySelector("[data-language={name}]").click()')
+        run(browser, tell, parts_of(door.words(asleep=False)))
+        assert run(browser, shown) == text
+    asleep = door.words(asleep=True)
+    run(browser, 'eol.link.work = arguments[0]', notices.work(asleep))
+    run(browser, tell, parts_of(asleep))
+    assert run(browser, shown) == ''
+    assert complaints(browser) == []
+
+
+def test_the_fit_on_the_page_is_that_of_the_project(serve, browser):
+    """The panel fits; the page draws the curve and says the numbers, or how many are missing."""
+    visit(browser, f'http://127.0.0.1:{serve().port}', '/')
+    shown = 'eol.link.emit("cascades", arguments[0]);'
+    for count, words in ((29, '29 so far'), (300, 'b = ')):
+        areas = powerlaw.sample(1.7, 1, 25, count, np.random.default_rng(3))
+        newest = [[0, 12, 3, 3, 0.5, [12]]]
+        day = notices.Day({'date': 'x', 'order': areas.tolist(), 'recent': newest})
+        run(browser, shown, day.notice())
+        until_page(
+            browser, f'document.getElementById("law-words").textContent.startsWith("{words}")'
+        )
+    law = powerlaw.cascade_law(areas)
+    said = run(browser, 'return document.getElementById("law-words").textContent')
+    assert said.startswith(f'b = {law.fit.b_value:.2f} ± {law.tested.error:.2f}')
+    areas = np.minimum(np.random.default_rng(1).geometric(0.2, 400), 25)
+    rejected = notices.Day({'date': 'x', 'order': areas.tolist(), 'recent': newest})
+    run(browser, shown, rejected.notice())
+    found = powerlaw.cascade_law(areas)
+    words = f'not a power law: KS {found.fit.ks:.2f}, n {found.fit.count}, p '
+    until_page(browser, f'document.getElementById("law-words").textContent.startsWith("{words}")')
+    beside = run(browser, 'return document.getElementById("law-words").textContent')
+    assert beside.endswith('; the automaton of this size: b = 0.77')

@@ -7,7 +7,16 @@ import cv2
 import numpy as np
 import pytest
 from support import needs
-from support.chromium import complaints, picture, press, reduced_motion, run, until_page, visit
+from support.chromium import (
+    complaints,
+    mouse,
+    picture,
+    press,
+    reduced_motion,
+    run,
+    until_page,
+    visit,
+)
 from support.waiting import wait_until
 
 from eol_ros.devices.files.media_folder import LIST, Pictures
@@ -62,6 +71,49 @@ def test_a_picture_is_cut_around_its_focus_or_shown_whole(show, browser):
     words = run(browser, 'return [...document.querySelectorAll("#caption span")]'
                          '.map((e) => e.textContent)')  # fmt: skip
     assert words == ['Ice | Sea', '冰｜海', 'Echoes of the Land']
+
+
+def test_the_corners_of_a_projection_are_dragged_and_kept(show, browser):
+    where = '/wall/left?screen=north'
+    corners = """
+        const shown = document.getElementById('wall');
+        const map = new DOMMatrix(getComputedStyle(shown).transform);
+        return [[0, 0], [1, 0], [1, 1], [0, 1]].map(([x, y]) => {
+          const p = map.transformPoint(new DOMPoint(x * innerWidth, y * innerHeight));
+          return [p.x / p.w, p.y / p.w];
+        });
+    """
+    show(where, 800, 400)
+    press(browser, 'k')
+    until_page(browser, '!document.getElementById("pins").hidden')
+    # Handles lie whole within the window, and a corner goes as far as its handle is dragged.
+    handle = 'const {x, y, right, bottom} = document.querySelector("[data-corner=\\"1\\"]")'
+    handle += '.getBoundingClientRect(); return [x, y, right, bottom]'
+    assert run(browser, handle) == [756, 0, 800, 44]
+    for kind, x, y, buttons in (
+        ('mousePressed', 770, 30, 1), ('mouseMoved', 600, 300, 1), ('mouseMoved', 670, 70, 1),
+        ('mouseReleased', 670, 70, 0),
+    ):  # fmt: skip
+        mouse(browser, kind, x, y, buttons)
+    assert run(browser, 'return String(getSelection())') == ''  # no words were selected on the way
+    run(browser, 'document.querySelector("[data-corner=\\"3\\"]").focus()')
+    stroke = "new KeyboardEvent('keydown', {key: 'ArrowUp', shiftKey: true})"
+    run(browser, f'document.activeElement.dispatchEvent({stroke})')
+    expected = [[0, 0], [700, 40], [800, 400], [0, 390]]
+    assert np.allclose(run(browser, corners), expected, atol=0.5)
+    slider = 'document.querySelectorAll("#pins input[type=range]")[0]'
+    run(browser, f'{slider}.value = 0.2; {slider}.oninput()')
+    run(browser, 'document.querySelector("#pin-form button:last-of-type").click()')
+    until_page(browser, 'document.getElementById("pin-words").textContent === "done"')
+    show(where, 800, 400)
+    until_page(browser, 'eol.pin.place.edges[0] === 0.2')
+    assert np.allclose(run(browser, corners), expected, atol=0.5)
+    wait_until(lambda: picture(browser).std() > 5)
+    shot = picture(browser).astype(float)
+    assert shot[:15, 780:].max() < 8  # outside of the four corners
+    assert shot[100:300, :4].mean() < 0.3 * shot[100:300, 170:200].mean()  # and soft on the left
+    show('/wall/left', 800, 400)  # another screen
+    assert run(browser, 'return document.getElementById("wall").style.transform') == ''
 
 
 def test_the_test_card_tells_greys_apart_and_flashes_by_the_second(show, browser):
