@@ -292,11 +292,12 @@ class Supervisor:
         return f'{self.scene}: {self._not_ok() or "all OK"}; {count} nodes, {restarts} restarts'
 
     def _faulty(self) -> bool:
-        """Return whether a fault keeps the run from all OK; others may still wait for images."""
-        sources = [
-            r for c in self.children for r in c.status.values() if r['node'] in IMAGE_SOURCES
-        ]
-        blind = any(row['level'] in (WARN, ERROR) and not row['rate'] for row in sources)
+        """Return whether a fault keeps the run from all OK.
+
+        A camera without images is one while others wait for these; a replay waits for others.
+        """
+        cameras = [r for c in self.children for r in c.status.values() if r['node'] == 'camera']
+        blind = any(row['level'] in (WARN, ERROR) and not row['rate'] for row in cameras)
         return blind or self._work_code in ('work_fault', 'no_camera')
 
     def _not_ok(self) -> str:
