@@ -120,7 +120,7 @@ def exhibition(
 
     rate: None: the highest that the readers keep up with.
     """
-    bag = bag or recorded(folder, run_minutes)
+    bag = bag.resolve() if bag else recorded(folder, run_minutes)  # a scene elsewhere names it
     place = Path(tempfile.mkdtemp(prefix='exhibition-', dir=folder))
     pace = None if rate else Rate(FIRST_RATE)
     changed = {
