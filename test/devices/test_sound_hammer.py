@@ -74,7 +74,7 @@ def card(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.live
 @pytest.mark.parametrize(
-    'rounds', [8, pytest.param(400, marks=(pytest.mark.soak, pytest.mark.timeout(1200)))]
+    'rounds', [4, pytest.param(400, marks=(pytest.mark.soak, pytest.mark.timeout(1200)))]
 )
 def test_every_round_ends_well(card, rounds):
     code = textwrap.dedent(CODE).replace('ROUNDS', str(rounds))

@@ -124,7 +124,7 @@ def test_a_busy_python_thread_does_not_starve_the_compiled_callback(card):
         worker.start()
         time.sleep(0.5)
         before, frame = time.monotonic(), int(mixer.state['frame'][0])
-        time.sleep(2)
+        time.sleep(1)
         frames = int(mixer.state['frame'][0]) - frame
         assert frames / (time.monotonic() - before) == pytest.approx(FS, rel=0.02)
     finally:

@@ -59,7 +59,7 @@ def run(tmp_path_factory):
         graph.wait_until_ok()
         graph.mark()
         wait_until(lambda: graph.watch.seen['slips'] and graph.watch.seen['grain_triggers'], 60)
-        time.sleep(6)
+        time.sleep(5)
         figures = graph.figures()
         pids = list(graph.pids())
         led_stamps = {a.stamp_us for a in graph.arrivals() if a.stamp_us}
