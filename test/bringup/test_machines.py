@@ -278,7 +278,9 @@ def test_a_bad_cable_loses_no_message_and_grains_are_late_until_the_latency_may_
     assert bag.count('grain_triggers') > 300
     for topic, number in (('blocks', 'image'), ('grain_triggers', 'sequence')):
         assert set(np.diff(bag.table(topic)[number].astype(int))) == {1}
-    assert bag.gaps['lost_before_recorder'] == bag.gaps['dropped_in_recorder'] == '{}'
+    # a command may ask before it knows the recorder: discovery loses packets, too
+    assert set(json.loads(bag.gaps['lost_before_recorder'])) <= {'/eol/requests'}
+    assert bag.gaps['dropped_in_recorder'] == '{}'
     asked = bag.table('requests')
     raised = [
         value['value']['double_value']
