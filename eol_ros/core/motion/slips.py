@@ -25,7 +25,7 @@ from eol_ros.core.motion.onset import (
     LATER_IMAGES,
     OnsetEstimator,
 )
-from eol_ros.core.motion.stops import StopDetector
+from eol_ros.core.motion.stops import REST_SHARE, StopDetector
 from eol_ros.core.stamp_watch import BACK_S
 from eol_ros.core.table import Table
 from eol_ros.settings import MotionSettings
@@ -138,12 +138,13 @@ class SlipDetector:
         excess = np.where(inflation > OCCLUDED, inflation2, 1.0)
         variance = 1.0 + variance / excess
         limit *= np.sqrt(variance)
-        ready = (n >= 3) & (samples >= 3)
+        rested = (n >= 3) & (n * period_s >= REST_SHARE * self.settings.stop_s)
+        ready = rested & (samples >= 3)
         away = seen & ~moving & (noise.distance2(moments) > limit**2)
         starting = away & ready
         history.resting[away & ~ready] = False  # it came into sight while it moved
         quiet = seen & ~moving & ~starting
-        noise.learn(quiet & (n >= 3), moments, variance * inflation2, sigma, history.period_s)
+        noise.learn(quiet & rested, moments, variance * inflation2, sigma, history.period_s)
         history.push(image, quiet, excess)
         events = []
         if again.any():

@@ -3,11 +3,12 @@
 
 Each moving block has a run: its newest samples that agree with one position. When the block leaves
 it, by the same test as for any START, and the run was a rest, one image decides the STOP of the old
-slip and the START of the new one. A block may also pass a position slowly, its speed falling and
-rising without reaching zero. The two differ in acceleration: static friction lets go with
-(mu_s - mu_k) g at once, the force on a sliding block grows from nothing. So a run shorter than
-PASS_S counts as rest if the two images after it show that acceleration. The least acceleration
-follows the median of the slips that begin after a long rest: on worn grit it is small.
+slip and the START of the new one. A block may also pass a position slowly, or turn back there,
+without a rest. Then one parabola in time explains the run and the images beside it. Where it does
+not, the two differ in acceleration: static friction lets go with (mu_s - mu_k) g at once, the force
+on a sliding block grows from nothing. So a run shorter than PASS_S counts as rest if the two images
+after it show that acceleration. The least acceleration follows the median of the slips that begin
+after a long rest: on worn grit it is small.
 """
 
 import math
@@ -19,8 +20,10 @@ from eol_ros.core.motion.history import Image
 from eol_ros.core.motion.onset import OnsetEstimator
 from eol_ros.settings import MotionSettings
 
+REST_SHARE = 0.75  # of stop_s, in images at one place, makes a rest (chosen)
 HIDDEN_S = 0.25  # a moving block that is not seen for longer counts as stopped, s (chosen)
 AGREE_SIGMAS = 3.5  # distance of a sample from the mean of its run: 998 of 1000 at rest are nearer
+PASS_SIGMAS = 2.9  # of a normal distribution: 998 of 1000 that pass are told
 UNSURE_IMAGES = 2  # that may lie between agreeing and having left before a run is given up (chosen)
 # A run of PASS_S is a rest at a noise of PASS_M. A block that passes slowly, its acceleration
 # growing in proportion to time, stays within a distance d for a time that grows as its cube root.
@@ -90,7 +93,7 @@ class StopDetector:
         enough_s = PASS_S * elementary.power(sigma_m / PASS_M, 1 / 3)
         short = run['to_s'] - run['from_s'] < enough_s
         place = image.place[block]
-        if (short and not run['clear']) or self._drifts(block, image.stamp_s, place, sigma_m):
+        if (short and not run['clear']) or self._passes(block, image.stamp_s, place, sigma_m):
             return None
         if not short:
             return True
@@ -98,21 +101,27 @@ class StopDetector:
         acceleration = self.onsets.acceleration(block, image.stamp_s, place, rest)
         return bool(acceleration > share * self.onsets.acceleration_mps2)
 
-    def _drifts(self, block: int, stamp_s: float, place: np.ndarray, sigma_m: float) -> bool:
-        """Whether the run of `block`, taken for a slow slide, leads to `place` (2,) m."""
-        history, run = self.history, self.runs[block]
-        at = history.samples(block, run['from_s'] - 0.5 * history.period_s)
-        at = at[history.times_s[at] <= run['to_s']]
-        if len(at) < 2:
+    def _passes(self, block: int, stamp_s: float, place: np.ndarray, sigma_m: float) -> bool:
+        """Whether one parabola in time explains the run of `block`, the image before it, and the
+        images since, to `place` (2,) m: a slide at a constant force, which may turn back."""
+        history = self.history
+        at = history.samples(block, self.runs['from_s'][block] - 1.5 * history.period_s)
+        times_s = np.append(history.times_s[at] - stamp_s, 0.0)
+        freedom = 2 * (len(times_s) - 3)
+        if freedom <= 0:
             return False
-        middle = history.times_s[at].mean()
-        lever = history.times_s[at] - middle
-        spread = (lever**2).sum()
-        ahead = (stamp_s - middle) / spread
-        before = history.place[:, block, at]
-        led = before.mean(1) + (before * lever).sum(1) * ahead
-        error = math.sqrt(1.0 + 1.0 / len(at) + ahead * ahead * spread)
-        return elementary.hypot(*(place - led).tolist()) < AGREE_SIGMAS * sigma_m * error
+        places = np.append(history.place[:, block, at] - place[:, None], np.zeros((2, 1)), 1)
+        left = (places * places).sum()
+        basis: list[np.ndarray] = []
+        for column in (np.ones_like(times_s), times_s, times_s * times_s):
+            for other in basis:
+                column = column - (column * other).sum() * other
+            basis.append(column / math.sqrt((column * column).sum()))
+            left -= ((places * basis[-1]).sum(1) ** 2).sum()
+        # chi squared by Wilson and Hilferty (Proc. Natl. Acad. Sci. 17, 1931)
+        width = 2.0 / (9.0 * freedom)
+        most = freedom * (1.0 - width + PASS_SIGMAS * math.sqrt(width)) ** 3
+        return bool(left < most * sigma_m * sigma_m)
 
     def end(
         self, blocks: np.ndarray, rest: np.ndarray, sigma_m: np.ndarray, until_s: np.ndarray
@@ -131,7 +140,7 @@ class StopDetector:
         fit, noise = history.fit(on, stop_s), image.deviation[on]
         rest = fit.speed_mps < np.maximum(stop_mps, 3.5 * noise * fit.sigma_per_m)
         rest &= fit.away_m < np.maximum(0.5 * stop_mps * stop_s, 4.5 * noise)
-        rest &= (fit.images * history.period_s >= 0.75 * stop_s) & (fit.images >= 3)
+        rest &= (fit.images * history.period_s >= REST_SHARE * stop_s) & (fit.images >= 3)
         rest &= image.stamp_s - slips['onset_s'][on] >= stop_s
         older = slips['started_s'][on] < image.stamp_s
         rest &= older
