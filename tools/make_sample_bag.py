@@ -3,10 +3,11 @@
 
     python tools/make_sample_bag.py                 run the rehearsal for 38 s and pack its bag
     python tools/make_sample_bag.py --bag DIR       pack this bag of a rehearsal
+    python tools/make_sample_bag.py --again         compute slips and cascades of bags/sample again
     python tools/make_sample_bag.py --long          step 15 minutes in one; makes bags/sample_long
 
-`bags/sample` is needed again whenever the definition of a recorded message changes, or what is
-computed from its blocks (test/devices/test_sample_bag.py tells). Physics and visitors of the twin
+test/devices/test_sample_bag.py tells when what is computed from the blocks of `bags/sample` has
+changed; then `--again` and `--long` make both bags again. Physics and visitors of the twin
 follow from the seed; the times are those of the run. `bags/sample_long` goes on from the settings
 of `bags/sample` without camera and clock: places have the noise of the tracker (NOISE_M), and
 messages are received at their stamps.
@@ -26,12 +27,13 @@ from typing import Any
 
 import numpy as np
 import yaml
-from eol_msgs.msg import Cascade, GrainTrigger
+from eol_msgs.msg import Cascade, GrainTrigger, Slip
 from rclpy.serialization import serialize_message
 
 from eol_ros import folders
 from eol_ros.analysis.bag import Bag, open_bag
 from eol_ros.analysis.recorded_settings import recorded_settings
+from eol_ros.analysis.retrack import recompute_motion
 from eol_ros.core.motion.motion import Motion
 from eol_ros.core.physics.twin.live import Coupling
 from eol_ros.core.physics.twin.play import Play
@@ -40,10 +42,12 @@ from eol_ros.core.sound.select import Selector
 from eol_ros.devices.bag.mcap_file import BagFile, BagMessage, BagTopic
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.devices.bag.recover import rewrite_metadata
+from eol_ros.devices.bag.requests import heeded
 from eol_ros.devices.bag.retention import KEPT
 from eol_ros.devices.bag.writer import GAPS_METADATA, RUN_METADATA, SAMPLE
 from eol_ros.errors import EolError
-from eol_ros.streams import cascades, triggers
+from eol_ros.streams import cascades, slips, triggers
+from eol_ros.streams.blocks import each
 from eol_ros.streams.record import Record
 
 FOLDER = Path(__file__).parents[1] / 'bags' / 'sample'
@@ -107,6 +111,21 @@ def stepped(bag: Bag, seconds: float) -> Iterator[BagMessage]:
             yield message('grain_triggers', triggers.RECORD, GrainTrigger, of)
 
 
+def again(bag: Bag) -> Iterator[BagMessage]:
+    """Yield the messages of `bag`, with slips and cascades as they follow from its blocks today."""
+    rows, _, over = recompute_motion(bag, heeded(bag), list(each(bag.table('blocks'))))
+    made = {
+        bag.name('slips'): (iter(rows), slips.RECORD, Slip),
+        bag.name('cascades'): (iter(over), cascades.RECORD, Cascade),
+    }
+    for message in bag.messages():
+        if message.topic in made:
+            found, record, kind = made[message.topic]
+            data = bytes(serialize_message(record.fill(kind(), next(found))))
+            message = message._replace(data=data)
+        yield message
+
+
 def pack(
     bag: BagReader, folder: Path, messages: Iterable[BagMessage], topics: list[BagTopic],
     gaps: dict[str, str] | None = None,
@@ -145,10 +164,16 @@ def main() -> int:
     """Rehearse, pack, say what came of it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--seconds', type=float, default=37.5, help='length of the rehearsal')
+    parser.add_argument('--again', action='store_true', help='compute slips and cascades again')
     parser.add_argument('--long', action='store_true', help='step the twin for 15 minutes')
     parser.add_argument('--bag', metavar='DIR', help='pack this bag, run nothing')
     parser.add_argument('-o', '--output', metavar='DIR', type=Path, help='where it goes')
     args = parser.parse_args()
+    bag: BagReader
+    if args.again:
+        bag = open_bag(FOLDER)
+        messages = list(again(bag))
+        return said(pack(bag, args.output or FOLDER, messages, [*bag.topics.values()]))
     if args.long:
         bag = open_bag(FOLDER)
         topics = [bag.topics[bag.name(name)] for name in ('corpus', 'cascades', 'grain_triggers')]

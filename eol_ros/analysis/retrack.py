@@ -399,17 +399,15 @@ def images(bag: Bag) -> Iterator[tuple[int, np.ndarray]]:
             raise ConfigError(f'{bag.path}: {error}') from None
 
 
-def _compare_motion(
-    bag: Bag,
-    lines: list[Heeded],
-    inputs: list[Blocks],
-    result: Retracked,
-    until_ns: int,
-) -> None:
+def recompute_motion(
+    bag: Bag, lines: list[Heeded], inputs: list[Blocks]
+) -> tuple[list[np.void], list[np.void], list[np.void]]:
+    """Return rows of `slips`, `felt_slips` and `cascades`, as `inputs` and recorded taps give them.
+
+    lines: of `heeded`.
+    """
     from eol_ros.core.motion.motion import Motion
 
-    if not any(bag.name(topic) in bag.topics for topic in ('slips', 'cascades')):
-        return
     live = _Live(bag, lines, 'motion')
     motion = Motion(live.settings, recorded_table(bag))
     waiting = _taps(bag)
@@ -426,9 +424,22 @@ def _compare_motion(
         new += [slips.of(image.stamp_ns, slip) for slip in begun]
         told += [felt.of(one, image.stamp_ns) for one in motion.felt_slips()]
         over += [cascades.of(image.stamp_ns, cascade) for cascade in closed]
+    told += [felt.of(one) for knock in waiting for one in motion.tap(knock)]
+    return new, told, over
+
+
+def _compare_motion(
+    bag: Bag,
+    lines: list[Heeded],
+    inputs: list[Blocks],
+    result: Retracked,
+    until_ns: int,
+) -> None:
+    if not any(bag.name(topic) in bag.topics for topic in ('slips', 'cascades')):
+        return
+    new, told, over = recompute_motion(bag, lines, inputs)
     _compare(bag, 'slips', slips.RECORD.rows(new), result, until_ns)
     if bag.name('felt_slips') in bag.topics:
-        told += [felt.of(one) for knock in waiting for one in motion.tap(knock)]
         last_ns = inputs[-1].stamp_ns
         _compare(bag, 'felt_slips', felt.RECORD.rows(told), result, until_ns, last_ns)
     _compare(bag, 'cascades', cascades.RECORD.rows(over), result, until_ns)
