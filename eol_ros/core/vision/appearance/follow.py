@@ -685,7 +685,7 @@ def _accept(blocks, found, near, which, fresh, count, least, px_per_m, lengths, 
             and (f.start_px < model.LOST_PX or young or _enters(b, f, px_per_m))
             and (f.nats > 0.0 or (f.visible > model.MOSTLY and f.nats > model.NO_SIDES))
             and (not fresh or f.nats > model.FRESH_NATS)
-            and f.step_px < 0.5
+            and f.step_px < model.LAST_STEP_PX
             and f.sigma_m * px_per_m < model.MAX_SIGMA_PX
             and gain_ok
             and far < (lengths.lose if b.seen else lengths.stray)
