@@ -302,7 +302,7 @@ class MotionSettings:
         0.2,
         'averaging time of the rest position to which the start of a slip is compared',
         's',
-        0.05,
+        0.1,
         0.25,
     )
     false_alarms_per_hour: float = live(
@@ -475,9 +475,9 @@ class GrainsSettings:
     )
     paths: tuple[str, ...] = live(
         (),
-        'lines X,Y X,Y ..., one for each path through the space (points in 0..1) along which '
-        'blocks play instead of at their own places. From left to right a block follows the '
-        'path; from near to far it passes from the first path to the last',
+        'lines X,Y X,Y ..., one for each path through the space (2 to 100 points in 0..1) along '
+        'which blocks reach grains; match and panning keep their own places. From left to right '
+        'a block follows the path; from near to far it passes from the first path to the last',
         kind='X,Y X,Y ...',
     )
     segment: str = live(

@@ -124,5 +124,5 @@ def test_units_quote_the_folders_that_they_open(tmp_path, monkeypatch, folder_na
 
 
 def test_units_refuse_what_systemd_cannot_name(tmp_path):
-    with pytest.raises(EolError, match='no such path'):
+    with pytest.raises(EolError, match='cannot name this path'):
         service._quoted(f'-{tmp_path}/two\nlines')

@@ -121,9 +121,14 @@ def again(bag: Bag) -> Iterator[BagMessage]:
     for message in bag.messages():
         if message.topic in made:
             found, record, kind = made[message.topic]
-            data = bytes(serialize_message(record.fill(kind(), next(found))))
+            row = next(found, None)
+            if row is None:
+                raise EolError('fewer slips or cascades than were recorded: record it again')
+            data = bytes(serialize_message(record.fill(kind(), row)))
             message = message._replace(data=data)
         yield message
+    if any(True for found, _, _ in made.values() for _ in found):
+        raise EolError('more slips or cascades than were recorded: record it again')
 
 
 def pack(
@@ -164,15 +169,20 @@ def main() -> int:
     """Rehearse, pack, say what came of it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--seconds', type=float, default=37.5, help='length of the rehearsal')
-    parser.add_argument('--again', action='store_true', help='compute slips and cascades again')
-    parser.add_argument('--long', action='store_true', help='step the twin for 15 minutes')
-    parser.add_argument('--bag', metavar='DIR', help='pack this bag, run nothing')
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument('--again', action='store_true', help='compute slips and cascades again')
+    which.add_argument('--long', action='store_true', help='step the twin for 15 minutes')
+    which.add_argument('--bag', metavar='DIR', help='pack this bag, run nothing')
     parser.add_argument('-o', '--output', metavar='DIR', type=Path, help='where it goes')
     args = parser.parse_args()
     bag: BagReader
     if args.again:
         bag = open_bag(FOLDER)
-        messages = list(again(bag))
+        try:
+            messages = list(again(bag))
+        except EolError as error:
+            print(error, file=sys.stderr)
+            return 1
         return said(pack(bag, args.output or FOLDER, messages, [*bag.topics.values()]))
     if args.long:
         bag = open_bag(FOLDER)

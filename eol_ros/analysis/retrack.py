@@ -195,9 +195,11 @@ def _losses(bag: Bag, topic: str) -> int:
 
 
 def _name_losses(bag: Bag, result: Retracked) -> None:
-    for topic in ('block_taps', 'requests', *KEYS):
+    for topic in ('block_taps', *KEYS):
         if lost := _losses(bag, topic):
             result.holes.append(f'not in the bag: {lost} of {topic}, by the count of the recorder')
+    if lost := _losses(bag, 'requests'):
+        result.notes.append(f'not in the bag: {lost} of requests, whose answers it has')
 
 
 def _name_lost_blocks(blocks: Table, broken: np.ndarray, result: Retracked) -> None:

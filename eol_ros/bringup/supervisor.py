@@ -294,7 +294,7 @@ class Supervisor:
     def _faulty(self) -> bool:
         """Return whether a fault keeps the run from all OK.
 
-        A camera without images is one while others wait for these; a replay waits for others.
+        A camera without images is one. A replay is none: it waits for its readers.
         """
         cameras = [r for c in self.children for r in c.status.values() if r['node'] == 'camera']
         blind = any(row['level'] in (WARN, ERROR) and not row['rate'] for row in cameras)

@@ -89,8 +89,10 @@ class RecorderNode(EolNode):
         self._begin_again(ended.folder.name if ended.folder else '', jumped=True)
 
     def _begin_again(self, continues: str = '', jumped: bool = False) -> None:
-        self.recording.close()
+        before = self.recording
+        before.close()
         self.recording, self._last, self._dropped = self.begin(continues), 0, 0
+        self.recording.go_on(before)
         self._times = LogTimes(self.now_ns() if jumped else 0)
         now_ns = time.time_ns()
         for item in self.latched.values():

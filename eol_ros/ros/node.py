@@ -305,7 +305,7 @@ class EolNode(Node):
         made = self.qos.now(subscription)
         handlers: Any = made.event_handlers  # several, whatever rclpy's annotation says
         for events in handlers:
-            events._ready_to_take_data = False  # the executor would take them from what is gone
+            events.take_data = lambda: None  # the executor would take them from what is gone
         return super().destroy_subscription(made)
 
     def intake(self, topic: str, read: Callable[[Any], Any] | None = None) -> Intake:

@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The film that the README opens with, as it is shipped."""
+"""What the maker of the README's film tells its pages."""
 
 import json
 
 from support.bag_samples import bag_of
-from support.checkout import ROOT
-
-FILM, SOUND = ROOT / 'docs/img/film.webp', ROOT / 'docs/img/film.ogg'
 
 
 def test_pages_are_told_what_a_bag_has_for_them(tmp_path):

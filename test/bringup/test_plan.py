@@ -184,10 +184,10 @@ def test_parameters_become_settings_of_the_scene_or_reach_the_nodes(tmp_path):
 @pytest.mark.parametrize(
     ('words', 'why'),
     [
-        (('-r',), 'what[?] A value must follow'),
+        (('-r',), '-r: a value must follow'),
         (('__ns:=/a',), 'expected -r RULE'),
         (('-r', '__ns:=/2nd'), '2nd. is not a namespace'),
-        (('-r', '__node:=a'), 'several nodes'),
+        (('-r', '__node:=a'), 'nodes of a scene keep their names'),
         (('-r', 'slips'), 'not a rule'),
         (('-p', 'radius=3'), 'NAME:=VALUE'),
         (('-p', 'a:=[1'), 'not YAML'),

@@ -77,6 +77,12 @@ def test_a_request_whose_answer_alone_came_is_named_in_the_bag(tmp_path):
     ):  # fmt: skip
         recording.request(id_, is_request)
     assert recording.lost == 1
+    later = start(tmp_path / 'later', requests='/eol/requests', threaded=False)
+    later.go_on(recording)
+    for id_ in ('d', 'd', 'e', 'e' * 500):  # 'd' was asked while the first was recorded
+        later.request(id_, False)
+    assert later.lost == 1
+    later.close()
     for k in range(MOST_REQUESTS):  # a bag of months
         recording.request(str(k), True)
     assert recording.lost == 1

@@ -52,7 +52,7 @@ def seen(lights, block, stamp_ns):
 
 
 def replayed_storm(lights, fake, rate, seconds=2.0):
-    """A slip of one block every 400 recorded ms, played at `rate`; as `storm`, or as it is told."""
+    """A slip of one block every 400 recorded ms, played at `rate`."""
     times, shown, at, told, began = [], [], 0.0, 0.0, time.monotonic()
     while (now := time.monotonic() - began) < seconds:
         if now * rate >= at:

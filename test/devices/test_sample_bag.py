@@ -21,7 +21,7 @@ from eol_ros.streams.graph import FORMER_TYPES, TOPICS
 
 SAMPLE = Path(__file__).parents[2] / 'bags' / 'sample'
 LONG = SAMPLE.with_name('sample_long')
-MAKE = 'make it again with `python tools/make_sample_bag.py`'
+MAKE = 'run `python tools/make_sample_bag.py --again`, then `--long`'
 
 
 # Their arrays of 25 have become sequences. The sample keeps the definitions of before: bags that

@@ -54,9 +54,9 @@ def test_an_event_of_a_subscription_that_was_destroyed_since_is_none(ros):
     """As where one callback destroys it in the turn in which its peer was met."""
     probe = Probe()
     made = probe.subscribe('camera/image_raw', print)
-    for events in made.event_handlers:
-        events._ready_to_take_data = True
     probe.destroy_subscription(made)
+    for events in made.event_handlers:
+        events._ready_to_take_data = True  # as the executor does for a queued event
     assert [events.take_data() for events in made.event_handlers] == [None, None]
     probe.destroy_node()
 

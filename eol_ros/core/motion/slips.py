@@ -25,7 +25,7 @@ from eol_ros.core.motion.onset import (
     LATER_IMAGES,
     OnsetEstimator,
 )
-from eol_ros.core.motion.stops import REST_SHARE, StopDetector
+from eol_ros.core.motion.stops import StopDetector
 from eol_ros.core.stamp_watch import BACK_S
 from eol_ros.core.table import Table
 from eol_ros.settings import MotionSettings
@@ -138,7 +138,7 @@ class SlipDetector:
         excess = np.where(inflation > OCCLUDED, inflation2, 1.0)
         variance = 1.0 + variance / excess
         limit *= np.sqrt(variance)
-        rested = (n >= 3) & (n * period_s >= REST_SHARE * self.settings.stop_s)
+        rested = self.stop_detector.rested(n, self.settings)
         ready = rested & (samples >= 3)
         away = seen & ~moving & (noise.distance2(moments) > limit**2)
         starting = away & ready

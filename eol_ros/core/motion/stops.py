@@ -4,9 +4,9 @@
 Each moving block has a run: its newest samples that agree with one position. When the block leaves
 it, by the same test as for any START, and the run was a rest, one image decides the STOP of the old
 slip and the START of the new one. A block may also pass a position slowly, or turn back there,
-without a rest. Then one parabola in time explains the run and the images beside it. Where it does
-not, the two differ in acceleration: static friction lets go with (mu_s - mu_k) g at once, the force
-on a sliding block grows from nothing. So a run shorter than PASS_S counts as rest if the two images
+without a rest. Then one parabola in time explains the run and the images beside it. Where none
+does, the acceleration tells: static friction lets go with (mu_s - mu_k) g at once, the force on a
+sliding block grows from nothing. So a run shorter than PASS_S counts as rest if the two images
 after it show that acceleration. The least acceleration follows the median of the slips that begin
 after a long rest: on worn grit it is small.
 """
@@ -20,7 +20,7 @@ from eol_ros.core.motion.history import Image
 from eol_ros.core.motion.onset import OnsetEstimator
 from eol_ros.settings import MotionSettings
 
-REST_SHARE = 0.75  # of stop_s, in images at one place, makes a rest (chosen)
+REST_SHARE = 0.75  # of stop_s, in images at one place: a rest (chosen)
 HIDDEN_S = 0.25  # a moving block that is not seen for longer counts as stopped, s (chosen)
 AGREE_SIGMAS = 3.5  # distance of a sample from the mean of its run: 998 of 1000 at rest are nearer
 PASS_SIGMAS = 2.9  # of a normal distribution: 998 of 1000 that pass are told
@@ -52,6 +52,11 @@ class StopDetector:
     def run_place(self) -> np.ndarray:
         """Return the mean position (n, 2) of each run, in m."""
         return self.runs['sum'] / np.maximum(self.runs['images'], 1)[:, None]
+
+    def rested(self, images: np.ndarray, settings: MotionSettings) -> np.ndarray:
+        """Whether so many images (n,) at one place, within baseline_s, make a rest."""
+        least_s = REST_SHARE * min(settings.stop_s, settings.baseline_s)
+        return (images >= 3) & (images * self.history.period_s >= least_s)
 
     def follow_runs(self, image: Image, limit: np.ndarray) -> np.ndarray:
         """Extend the runs by an image that is not in the history yet; return which blocks (n,)
@@ -120,8 +125,8 @@ class StopDetector:
             left -= ((places * basis[-1]).sum(1) ** 2).sum()
         # chi squared by Wilson and Hilferty (Proc. Natl. Acad. Sci. 17, 1931)
         width = 2.0 / (9.0 * freedom)
-        most = freedom * (1.0 - width + PASS_SIGMAS * math.sqrt(width)) ** 3
-        return bool(left < most * sigma_m * sigma_m)
+        root = 1.0 - width + PASS_SIGMAS * math.sqrt(width)
+        return bool(left < freedom * (root * root * root) * sigma_m * sigma_m)
 
     def end(
         self, blocks: np.ndarray, rest: np.ndarray, sigma_m: np.ndarray, until_s: np.ndarray
@@ -140,7 +145,7 @@ class StopDetector:
         fit, noise = history.fit(on, stop_s), image.deviation[on]
         rest = fit.speed_mps < np.maximum(stop_mps, 3.5 * noise * fit.sigma_per_m)
         rest &= fit.away_m < np.maximum(0.5 * stop_mps * stop_s, 4.5 * noise)
-        rest &= (fit.images * history.period_s >= REST_SHARE * stop_s) & (fit.images >= 3)
+        rest &= self.rested(fit.images, settings)
         rest &= image.stamp_s - slips['onset_s'][on] >= stop_s
         older = slips['started_s'][on] < image.stamp_s
         rest &= older

@@ -21,12 +21,11 @@ def along(lines: Sequence[str], at: np.ndarray) -> np.ndarray:
     >>> along(['0,0 1,0', '0,1 1,1'], np.array([[0.25, 0.75]])).tolist()
     [[0.25, 0.75]]
     """
-    paths = [_on(points, at[:, 0]) for points in _points(tuple(lines))]
+    paths = np.stack([_on(points, at[:, 0]) for points in _points(tuple(lines))])
     level = at[:, 1] * (len(paths) - 1)
     low = np.clip(np.nan_to_num(level), 0, max(len(paths) - 2, 0)).astype(int)
     rows = np.arange(len(at))
-    first = np.stack(paths)[low, rows]
-    second = np.stack(paths)[np.minimum(low + 1, len(paths) - 1), rows]
+    first, second = paths[low, rows], paths[np.minimum(low + 1, len(paths) - 1), rows]
     return first + (level - low)[:, None] * (second - first)
 
 

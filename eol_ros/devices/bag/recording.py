@@ -208,6 +208,10 @@ class Recording:
         """Tell that a request has come, or an answer to one: an answer alone is a loss."""
         self._losses.requests.take(id_, is_request)
 
+    def go_on(self, before: 'Recording') -> None:
+        """Count no request as lost that came while `before` was written."""
+        self._losses.requests.go_on(before._losses.requests)
+
     def close(self) -> None:
         """Write what is queued, finish the file, end the thread; a second call does nothing."""
         atexit.unregister(self.close)

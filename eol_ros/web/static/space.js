@@ -11,7 +11,7 @@ const REST_MS = 80; // so long the pointer rests on a grain before its waveform 
 const HEARD_MS = 120; // hearing under the pointer: no grain sooner after the one before
 const TICKS = [0, 0.25, 0.5, 0.75, 1];
 const STEP = 0.02; // of the space: less is no side of a region, and no step of a path
-const MOST_POINTS = 100;
+const MOST_POINTS = 40; // of a path: when it has them, every second one goes
 const BY_SOUND = 'by_sound';
 // One of its own for each sound, told apart by those who see few colours, too (Okabe, Ito).
 const SOUNDS = ['#56b4e9', '#e69f00', '#009e73', '#f0e442', '#cc79a7', '#d55e00', '#0072b2', '#bbbbbb'];
@@ -258,7 +258,8 @@ export class SpaceView {
     const { kind, points } = this.drawing;
     const [px, py] = points.at(-1) ?? [-1, -1];
     if (kind === 'region') points.splice(1, 1, [x, y]);
-    else if (points.length < MOST_POINTS && Math.hypot(x - px, y - py) > STEP) points.push([x, y]);
+    else if (Math.hypot(x - px, y - py) > STEP) points.push([x, y]);
+    if (points.length > MOST_POINTS) this.drawing.points = points.filter((_, i) => i % 2 === 0);
     this.dirty = true;
   }
 
@@ -342,7 +343,8 @@ export class SpaceView {
   key(event) {
     const step = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
     if (!this.corpus || !this.corpus.x.length) return;
-    if (event.key === 'Escape') this.drawing && this.endDrawing();
+    if (event.key === 'Escape' && this.drawing?.kind === 'region') this.answerDrawing('');
+    else if (event.key === 'Escape') this.drawing && this.endDrawing();
     else if (event.key === 'Enter' && this.drawing?.kind === 'path' && this.picked >= 0) this.drawTo(this.corpus.x[this.picked], this.corpus.y[this.picked]);
     else if (event.key === 'Enter' || event.key === ' ') this.play(this.picked);
     else if (step && event.shiftKey && this.picked >= 0 && !this.locked) {
@@ -555,7 +557,7 @@ export class SpaceView {
 
 // The place on the paths of a block at x, y, as `eol_ros.core.sound.paths.along`.
 function along(paths, x, y) {
-  if (!paths.length) return [x, y];
+  if (!paths.length || !Number.isFinite(x + y)) return [x, y]; // a block not found yet has no place
   const level = y * (paths.length - 1);
   const low = Math.max(Math.min(Math.floor(level), paths.length - 2), 0);
   const [a, b] = [low, Math.min(low + 1, paths.length - 1)].map((i) => on(paths[i], x));

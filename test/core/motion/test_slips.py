@@ -52,6 +52,14 @@ def test_one_slip_is_one_start_and_one_stop(fps, noise_m):
     assert stop.speed_mps == pytest.approx(np.sqrt(0.02 * 2.5), rel=0.2)
 
 
+@pytest.mark.parametrize('stop_s', [0.05, 0.25])
+@pytest.mark.parametrize('baseline_s', [0.1, 0.25])
+def test_a_slip_starts_at_the_corners_of_the_settings(stop_s, baseline_s):
+    motion = dataclasses.replace(MotionSettings(), stop_s=stop_s, baseline_s=baseline_s)
+    events = watch({7: lambda t: slide(t, 2.003)}, 60, 9e-6, 3.0, motion)
+    assert [e.kind for e in events] == [START, STOP]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('fps', [60, 120])
 def test_a_slow_slide_is_not_cut_in_pieces(fps):
