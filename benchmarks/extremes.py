@@ -61,13 +61,13 @@ brackets. K_C is the stiffness between blocks, K_L that to the plate."""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        '--case', default='', metavar='TEXT', help='measure only rows whose name has TEXT'
+        '--case', default='', metavar='TEXT', help='measure only rows whose name contains TEXT'
     )
     parser.add_argument(
         '--hours',
         type=within(0, 1000),
         default=24.0,
-        help='duration of the live clock (24)',
+        help='hours of the live clock (24)',
     )
     parser.add_argument('--markdown', action='store_true', help='print the tables of extremes.md')
     parser.add_argument(

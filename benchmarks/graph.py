@@ -24,7 +24,7 @@ from eol_ros import scene as scenes
 from eol_ros.errors import EolError, UsageError
 from eol_ros.ros.stamps import NS, to_ns
 
-HELP = 'Measure images, latency, processor, memory and start-up time of the graph of each scene.'
+HELP = 'Measure image rate, latency, CPU, memory and start-up time of the graph of each scene.'
 EXAMPLES = [
     'eol bench graph --seconds 30 --json',
     'eol bench graph --scenes rehearsal --seconds 60',

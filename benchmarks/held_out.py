@@ -18,7 +18,7 @@ def add_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         OPTION,
         action='store_true',
-        help='measure as many seeds drawn from the time of the run, too, side by side',
+        help='also measure as many seeds drawn from the time of the run; show both side by side',
     )
 
 

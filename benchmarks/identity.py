@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--rough',
         type=float,
         default=1.0,
-        help='speed of the visitors; 1.4 is very rough',
+        help='relative speed of the visitors; 1.4 is very rough',
     )
     parser.add_argument('--permanent', type=int, default=0, help='number of lamps that stay on')
     parser.add_argument('--losses', type=float, default=6.0, help='dark intervals an hour')
@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--covers',
         default='textured',
         choices=('textured', 'alike'),
-        help='covers with a texture each, or all alike, so that only places tell them apart',
+        help='covers with a texture each, or all alike, so that only places identify the blocks',
     )
     parser.add_argument('--no-taps', action='store_true', help='leave the accelerometers out')
     parser.add_argument('--methods', default=','.join(METHODS), help='methods, separated by commas')

@@ -34,7 +34,7 @@ from eol_ros.core.vision.calibration import calibrate
 from eol_ros.lab.science import spectra
 from eol_ros.verbs.progress import track
 
-HELP = 'Measure error against run time of clocks, onsets, layout, pitch, fits, loudness ...'
+HELP = 'Measure error against run time of clocks, onsets, layout, pitch, fits, loudness and others.'
 EXAMPLES = [
     'eol bench methods',
     'eol bench methods --part onset --part calibration --json',

@@ -55,7 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='seconds of the twin rendered and tracked: visitors, and the rim led at 0.3 m/s',
     )
     held_out.add_argument(parser)
-    parser.add_argument('--plots', metavar='FOLDER', help='draw slips.png of --noise there')
+    parser.add_argument(
+        '--plots', metavar='FOLDER', help='draw slips.png, figures by --noise, there'
+    )
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 

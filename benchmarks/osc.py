@@ -29,7 +29,7 @@ from benchmarks import machine
 from eol_ros import parent_death
 from eol_ros.errors import EolError
 
-HELP = 'Measure the processor time of the node osc at 1000 packets a second, out and in.'
+HELP = 'Measure the CPU time of the node osc at 1000 packets a second, sent and received.'
 EXAMPLES = ['eol bench osc', 'eol bench osc --rate 200 --seconds 5 --json']
 SUBSCRIBER = """
 import rclpy

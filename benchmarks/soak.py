@@ -120,7 +120,8 @@ def exhibition(
 
     rate: None: the highest that the readers keep up with.
     """
-    bag = bag.resolve() if bag else recorded(folder, run_minutes)  # a scene elsewhere names it
+    # absolute, because a scene in another folder names it
+    bag = bag.resolve() if bag else recorded(folder, run_minutes)
     place = Path(tempfile.mkdtemp(prefix='exhibition-', dir=folder))
     pace = None if rate else Rate(FIRST_RATE)
     changed = {

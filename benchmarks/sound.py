@@ -25,14 +25,16 @@ def add_arguments(parser):
     """Declare the command line."""
     parser.add_argument(
         '--parts', type=_some(PARTS), default=PARTS, metavar='NAMES',
-        help=f'names of parts, of {",".join(PARTS)} (default: all)',
+        help=f'parts, separated by commas: {",".join(PARTS)} (default: all)',
     )  # fmt: skip
     parser.add_argument(
         '--grains', type=_some(OVERLAPS), default=OVERLAPS, metavar='NUMBERS',
-        help=f'numbers of simultaneous grains, of {",".join(map(str, OVERLAPS))} (default: all)',
+        help=f'numbers of simultaneous grains: {",".join(map(str, OVERLAPS))} (default: all)',
     )  # fmt: skip
     parser.add_argument('--repeats', type=int, default=3, help='number of runs; the fastest counts')
-    parser.add_argument('--seconds', type=float, default=10.0, help='duration of score or live run')
+    parser.add_argument(
+        '--seconds', type=float, default=10.0, help='duration of a score or live run'
+    )
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
 
 

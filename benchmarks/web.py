@@ -26,7 +26,7 @@ from support.running import Film, Graph, stand_in, summary
 from benchmarks.machine import tell
 from eol_ros.errors import EolError
 
-HELP = 'Measure processor and memory of the panel per viewer, and latency to page, ear and rim.'
+HELP = 'Measure CPU and memory of the panel per viewer, and latency to page, ear and rim.'
 EXAMPLES = [
     'eol bench web --viewers 0,5,0,50,0 --seconds 12 --json',
     'eol bench web --viewers 0,50,0 --seconds 60',
@@ -44,13 +44,13 @@ NICE_CROWD = 10  # real viewers bring processors of their own
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument(
-        '--viewers', default='0,5,0,50,0', help='numbers separated by commas, or none'
+        '--viewers', default='0,5,0,50,0', help='numbers of viewers, separated by commas, or none'
     )
     parser.add_argument(
         '--seconds',
         type=float,
         default=12.0,
-        help='duration of each crowd and page',
+        help='duration for each number of viewers and each page',
     )
     parser.add_argument('--without', default='recorder', help='nodes left out, separated by commas')
     parser.add_argument('--browser', action='store_true', help='measure pages in Chromium, too')

@@ -629,7 +629,8 @@ class GrainsSettings:
 class SoundSettings:
     device: str = setting(
         'auto',
-        'sound card by name or part of its name; auto: the default output; wav: a file, no card',
+        'sound card by name or part of its name; auto: the default output; wav: a WAV file instead '
+        'of a card',
     )
     card_needed: bool = setting(True, 'warn while there is no sound card')
     sample_rate: int = setting(48000, 'sample rate of the output', 'Hz', 8000, 192000)
@@ -935,7 +936,7 @@ class MidiSettings:
     output: str = setting(
         'auto',
         'MIDI output by name or part of its name; auto: the first; virtual: a port to which '
-        'others connect. With jack: before any of these, the output is one of JACK',
+        'other programs connect. The prefix jack: selects an output of JACK, such as jack:auto',
     )
     lowest_note: int = setting(36, 'MIDI note of block 0; block n is n notes higher', '', 0, 127)
     fastest_mps: float = setting(
@@ -1087,7 +1088,7 @@ class NotifySettings:
     after_s: float = setting(60.0, 'duration of a fault after which it is reported', 's', 5, 86400)
     pause_s: float = setting(
         300.0,
-        'least time between two messages; later changes are reported at its end',
+        'least time between two messages; changes within it are reported at its end',
         's',
         10,
         86400,

@@ -251,7 +251,7 @@ def put(path, kind, data):
         os.mkfifo(path)
     elif kind == 'huge':
         path.write_bytes(data)
-        os.truncate(path, 1 << (29 if path.suffix == '.wav' else 30))  # a sound is read through
+        os.truncate(path, 1 << (29 if path.suffix == '.wav' else 30))  # sounds are read to the end
     elif CONTENTS[kind]:
         path.write_bytes(CONTENTS[kind](data))
 

@@ -6,8 +6,8 @@
     python tools/make_sample_bag.py --again         compute slips and cascades of bags/sample again
     python tools/make_sample_bag.py --long          step 15 minutes in one; makes bags/sample_long
 
-test/devices/test_sample_bag.py tells when what is computed from the blocks of `bags/sample` has
-changed; then `--again` and `--long` make both bags again. Physics and visitors of the twin
+test/devices/test_sample_bag.py fails when results computed from the blocks of `bags/sample`
+change; then `--again` and `--long` make both bags again. Physics and visitors of the twin
 follow from the seed; the times are those of the run. `bags/sample_long` goes on from the settings
 of `bags/sample` without camera and clock: places have the noise of the tracker (NOISE_M), and
 messages are received at their stamps.
@@ -112,7 +112,7 @@ def stepped(bag: Bag, seconds: float) -> Iterator[BagMessage]:
 
 
 def again(bag: Bag) -> Iterator[BagMessage]:
-    """Yield the messages of `bag`, with slips and cascades as they follow from its blocks today."""
+    """Yield the messages of `bag`, with slips and cascades computed again from its blocks."""
     rows, _, over = recompute_motion(bag, heeded(bag), list(each(bag.table('blocks'))))
     made = {
         bag.name('slips'): (iter(rows), slips.RECORD, Slip),

@@ -404,9 +404,9 @@ def images(bag: Bag) -> Iterator[tuple[int, np.ndarray]]:
 def recompute_motion(
     bag: Bag, lines: list[Heeded], inputs: list[Blocks]
 ) -> tuple[list[np.void], list[np.void], list[np.void]]:
-    """Return rows of `slips`, `felt_slips` and `cascades`, as `inputs` and recorded taps give them.
+    """Return rows of `slips`, `felt_slips` and `cascades`, recomputed from `inputs` and taps.
 
-    lines: of `heeded`.
+    inputs: blocks of the bag; lines: its requests, from `heeded`; taps are read from the bag.
     """
     from eol_ros.core.motion.motion import Motion
 

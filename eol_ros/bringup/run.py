@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         dest='seconds',
         type=within(1e-3, 1e9),
         metavar='SECONDS',
-        help='stop SECONDS after all nodes are OK; if a fault lasts as long, stop with exit code 1',
+        help='stop SECONDS after all nodes are OK, or after a fault of SECONDS (exit code 1)',
     )
     parser.add_argument(
         '--bag', metavar='DIR', help='record into this folder, even if the scene says recorder: off'

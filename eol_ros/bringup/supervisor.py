@@ -292,9 +292,10 @@ class Supervisor:
         return f'{self.scene}: {self._not_ok() or "all OK"}; {count} nodes, {restarts} restarts'
 
     def _faulty(self) -> bool:
-        """Return whether a fault keeps the run from all OK.
+        """Return whether a fault prevents all nodes from being OK.
 
-        A camera without images is one. A replay is none: it waits for its readers.
+        A camera without images is a fault, even while other nodes only wait for its images. A
+        replay without images is none: it waits for its subscribers.
         """
         cameras = [r for c in self.children for r in c.status.values() if r['node'] == 'camera']
         blind = any(row['level'] in (WARN, ERROR) and not row['rate'] for row in cameras)

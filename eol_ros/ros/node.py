@@ -303,7 +303,7 @@ class EolNode(Node):
     def destroy_subscription(self, subscription: Subscription) -> bool:
         """Destroy a subscription, or what was made in its place."""
         made = self.qos.now(subscription)
-        handlers: Any = made.event_handlers  # several, whatever rclpy's annotation says
+        handlers: Any = made.event_handlers  # a list, though rclpy annotates one
         for events in handlers:
             events.take_data = lambda: None  # the executor would take them from what is gone
         return super().destroy_subscription(made)

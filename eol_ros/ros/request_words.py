@@ -26,7 +26,7 @@ def asked_of(words: Sequence[str]) -> Asked:
         raise UsageError(no_request(name))
     node = rest.pop(0) if rest and '=' not in rest[0] else ''
     if name == SET and not node:
-        raise UsageError('set: the node is missing: set NODE NAME=VALUE')
+        raise UsageError('set: the node is missing; write set NODE NAME=VALUE')
     kind.whom(node)
     return Asked(name, node, kind.check(_values(rest, _types(kind, node))))
 

@@ -84,8 +84,8 @@ def read(path: Path | None = None) -> Keys:
         text = path.read_text('utf-8')
     except FileNotFoundError:
         raise ConfigError(
-            f'network: secure needs keys, and {path} is not there: `eol keys make` makes them on '
-            'the machine of the work; `eol keys join FILE` installs what `eol keys add` printed'
+            f'network: secure needs keys, and {path} is not there: run `eol keys make` on the '
+            'machine of the work, or `eol keys join FILE` with the output of its `eol keys add`'
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f'{path}: {getattr(error, "strerror", error)}') from None
@@ -149,7 +149,7 @@ def add(name: str, endpoint: str, public: str = '') -> tuple[Keys, str]:
     if not _NAME.fullmatch(name):
         raise ConfigError(f'{name!r}: a name has letters, figures, dot and hyphen, at most 31')
     if name in {peer.name for peer in keys.peers}:
-        raise ConfigError(f'{name}: has a key already; `eol keys revoke {name}` first')
+        raise ConfigError(f'{name}: has a key already; run `eol keys revoke {name}` first')
     if public and not re.fullmatch(r'[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=', public):
         raise ConfigError(f'--public {public}: not a WireGuard key (44 characters)')
     net = ipaddress.ip_network(keys.subnet)
@@ -183,8 +183,8 @@ def revoke(name: str) -> Keys:
     """Let somebody in no longer; raises ConfigError where nobody is called that."""
     keys = read()
     if name not in {peer.name for peer in keys.peers}:
-        known = ', '.join(peer.name for peer in keys.peers) or 'nobody'
-        raise ConfigError(f'{name}: has no key; {known} has')
+        known = ', '.join(peer.name for peer in keys.peers) or 'none'
+        raise ConfigError(f'{name}: has no key; names with keys: {known}')
     head, *parts = re.split(r'^\[Peer\]', keys.path.read_text('utf-8'), flags=re.M)
     kept = [part.strip() for part in parts if not re.search(rf'^# {re.escape(name)}$', part, re.M)]
     _write(keys.path, '\n\n'.join([head.strip(), *(f'[Peer]\n{part}' for part in kept)]) + '\n')
@@ -205,7 +205,7 @@ def join(text: str, source: str = 'keys') -> Keys:
 def _write(path: Path, text: str, new: bool = False) -> None:
     """Write a file that its owner alone can read, whole at every moment."""
     if new and path.exists():
-        raise ConfigError(f'{path}: exists already; to start over, remove it and all keys in it')
+        raise ConfigError(f'{path}: exists already; to start over, remove it, with all keys in it')
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         with DISK.replacing(path) as part:

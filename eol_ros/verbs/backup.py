@@ -83,7 +83,9 @@ def run(args):
             tar.addfile(member, io.BytesIO(content))
     data = packed.getvalue()
     if max(len(data), sum(map(len, contents.values()))) > MOST:
-        raise ConfigError(f'more than {MOST / 1e6:.0f} MB, which restore refuses: find large files')
+        raise ConfigError(
+            f'more than {MOST / 1e6:.0f} MB, the limit of restore: look for large files'
+        )
     data = sealed_file.seal(data, password) if args.secrets else data
     with writing(output, '--output'), private(args.secrets):
         DISK.write(Path(output), data)

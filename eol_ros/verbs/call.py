@@ -52,7 +52,7 @@ def run(args):
 
 def answer(asked, args) -> int:
     """Ask the graph; print the answers and return the exit code."""
-    where = reach.running(args)  # before messages are imported: without a graph they cost 0.3 s
+    where = reach.running(args)  # fails without a graph, before messages are imported (0.3 s)
     from eol_ros.ros.requests import visiting
     from eol_ros.streams.requests import KINDS
 

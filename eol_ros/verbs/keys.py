@@ -65,7 +65,7 @@ def run(args):
     elif args.action == 'add':
         keys, theirs = wireguard.add(args.name, args.endpoint, args.public)
         print(theirs, end='')
-        _say(f'{args.name} may join as {keys.peers[-1].address}; what is printed here is secret.')
+        _say(f'{args.name} may join as {keys.peers[-1].address}; keep this output secret.')
         _say(_renew(keys))
     elif args.action == 'revoke':
         keys = wireguard.revoke(args.name)

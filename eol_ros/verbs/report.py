@@ -16,7 +16,7 @@ EXAMPLES = [
     'eol report run_0.mcap --output analysis',
     'eol report bags --csv slips,blocks --output analysis',
     'eol report bags --all --output exhibition      # every run in bags/: days, hours, wear',
-    'eol report bags --retrack --json               # compare with a new computation',
+    'eol report bags --retrack --json               # recompute the results and compare',
 ]
 
 

@@ -194,7 +194,7 @@ def units(scene: scenes.Scene, user: str, home: Path, folder: Path, log_in: str 
     for key in ('scene', 'folder', 'python'):
         if any(c in str(values[key]) for c in ' \t"\'%\\'):
             raise ConfigError(
-                f'{values[key]}: a unit of systemd cannot name it; move it to a path without spaces'
+                f'{values[key]}: a systemd unit cannot name it; move it to a path without spaces'
             )
     found = {WORK_PATH: _WORK.format(**values)}
     if {'montage', 'panel'} <= set(scene.nodes):
@@ -224,7 +224,7 @@ def _reaches_out(scene: scenes.Scene) -> bool:
 def _quoted(word: str) -> str:
     """Return a word as units have it (man 7 systemd.syntax); blanks end one that is not quoted."""
     if any(ord(c) < 32 for c in word) or not is_text(word):
-        raise ConfigError(f'{word!a}: a unit of systemd cannot name this path; rename it')
+        raise ConfigError(f'{word!a}: a systemd unit cannot name this path; rename it')
     word = word.replace('%', '%%')
     if not set(word) & set(' \t"\'\\;'):
         return word
@@ -266,7 +266,7 @@ def _install(args) -> int:
     except KeyError:
         raise UsageError(f'--user {args.user}: there is no such user here') from None
     if person.pw_uid == 0 and not args.output:
-        raise UsageError('--user: root may not run it; name an ordinary user of this machine')
+        raise UsageError('--user: root may not run the scene; name another user of this machine')
     home, folder = Path(person.pw_dir), Path.cwd()
     log_in = ('lightdm' if shutil.which('lightdm') else 'getty') if args.log_in else ''
     files = units(scene, person.pw_name, home, folder, log_in)

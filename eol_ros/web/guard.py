@@ -49,7 +49,7 @@ def check_settings(host: str, pin: str) -> None:
     """Raise ConfigError when the panel would be open to the network with no PIN or a weak one."""
     if pin and not (pin.isascii() and pin.isprintable() and 6 <= len(pin) <= 64):
         raise ConfigError(
-            'panel.pin: must have 6 to 64 ASCII characters, as six digits or a passphrase'
+            'panel.pin: must have 6 to 64 ASCII characters, such as six digits or a passphrase'
         )
     if pin and len({ord(b) - ord(a) for a, b in pairwise(pin)}) == 1:
         raise ConfigError('panel.pin: is easy to guess; choose another')

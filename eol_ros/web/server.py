@@ -90,7 +90,7 @@ class WebServer:
         )
 
     def say(self, text: str) -> None:
-        """Report one line; the same kind of line, from whatever address, at most every 5 s."""
+        """Report one line; lines of one kind, whatever their address, at most every 5 s."""
         kind, now = text.partition(':')[0].partition(' from ')[0], time.monotonic()
         if now - self._said.get(kind, -1e9) >= 5.0:
             self._said[kind] = now

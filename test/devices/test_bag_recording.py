@@ -72,7 +72,7 @@ def test_a_request_whose_answer_alone_came_is_named_in_the_bag(tmp_path):
     for id_, is_request in (
         ('a', True), ('a', False), ('a', False),  # two nodes answered
         ('b', False), ('b', True),  # overtaken by its answer
-        ('c', False), ('c', False),  # made before its sender knew the recorder
+        ('c', False), ('c', False),  # sent before its sender discovered the recorder
         ('', False), ('d', True),
     ):  # fmt: skip
         recording.request(id_, is_request)

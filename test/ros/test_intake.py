@@ -380,9 +380,9 @@ class Mallinfo2(ctypes.Structure):
 
 
 def in_use_mb():
-    """Return what malloc has given out (mallinfo(3)), of all threads.
+    """Return the memory that malloc has allocated for all threads (mallinfo(3)), in MB.
 
-    The size of the process is no measure here: the threads of all nodes have sixteen arenas in it,
+    The size of this process is no measure: it has sixteen arenas for the threads of all nodes,
     which keep free memory. A process that bringup starts has two (`MALLOC_ARENA_MAX`).
     """
     gc.collect()
@@ -419,7 +419,7 @@ def test_nodes_live_on_and_count_true(live, count):
                     elif live_on(node, topic):
                         assert dropped == wrong, (node.NAME, topic, raw, now_s)
             nodes.turn()
-        nodes.run(0.2 + count / 10_000)  # else what each does later waits in memory
+        nodes.run(0.2 + count / 10_000)  # else deferred work of nodes stays in memory
         sizes.append(in_use_mb())
     warm = sizes[2:]
     grown = theilslopes(warm, np.linspace(0, 1, len(warm)))

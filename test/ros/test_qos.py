@@ -51,7 +51,7 @@ class Probe(EolNode):
 
 
 def test_an_event_of_a_subscription_that_was_destroyed_since_is_none(ros):
-    """As where one callback destroys it in the turn in which its peer was met."""
+    """As if a callback destroys it in the turn of the executor that discovers its peer."""
     probe = Probe()
     made = probe.subscribe('camera/image_raw', print)
     probe.destroy_subscription(made)

@@ -102,7 +102,7 @@ def test_mistakes_before_there_are_keys(capsys, words, code, says):
         (['add', 'two words'], 78, "'two words': a name has letters"),
         (['add', 'x\n[Peer]'], 78, 'a name has letters'),
         (['add', 'tablet', '--public', 'abc'], 78, 'not a WireGuard key'),
-        (['revoke', 'tablet'], 78, 'tablet: has no key; laptop has'),
+        (['revoke', 'tablet'], 78, 'tablet: has no key; names with keys: laptop'),
     ],
 )
 def test_mistakes_where_there_are_keys(folder, capsys, words, code, says):

@@ -90,7 +90,7 @@ def test_a_start_in_1970_and_then_a_jump_of_decades(tmp_path, scene):
 
 
 def test_a_museum_without_its_camera_ends_after_its_time(tmp_path):
-    """A fault that lasts as long ends `--for`, though others still wait for images."""
+    """A fault as long as `--for` ends the run, though other nodes still wait for images."""
     shutil.copy(ROOT / 'config' / 'museum.yaml', tmp_path)
     scene = 'include: museum.yaml\nnodes: {camera: {device: /dev/no-camera}, recorder: off}\n'
     (tmp_path / 'scene.yaml').write_text(scene)

@@ -30,7 +30,7 @@ hours: []
 
 @pytest.fixture
 def museum(tmp_path, monkeypatch, request):
-    """Return the files of an installation, and be in its folder; keys are made at low cost."""
+    """Return the files of an installation, in its folder; keys are derived at low cost."""
     if request.function is not test_secrets_are_encrypted_and_for_the_owner_alone:
         monkeypatch.setitem(sealed_file.COST, 'n', 1 << 10)
     for name in ('state', 'cache', 'config'):

@@ -154,7 +154,7 @@ def test_all_folders_that_a_scene_writes_to_can_be_written(tmp_path, monkeypatch
     ('words', 'code', 'what'),
     [
         (['install', 'museum', '--user', 'nobody-of-that-name'], 2, 'there is no such user'),
-        (['install', 'museum', '--user', 'root'], 2, 'root may not run it'),
+        (['install', 'museum', '--user', 'root'], 2, 'root may not run the scene'),
         (['install', 'musem', '--user', 'root'], 78, 'Did you mean museum?'),
     ],
 )

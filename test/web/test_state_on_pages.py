@@ -140,7 +140,7 @@ def test_a_node_s_row_has_the_latency_that_it_measures(serve, browser):
 
 
 def test_opening_hours_stand_in_words_at_the_top(serve, browser):
-    """As the node says them, in the museum's clock; not twice, beside the state of the work."""
+    """In the node's words and the museum's time zone; not if the state of the work shows them."""
     visit(browser, f'http://127.0.0.1:{serve().port}', '/')
     tell = (
         'eol.link.emit("health", {node: "hours", at: eol.link.now(), level: "ok", text: "",'
@@ -165,7 +165,7 @@ def test_opening_hours_stand_in_words_at_the_top(serve, browser):
 
 
 def test_the_fit_on_the_page_is_that_of_the_project(serve, browser):
-    """The panel fits; the page draws the curve and says the numbers, or how many are missing."""
+    """The panel fits; the page draws the curve and shows its figures, or the count so far."""
     visit(browser, f'http://127.0.0.1:{serve().port}', '/')
     shown = 'eol.link.emit("cascades", arguments[0]);'
     for count, words in ((29, '29 so far'), (300, 'b = ')):

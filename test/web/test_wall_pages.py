@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A wall in a real Chromium, without a graph: it shows what the test tells it."""
+"""A wall in a real Chromium, without a graph: the test sends what it shows."""
 
 import time
 

@@ -4,9 +4,9 @@
 Each moving block has a run: its newest samples that agree with one position. When the block leaves
 it, by the same test as for any START, and the run was a rest, one image decides the STOP of the old
 slip and the START of the new one. A block may also pass a position slowly, or turn back there,
-without a rest. Then one parabola in time explains the run and the images beside it. Where none
-does, the acceleration tells: static friction lets go with (mu_s - mu_k) g at once, the force on a
-sliding block grows from nothing. So a run shorter than PASS_S counts as rest if the two images
+without a rest. Then one parabola in time fits the run and the images beside it. If none fits,
+the acceleration tells: static friction lets go with (mu_s - mu_k) g at once, the force on a sliding
+block grows from zero. So a run shorter than PASS_S counts as rest if the two images
 after it show that acceleration. The least acceleration follows the median of the slips that begin
 after a long rest: on worn grit it is small.
 """
@@ -20,10 +20,10 @@ from eol_ros.core.motion.history import Image
 from eol_ros.core.motion.onset import OnsetEstimator
 from eol_ros.settings import MotionSettings
 
-REST_SHARE = 0.75  # of stop_s, in images at one place: a rest (chosen)
+REST_SHARE = 0.75  # least duration of a rest, as a share of stop_s (chosen)
 HIDDEN_S = 0.25  # a moving block that is not seen for longer counts as stopped, s (chosen)
 AGREE_SIGMAS = 3.5  # distance of a sample from the mean of its run: 998 of 1000 at rest are nearer
-PASS_SIGMAS = 2.9  # of a normal distribution: 998 of 1000 that pass are told
+PASS_SIGMAS = 2.9  # greatest misfit of the parabola, normal deviations: 998 of 1000 passes fit
 UNSURE_IMAGES = 2  # that may lie between agreeing and having left before a run is given up (chosen)
 # A run of PASS_S is a rest at a noise of PASS_M. A block that passes slowly, its acceleration
 # growing in proportion to time, stays within a distance d for a time that grows as its cube root.
@@ -107,8 +107,8 @@ class StopDetector:
         return bool(acceleration > share * self.onsets.acceleration_mps2)
 
     def _passes(self, block: int, stamp_s: float, place: np.ndarray, sigma_m: float) -> bool:
-        """Whether one parabola in time explains the run of `block`, the image before it, and the
-        images since, to `place` (2,) m: a slide at a constant force, which may turn back."""
+        """Return whether one parabola in time fits the run of `block`, the image before it and the
+        images since, up to `place` (2,) m: a slide under a constant force, which may turn back."""
         history = self.history
         at = history.samples(block, self.runs['from_s'][block] - 1.5 * history.period_s)
         times_s = np.append(history.times_s[at] - stamp_s, 0.0)
@@ -123,7 +123,7 @@ class StopDetector:
                 column = column - (column * other).sum() * other
             basis.append(column / math.sqrt((column * column).sum()))
             left -= ((places * basis[-1]).sum(1) ** 2).sum()
-        # chi squared by Wilson and Hilferty (Proc. Natl. Acad. Sci. 17, 1931)
+        # quantile of chi squared: Wilson and Hilferty (Proc. Natl. Acad. Sci. 17, 1931)
         width = 2.0 / (9.0 * freedom)
         root = 1.0 - width + PASS_SIGMAS * math.sqrt(width)
         return bool(left < freedom * (root * root * root) * sigma_m * sigma_m)

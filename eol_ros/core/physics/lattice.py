@@ -57,7 +57,7 @@ def lattice_of(scene: 'Scene') -> Lattice:
 
 
 def _sums(block: np.ndarray, amount: np.ndarray, n: int) -> np.ndarray:
-    """Return the sum of the amounts of each block; numpy's of none are whole numbers."""
+    """Return the sum of the amounts of each block, as floats: numpy gives integers for none."""
     return np.bincount(block, amount, n).astype(float)
 
 

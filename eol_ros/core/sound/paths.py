@@ -8,11 +8,11 @@ import numpy as np
 
 
 def along(lines: Sequence[str], at: np.ndarray) -> np.ndarray:
-    """Return where on the paths `lines` blocks at the places `at` (n, 2) play, (n, 2), in 0..1.
+    """Return the places (n, 2) on the paths `lines` where blocks at `at` (n, 2) play, in 0..1.
 
-    A line has the points of one path, "X,Y X,Y ...". The x of a block is the share of each path's
-    length that it has passed. Its y leads from the first path (0) to the last (1), linearly between
-    neighbours; with one path it has no effect.
+    A line has the points of one path, "X,Y X,Y ...". The x of a block is its position along each
+    path, as a share of the path's length. Its y interpolates linearly between neighbouring paths,
+    from the first (0) to the last (1); with one path it has no effect.
 
     Examples
     --------

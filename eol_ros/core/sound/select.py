@@ -14,7 +14,7 @@ as this motion lasts (`continue`). No grain sounds twice within `refractory_s`, 
 `block_cap` times and all blocks no more than `total_cap` times in any second; what a cap holds back
 is dropped, not saved.
 
-Where `paths` are drawn, a block reaches from its place along them (`paths.py`).
+If `paths` are drawn, a block plays at its place along them (`paths.py`).
 
 Where `match` says so, the nearest are those most like the block in weighted descriptors, not in
 place. Where `weights` says so, a block can play only a share of the grains of a sound: always the
@@ -307,8 +307,8 @@ class Selector:
     def _distances(self, at: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
         """Return the distances (n, grains) of grains from places (n, 2), in m on the default table.
 
-        A place beyond the space counts as the nearest one in it; paths lead it elsewhere. The
-        distance is infinite for grains that blocks `rows` (n,) cannot play.
+        A place beyond the space counts as the nearest one in it. `paths`, if any, replace it by a
+        place along them. The distance is infinite for grains that blocks `rows` (n,) cannot play.
         """
         left, low, right, high = table_bounds(self.settings.space_m)
         x = left + self._places[0] * (right - left)

@@ -62,7 +62,7 @@ def serve(address, out, flags):
 )
 def callback(_inputs, output, frames, _times, flags, table):
     """PaStreamCallback of portaudio.h; `table` is the mixer's table of addresses."""
-    address = np.int64(carray(table, 1, np.int64).ctypes.data)  # as Python gives it: compiled once
+    address = np.int64(carray(table, 1, np.int64).ctypes.data)  # as from Python: compiled once
     out = carray(output, (frames, memory(address).state[0].channels), np.float32)
     serve(address, out, np.int64(flags))
     return 0  # paContinue

@@ -105,7 +105,7 @@ class Roles:
 
     `images` and `infos`: the raw images and what describes their camera. `rhythm`: those whose
     stamps come regularly, `rate_hz` times a second. `thinned`: those made for the eye, of which one
-    per `display_period_s` is enough. `requests`: what answers name by their ids.
+    per `display_period_s` is enough. `requests`: those whose ids their answers carry.
     """
 
     images: str = ''
@@ -205,7 +205,7 @@ class Recording:
             self._ready.notify()
 
     def request(self, id_: str, is_request: bool) -> None:
-        """Tell that a request has come, or an answer to one: an answer alone is a loss."""
+        """Note a request, or an answer to one: an answer without its request counts as a loss."""
         self._losses.requests.take(id_, is_request)
 
     def go_on(self, before: 'Recording') -> None:

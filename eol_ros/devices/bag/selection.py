@@ -145,7 +145,10 @@ class Gaps:
 
 
 class Unrecorded:
-    """Counts requests that were answered and did not come: several nodes number them."""
+    """Counts requests that were answered but never came.
+
+    Sequence numbers do not show them: several nodes publish requests.
+    """
 
     def __init__(self) -> None:
         self._forgotten = 0
@@ -153,7 +156,7 @@ class Unrecorded:
 
     @property
     def missing(self) -> int:
-        """Return how many requests have not come so far; an answer may overtake its request."""
+        """Return the number of requests that are missing so far; an answer may overtake its own."""
         return self._forgotten + list(self._came.values()).count(False)
 
     def go_on(self, before: 'Unrecorded') -> None:
@@ -249,7 +252,7 @@ class Losses:
 
     @property
     def lost(self) -> Counter[str]:
-        """Return messages that were sent and did not come, per topic."""
+        """Return the number of messages that were sent but did not come, per topic."""
         return self.gaps.lost + Counter({self._requests: self.requests.missing})
 
     def count(self, item: 'BagMessage | Dropped') -> None:

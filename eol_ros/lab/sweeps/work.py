@@ -92,8 +92,8 @@ def check_threads(threads: str, who: str) -> None:
     """Raise EolError where several threads solve one system: its last bits are then others."""
     if threads != '1':
         raise EolError(
-            f'{who} solves one system in {threads} threads, which changes the last bits: start '
-            f'it with {THREADS}=1 (dask worker with its nanny does so)'
+            f'{who} solves one system in {threads} threads, which changes the last bits of '
+            f'results: start it with {THREADS}=1, as a dask worker with its nanny does'
         )
 
 

@@ -40,11 +40,11 @@ export class InstrumentView {
     this.retell();
   }
 
-  // Let a hand draw over the space, which the dialog covers; `take` gets what it drew.
+  // Let the user draw over the space, which the dialog covers; `take` gets the drawing as text.
   drawn(kind, take) {
     this.dialog.close();
     this.askDrawing(kind, (words) => {
-      this.dialog.showModal(); // the answer is written there
+      this.dialog.showModal(); // it shows the answer
       if (words) take(words);
     });
   }

@@ -34,7 +34,7 @@ export class SpaceView {
     this.picked = -1;
     this.reach = 0;
     this.folders = [];
-    this.paths = []; // of each its points
+    this.paths = []; // the points of each
     this.menus.colour.onchange = () => this.recolour();
     for (const axis of ['x', 'y']) {
       this.menus[axis].onchange = () => act('axes', { x: this.menus.x.value, y: this.menus.y.value });
@@ -222,7 +222,7 @@ export class SpaceView {
     });
   }
 
-  // Where in the space, 0..1, a block plays: beyond the edge, at the edge; with paths, on these.
+  // The place in the space, 0..1, where a block plays: clipped to the edges, or along the paths.
   place(id) {
     const [x0, y0, x1, y1] = this.corpus.bounds;
     const [x, y] = this.seen.rows.slice(id * 8, id * 8 + 2);
@@ -237,7 +237,7 @@ export class SpaceView {
     this.dirty = true;
   }
 
-  // `answer` gets the words of what the next drag draws, a `region` or a `path`, in 0..1; '' if nothing.
+  // `answer` gets the `region` or `path` of the next drag as text, in 0..1, or '' if nothing was drawn.
   askDrawing(kind, answer) {
     this.drawing = { kind, answer, points: [] };
     write(this.legend, say(kind === 'path' ? 'path_ask' : 'region_ask'));
@@ -253,7 +253,7 @@ export class SpaceView {
     drawing.answer(words);
   }
 
-  // Add a point to the drawing: of a region the corner that the pointer holds, of a path the next.
+  // Add a point to the drawing: the corner of a region at the pointer, or the next point of a path.
   drawTo(x, y) {
     const { kind, points } = this.drawing;
     const [px, py] = points.at(-1) ?? [-1, -1];
@@ -555,7 +555,7 @@ export class SpaceView {
   }
 }
 
-// The place on the paths of a block at x, y, as `eol_ros.core.sound.paths.along`.
+// The place on the paths where a block at x, y plays, as in `eol_ros.core.sound.paths.along`.
 function along(paths, x, y) {
   if (!paths.length || !Number.isFinite(x + y)) return [x, y]; // a block not found yet has no place
   const level = y * (paths.length - 1);

@@ -23,7 +23,7 @@ def slide(time_s, begin_s, acceleration=2.5, length_m=0.02):
 
 
 def watch(paths, fps, noise_m, seconds, motion=None, seed=0, seen=None):
-    """Run a detector over `paths`: block -> displacement along x of times; return its events."""
+    """Run a detector over `paths`, block -> displacement along x at times; return its events."""
     random = np.random.default_rng(seed)
     detector = SlipDetector(motion or MotionSettings())
     rest, times = rest_lattice(), np.arange(round(seconds * fps)) / fps

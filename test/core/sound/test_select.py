@@ -413,7 +413,7 @@ def test_envelopes_fill_the_grain_as_they_say(envelope, attack_s, release_s):
 
 
 def test_blocks_play_along_drawn_paths():
-    """A block at the far left to the right edge sounds the grains of the path, end to end."""
+    """A block that moves from the left edge to the right plays the grains of the path in order."""
     path = [(0.1, 0.1), (0.5, 0.1), (0.5, 0.9), (0.9, 0.9)]  # lengths 0.4, 0.8, 0.4
     apart = [(0.9, 0.1), (0.1, 0.9), (0.5, 0.0)]
     settings = replace(STILL, paths=(' '.join(f'{x},{y}' for x, y in path),), radius=0.01)

@@ -336,7 +336,7 @@ def test_nothing_is_found_where_nothing_is(tracker, image):
 
 
 def test_a_block_that_jumps_is_reported_where_it_lies_or_not_at_all(tracker, stills):
-    """From image to image, by 15 to 30 mm: 8 to 16 px, beyond the reach of a fit."""
+    """It jumps by 15 to 30 mm (8 to 16 px) between two images, farther than a fit reaches."""
     renderer, random = Renderer(RenderOptions(), Calibration.ideal(), 2), np.random.default_rng(7)
     home = np.column_stack([rest_lattice(), np.zeros(25)])
     feed(tracker, stills[:30])
