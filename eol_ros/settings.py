@@ -476,8 +476,9 @@ class GrainsSettings:
     paths: tuple[str, ...] = live(
         (),
         'lines X,Y X,Y ..., one for each path through the space (2 to 100 points in 0..1) along '
-        'which blocks reach grains; match and panning keep their own places. From left to right '
-        'a block follows the path; from near to far it passes from the first path to the last',
+        'which blocks reach grains; match and panning use the own places of the blocks. The x of a '
+        'block is its position along each path; its y interpolates from the first path (near) to '
+        'the last (far)',
         kind='X,Y X,Y ...',
     )
     segment: str = live(

@@ -305,7 +305,7 @@ class EolNode(Node):
         made = self.qos.now(subscription)
         handlers: Any = made.event_handlers  # a list, though rclpy annotates one
         for events in handlers:
-            events.take_data = lambda: None  # the executor would take them from what is gone
+            events.take_data = lambda: None  # else the executor reads a destroyed event
         return super().destroy_subscription(made)
 
     def intake(self, topic: str, read: Callable[[Any], Any] | None = None) -> Intake:

@@ -278,7 +278,7 @@ def test_a_bad_cable_loses_no_message_and_grains_are_late_until_the_latency_may_
     assert bag.count('grain_triggers') > 300
     for topic, number in (('blocks', 'image'), ('grain_triggers', 'sequence')):
         assert set(np.diff(bag.table(topic)[number].astype(int))) == {1}
-    # a command may ask before it knows the recorder: discovery loses packets, too
+    # a command may ask before it discovers the recorder: discovery loses packets, too
     named = json.loads(bag.gaps['lost_before_recorder'])
     alone = set(bag.table('request_results')['id']) - set(bag.table('requests')['id'])
     assert named.pop('/eol/requests', 0) == len(alone) and not named

@@ -78,9 +78,9 @@ def test_names_are_compared_whole():
 @pytest.mark.parametrize(
     ('words', 'code', 'says'),
     [
-        (['list'], 78, '`eol keys make` makes them'),
-        (['env'], 78, '`eol keys make` makes them'),
-        (['add', 'laptop'], 78, '`eol keys make` makes them'),
+        (['list'], 78, 'run `eol keys make`'),
+        (['env'], 78, 'run `eol keys make`'),
+        (['add', 'laptop'], 78, 'run `eol keys make`'),
         (['make', '--subnet', '10.77.0.0/33'], 78, '--subnet 10.77.0.0/33: '),
         (['make', '--subnet', '10.77.0.0/31'], 78, 'has no room for two machines'),
         (['make', '--port', '0'], 2, '--port: 0 is outside 1 to 65535'),

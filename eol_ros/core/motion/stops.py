@@ -4,11 +4,11 @@
 Each moving block has a run: its newest samples that agree with one position. When the block leaves
 it, by the same test as for any START, and the run was a rest, one image decides the STOP of the old
 slip and the START of the new one. A block may also pass a position slowly, or turn back there,
-without a rest. Then one parabola in time fits the run and the images beside it. If none fits,
-the acceleration tells: static friction lets go with (mu_s - mu_k) g at once, the force on a sliding
-block grows from zero. So a run shorter than PASS_S counts as rest if the two images
-after it show that acceleration. The least acceleration follows the median of the slips that begin
-after a long rest: on worn grit it is small.
+without a rest. Then one parabola in time fits the run and the images beside it. If none fits, a
+rest differs from a pass in acceleration: static friction lets go with (mu_s - mu_k) g at once, the
+force on a sliding block grows from zero. So a run shorter than PASS_S counts as rest if the two
+images after it show that acceleration. The least acceleration follows the median of the slips that
+begin after a long rest: on worn grit it is small.
 """
 
 import math
@@ -54,7 +54,7 @@ class StopDetector:
         return self.runs['sum'] / np.maximum(self.runs['images'], 1)[:, None]
 
     def rested(self, images: np.ndarray, settings: MotionSettings) -> np.ndarray:
-        """Whether so many images (n,) at one place, within baseline_s, make a rest."""
+        """Return whether `images` (n,) at one place, counted within baseline_s, make a rest."""
         least_s = REST_SHARE * min(settings.stop_s, settings.baseline_s)
         return (images >= 3) & (images * self.history.period_s >= least_s)
 

@@ -209,7 +209,7 @@ class Recording:
         self._losses.requests.take(id_, is_request)
 
     def go_on(self, before: 'Recording') -> None:
-        """Count no request as lost that came while `before` was written."""
+        """Do not count requests as lost that came while `before` was written."""
         self._losses.requests.go_on(before._losses.requests)
 
     def close(self) -> None:

@@ -17,7 +17,7 @@ NS = 1_000_000_000
 KNOWN = 5  # so many intervals tell a rhythm
 LATEST_NS = 10 * NS  # a message is handed over no later than this: readers keep ten seconds of them
 SLIP_LIMIT_NS = 10 * NS  # a slip whose stop never came is over by then
-MOST_REQUESTS, LONGEST_ID = 20_000, 200  # that are remembered until their answers come
+MOST_REQUESTS, LONGEST_ID = 20_000, 200  # number and length of remembered ids
 
 
 class LogTimes:
@@ -160,11 +160,11 @@ class Unrecorded:
         return self._forgotten + list(self._came.values()).count(False)
 
     def go_on(self, before: 'Unrecorded') -> None:
-        """Know the requests that came before: what they asked may be answered now."""
+        """Take over the requests that came `before`: their answers may still come."""
         self._came |= {id_: True for id_, came in before._came.items() if came}
 
     def take(self, id_: str, is_request: bool) -> None:
-        """Note a request, or an answer to one; none without an id, or with an endless one."""
+        """Note a request, or an answer to one, unless its id is empty or longer than LONGEST_ID."""
         if not id_ or len(id_) > LONGEST_ID:
             return
         self._came[id_] = self._came.pop(id_, False) or is_request

@@ -10,8 +10,8 @@ const PAD = 0.08;
 const REST_MS = 80; // so long the pointer rests on a grain before its waveform is fetched
 const HEARD_MS = 120; // hearing under the pointer: no grain sooner after the one before
 const TICKS = [0, 0.25, 0.5, 0.75, 1];
-const STEP = 0.02; // of the space: less is no side of a region, and no step of a path
-const MOST_POINTS = 40; // of a path: when it has them, every second one goes
+const STEP = 0.02; // of the space: least side of a region, least step of a path
+const MOST_POINTS = 40; // of a drawn path; beyond it, every second one is left out
 const BY_SOUND = 'by_sound';
 // One of its own for each sound, told apart by those who see few colours, too (Okabe, Ito).
 const SOUNDS = ['#56b4e9', '#e69f00', '#009e73', '#f0e442', '#cc79a7', '#d55e00', '#0072b2', '#bbbbbb'];
