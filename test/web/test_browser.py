@@ -134,6 +134,9 @@ def show(graph, browser, path, ready, width=1280, height=800):
 def speak(browser, language):
     run(browser, f'document.querySelector("[data-language={language}]").click()')
     until_page(browser, f'document.documentElement.lang === "{language}"')
+    # what is drawn says its words with the next image
+    painted = 'const [done] = arguments; requestAnimationFrame(() => requestAnimationFrame(done));'
+    browser.execute_async_script(painted)
 
 
 SMALL = """return [...document.querySelectorAll('#instrument :is(button, select, input)')]
