@@ -29,7 +29,7 @@ from eol_ros.bringup.policy import (
 from eol_ros.bringup.service_manager import ServiceManager
 from eol_ros.said import Said, clauses, said
 from eol_ros.streams.graph import IMAGE_SOURCES, NAMESPACE, NODES, providers
-from eol_ros.streams.work_state import DOWN, ERROR, WARN, work_state
+from eol_ros.streams.work_state import DOWN, gives_no_images, work_state
 
 if TYPE_CHECKING:
     from eol_ros.bringup.notify import Notifier
@@ -297,8 +297,8 @@ class Supervisor:
         A camera without images is a fault, even while other nodes only wait for its images. A
         replay without images is none: it waits for its subscribers.
         """
-        cameras = [r for c in self.children for r in c.status.values() if r['node'] == 'camera']
-        blind = any(row['level'] in (WARN, ERROR) and not row['rate'] for row in cameras)
+        rows = [row for child in self.children for row in child.status.values()]
+        blind = any(row['node'] == 'camera' and gives_no_images(row) for row in rows)
         return blind or self._work_code in ('work_fault', 'no_camera')
 
     def _not_ok(self) -> str:

@@ -23,6 +23,11 @@ def is_asleep(rows: Rows) -> bool:
     return any(rows[node]['values'].get('asleep') for node in SHOWN if node in rows)
 
 
+def gives_no_images(row: Mapping[str, Any]) -> bool:
+    """Return whether a node that handles images has none and reports that."""
+    return row['level'] in (WARN, ERROR) and row['rate'] == 0
+
+
 def work_state(rows: Rows) -> Said:
     """Return the first state that applies: starting, test, asleep, work_fault, no_camera,
     no_sound_card, muted, awake.
@@ -45,11 +50,7 @@ def work_state(rows: Rows) -> Said:
             return said('work_fault', why=said('does_not_run', names=node))
         if row['level'] == ERROR and node not in IMAGE_SOURCES:
             return said('work_fault', why=said('of_node', node=node, why=_text(row)))
-    if any(
-        shown[node]['level'] in (WARN, ERROR) and shown[node]['rate'] == 0
-        for node in (*IMAGE_SOURCES, 'tracker')
-        if node in shown
-    ):
+    if any(gives_no_images(shown[node]) for node in (*IMAGE_SOURCES, 'tracker') if node in shown):
         return said('no_camera')
     sound = shown['sound']['values'] if 'sound' in shown else {}
     if sound.get('card_missing'):
