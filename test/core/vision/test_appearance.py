@@ -178,8 +178,8 @@ def registered(noise, images=12, start_px=0.7):
         found['start_px'], found['expected'] = start_px, 170.0
         register(
             image, camera.packed(), covers.FLAT, HALF_M, BLUR_PX, curve, faces.light, faces.spread,
-            np.zeros(25, bool), np.ones(25, bool), np.arange(25), found, faces.own, faces.own_px,
-            *pixels.empty_patches(25),
+            np.zeros(25, bool), model.ROUNDS, np.ones(25, bool), np.arange(25), found, faces.own,
+            faces.own_px, *pixels.empty_patches(25),
         )  # fmt: skip
         errors.append(np.column_stack([found['x'], found['y']]) - xy)
         sigmas.append(found['sigma_m'].copy())

@@ -129,7 +129,7 @@ class Follower:
             lost = np.flatnonzero(blocks['seen'] & ~good)  # may have jumped
             if len(lost):
                 _start_wide(blocks, found, lost, ahead_s)
-                self._register(image, lost)
+                self._register(image, lost, rounds=model.ROUNDS_LOST)
                 good[lost] = self._judge(lost)[lost]
             lost = np.flatnonzero(self.table.present & ~good)
             sought_s = max(self._sought_s, self._jumped_s)
@@ -164,7 +164,9 @@ class Follower:
             self.blocks, self.found, self._near, self.rest, self._weights, ahead_s, self.px_per_m
         )  # fmt: skip
 
-    def _register(self, image: np.ndarray, which: np.ndarray, fresh: bool = False) -> None:
+    def _register(
+        self, image: np.ndarray, which: np.ndarray, fresh: bool = False, rounds: int = model.ROUNDS
+    ) -> None:
         self._expect()
         _ready(
             self.blocks, self.found, fresh, self.exposure, self._images, self._unknown, self._close
@@ -172,8 +174,8 @@ class Follower:
         faces = self.faces
         register(
             image, self.packed, self.heights, self.lengths.half_side, self.blur_px, self.noise,
-            faces.light, faces.spread, self._unknown, self._close, which, self.found, faces.own,
-            faces.own_px, *self._patches,
+            faces.light, faces.spread, self._unknown, rounds, self._close,
+            which, self.found, faces.own, faces.own_px, *self._patches,
         )  # fmt: skip
 
     def _expect(self) -> None:

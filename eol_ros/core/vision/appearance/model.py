@@ -51,6 +51,7 @@ PARTS = 12  # of a side, each trusted by itself: 3.8 px at 545 px/m
 # not at all; of a side (130 px are judged: 5 standard deviations)
 PART_MISFIT, SIDE_MISFIT = (2.2, 5.0), 1.6
 ROUNDS = 12  # a cover that nothing is known of takes five before its sides are judged
+ROUNDS_LOST = 30  # of a block that may have jumped
 # First taken to be where it was: a block of PREDICTED_PX and a way of 0.05 px in an image, whose
 # gain changes by less
 RESTS_PX, STEADY = 0.715, 0.05

@@ -41,7 +41,8 @@ FOUND = np.dtype(
         ('nats', 'f8'),  # of all sides, that light falls there as at an edge
         ('weakest', 'f8'),  # side
         ('evidence', 'f8'),  # and with what was said before
-        ('step_px', 'f8'),  # the last step
+        # the last step; infinite where a face was taken that was not fitted where it was taken
+        ('step_px', 'f8'),
         ('misfit', 'f8'),  # mean squared residual in variances, of the pixels that agree
         ('side_misfit', 'f8', 4), ('side_usual', 'f8', 4),  # of each side, of all; and usually
         ('side_px', 'f8'),
@@ -54,16 +55,16 @@ FOUND = np.dtype(
 
 @njit(cache=True)
 def register(
-    image, c, heights, half_m, blur_px, noise, light, spread, fresh, close, which, found, own,
-    own_px, patches, kept, rests, places, picks, picked,
+    image, c, heights, half_m, blur_px, noise, light, spread, fresh, rounds, close, which, found,
+    own, own_px, patches, kept, rests, places, picks, picked,
 ):  # fmt: skip
     """Fit the blocks `which` (k,) to an image, from the start that `found` (n,) holds.
 
     c: Calibration.packed(). heights (n, 4, 1 + POINTS): CoverOutlines.over the plane of c, or none
     of flat covers. blur_px: standard deviation of an edge. noise (2,): see fit.residuals.
     light, spread (n, CELLS, CELLS): their faces. fresh (n,): whether to take the face from this
-    image. close (n,): whether to look closely, at sides and brightness; else these stay as they
-    were found last. own, own_px: see Faces.
+    image. rounds: iterations at most. close (n,): whether to look closely, at sides and brightness;
+    else these stay as they were found last. own, own_px: see Faces.
     patches, kept, rests, places, picks, picked: of pixels.empty_patches(n), from image to image.
     """
     room, table = _room(), np.zeros(outline.SIZE, np.float32)
@@ -73,7 +74,7 @@ def register(
         f, patch, px = found[n], patches[n], kept[n]
         x, y = f.x, f.y
         camera = image, c, heights, n, half_m, blur_px, noise, table, flat
-        looks = light[n], spread[n], fresh[n], own[n], own_px[n]
+        looks = light[n], spread[n], fresh[n], rounds, own[n], own_px[n]
         at = places[n], picks, picked
         if not close[n] and _stands(image, half_m, places[n], rests[n], f, patch, room):
             f.close = False
@@ -93,7 +94,7 @@ def register(
         _judge(px, patch.starts, noise, room.z, widen, f)
         f.close = close[n] or _unlike(f)
         _tell(f, patch, half, room)
-        moved_px = math.sqrt((f.x - x) ** 2 + (f.y - y) ** 2) * patch.scale
+        moved_px = _far_px(f, (x, y), patch)
         _tell_sigma(f, patch, moved_px, without, (half, blur_px, noise), fitted, px, room)
         if f.close:
             patch.rests = False  # what was kept is replaced, or does not hold any more
@@ -159,7 +160,7 @@ def _fit(camera, looks, f, patch, at, px, room):
     first taken to be where it was, which needs one step.
     """
     image, c, heights, n, half_m, blur_px, noise, table, flat = camera
-    face, spread, fresh, own_face, own_px = looks
+    face, spread, fresh, rounds, own_face, own_px = looks
     z, own, work, starts = room.z, room.own, room.work, patch.starts
     half, judged, widen, odd, without = 1.0, False, 1.0, False, -1
     began = 0.0, 0.0, 0.0  # the pose from which pixels were gathered
@@ -168,8 +169,9 @@ def _fit(camera, looks, f, patch, at, px, room):
     doubtful = not fresh and _unlike(f)
     rests, begins = not (fresh or doubtful) and f.start_px < m.RESTS_PX, True
     sigma_px = m.JUDGED_PX if rests else f.start_px
-    for it in range(m.ROUNDS):
-        renew = fresh and (it == 2 or it == 4)
+    again, taken = False, (0.0, 0.0)  # whether to take its face once more; where it was taken
+    for it in range(rounds):
+        renew = fresh and (it == 2 or it == 4 or again)
         moved = math.sqrt((z[0] - began[0]) ** 2 + (z[1] - began[1]) ** 2)
         moved += abs(z[2] - began[2]) * half
         if it == 0 or renew or moved > max(0.5 * sigma_px, 1.0):
@@ -194,6 +196,7 @@ def _fit(camera, looks, f, patch, at, px, room):
                 faces.brightness(px, starts[5], half, blur_px, z, own_face, own_px)
                 face = own_face[0]
                 faces.fill(face, own_px, 1.0)
+                taken = f.x, f.y
                 pixels.shade(px, starts[5], half, face, spread, flat, room.cells)
         if begins:
             fit.all_residuals(px, starts, 4, half, blur_px, noise, z, own, sigma_px**2)
@@ -206,7 +209,7 @@ def _fit(camera, looks, f, patch, at, px, room):
                 if f.visible < m.HOPELESS:
                     break
         _priors(f, half, sigma_px, room)
-        whole = not begins or rests or it == m.ROUNDS - 1
+        whole = not begins or rests or it == rounds - 1
         fit.all_equations(
             px, starts, 1 if whole else 2, half, blur_px, noise, z, own, f.usual,
             room.own_prior, sigma_px**2, widen, (room.sums, room.matrix), room.kept,
@@ -226,6 +229,8 @@ def _fit(camera, looks, f, patch, at, px, room):
             least_px = m.RESTED_PX if flat else m.JUDGED_PX
         close = sigma_px <= max(m.JUDGED_PX, 2 * sure_px, 2.5 * f.edge_px)
         judged = whole and close and f.step_px < least_px
+        again = fresh and judged and it > 4 and _far_px(f, taken, patch) > m.LAST_STEP_PX
+        judged = judged and not again
         begins = rests and not (judged and abs(work[3, 7]) < m.STEADY * z[3])
         if judged and not begins and (not fresh or it > 4):
             if odd:
@@ -244,6 +249,8 @@ def _fit(camera, looks, f, patch, at, px, room):
             rests, sigma_px = False, f.start_px
         else:
             sigma_px = min(0.4 * sigma_px, 0.5 * f.step_px + f.edge_px)
+    if fresh and _far_px(f, taken, patch) > m.LAST_STEP_PX:
+        f.step_px = math.inf
     return True, judged, widen, without, rests and judged
 
 
@@ -363,6 +370,12 @@ def _tell_sigma(f, patch, moved_px, without, lens, widen, px, room):
     f.sigma_rad = beside * math.sqrt(turn * f.more[1])
 
 
+@njit(inline='always')
+def _far_px(f, place, patch):
+    """Return how far a block lies from a place, px."""
+    return math.sqrt((f.x - place[0]) ** 2 + (f.y - place[1]) ** 2) * patch.scale
+
+
 @njit(cache=True, inner=True)
 def _lies_in(patch, c, f, half_m, near, shape, flat, px, room):
     """Return whether the stored patch is that of a block at the start of f, or move it there.
@@ -374,7 +387,7 @@ def _lies_in(patch, c, f, half_m, near, shape, flat, px, room):
         return MADE
     if abs(f.yaw - patch.made_yaw) * half > m.STALE_PX:
         return MADE
-    far_px = math.sqrt((f.x - patch.x) ** 2 + (f.y - patch.y) ** 2) * patch.scale
+    far_px = _far_px(f, (patch.x, patch.y), patch)
     if far_px < m.KEPT_PX and abs(f.yaw - patch.yaw) * half < m.KEPT_PX:
         return SAME
     if not flat:
