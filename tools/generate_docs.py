@@ -108,6 +108,10 @@ def topics_page() -> str:
         '## Nodes',
         node_table(),
         '## Topics',
+        'Every topic without *transient local* is volatile: a late subscriber gets the next '
+        'message and nothing older. `blocks` and `slips` are volatile, so a node that joins late '
+        'misses what was published before. On a transient local (latched) topic a late subscriber '
+        'that asks for transient local gets the newest message at once.',
         topic_table(),
         '## Services',
         'The node `panel` serves them; in a scene without it, another node that subscribes to '
