@@ -15,7 +15,7 @@ from eol_ros.core.light.flash import MIN_PERIOD_S
 from eol_ros.core.light.local import FIELD_OF_VIEW, new_field
 from eol_ros.core.table import Table
 
-DECAY_S = 0.1  # until the host says another one
+DECAY_S = 0.1  # until the host sends another one
 
 
 class Bridge:
@@ -36,12 +36,12 @@ class Bridge:
         self.field = new_field(FIELD_OF_VIEW, DECAY_S, table=table)
         self.by_itself = True
         self.linked = True
-        self._silent: set[int] = set()  # blocks that might flash uncounted
+        self._silent: set[int] = set()  # not heard by the bridge: they might flash uncounted
 
     def configure(
         self, now_s: float, by_itself: bool, limit: str, peak: float, decay_s: float
     ) -> None:
-        """Take what the host says of flashes."""
+        """Take the host's settings of flashes."""
         self.by_itself = by_itself
         if limit != self.limit:
             before, self.limit = self.field, limit
@@ -52,30 +52,32 @@ class Bridge:
         self.field.peak, self.field.decay_s = peak, max(decay_s, self.field.SHORTEST_S)
 
     def felt(self, now_s: float, block: int) -> bool:
-        """A block feels a knock; return whether that lights it."""
+        """A block feels a tap; return whether that lights it."""
         if self.by_itself:
             self.field.slip(now_s, block)
         return self.by_itself
 
     def light(self, now_s: float, mask: int, share: float = 1.0) -> None:
-        """Light the blocks of `mask` that get brighter by it to a share of the peak; without the
-        bridge nobody tells them."""
+        """Light the blocks of `mask` that get brighter by it to a share of the peak.
+
+        Without the bridge no block gets the order.
+        """
         if self.linked:
             for block in self.table.ids.tolist():
                 if mask >> block & 1 and self.field.takes(now_s, block, share):
                     self.field.slip(now_s, block, share)
 
     def link(self, now_s: float, linked: bool) -> None:
-        """The bridge comes or goes.
+        """Connect or disconnect the bridge.
 
-        One that comes lets nothing fall before it knows what was seen to fall.
+        After a connection nothing falls until earlier falls no longer count.
         """
         if linked != self.linked:
             self.linked = linked
             self._hold(now_s)
 
     def hear(self, now_s: float, block: int, heard: bool) -> None:
-        """The bridge hears a block, or no longer: then that must not fall."""
+        """Note whether the bridge hears a block; one that it does not hear must not fall."""
         if heard == (block in self._silent):
             self._silent ^= {block}
             if self.linked:

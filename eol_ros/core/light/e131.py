@@ -16,7 +16,7 @@ CHANNELS = 512  # of a universe
 MOST_HZ = 44.0  # that DMX512 can carry with all its channels (E1.11)
 AGAIN_S = 0.8  # an unchanged level is sent again within 0.8 to 1 s (6.6.1)
 REPEATS = 3  # of each change, and of the end of the stream (6.6.1, 6.2.6)
-SILENT_S = 2.5  # without levels of lights that shine: then dark, as their source has gone (6.7.1)
+SILENT_S = 2.5  # without levels while lights shine: the source is gone, so all go dark (6.7.1)
 _TERMINATED = 0x40
 
 

@@ -25,7 +25,7 @@ from eol_ros.core.serial_protocol import GROUP
 from eol_ros.core.table import Table
 
 FLASHES_PER_S = 3
-FLASH_DEPTH = 0.1  # of the greatest luminance: what counts as a change (WCAG 2.2)
+FLASH_DEPTH = 0.1  # least change that counts, over the greatest luminance (WCAG 2.2)
 MIN_PERIOD_S = 1.001 / FLASHES_PER_S  # the thousandth keeps four falls out of a closed second
 HOLD_RATE = -elementary.log(1.0 - 0.8 * FLASH_DEPTH) / MIN_PERIOD_S  # 1/s, 8 % in a period
 DARK = 0.5 / 255  # rounds to level 0 on the wire
@@ -82,7 +82,7 @@ class FlashField:
         self.lengthened = 0  # falls that had to wait, for the health report
         self._level = np.zeros(table.cells)
         self._now_s = -math.inf
-        self._fall_at_s = -math.inf  # when the present fall began, or the next one may
+        self._fall_at_s = -math.inf  # start of this fall, or earliest of the next
         self._fell_s = -math.inf  # when light was last seen falling
 
     def slip(self, now_s: float, block: int, share: float = 1.0) -> None:

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The frames in which light dies away: a function of the slips' stamps, and of nothing else.
 
-A slip is shown as soon as it is known, some milliseconds after the stamp of its image, now more and
-now less. If frames were taken when a timer fires, their levels would depend on those delays. So
+A slip is shown as soon as it is known, some milliseconds after the stamp of its image, and this
+delay varies. If frames were taken when a timer fires, their levels would depend on those delays. So
 they lie on a grid of the stamps' own time that begins at the slip that lit the dark field, and each
 holds what was lit up to then: the same slips give the same frames, live and in a replay.
 
 Frames are therefore asked for later than they lie, by more than a slip takes to be known. A slip
 that is known when frames before it are still to come returns those too.
 
-What a block lights by itself is known later than it shone, and a knock and the image that shows its
+What a block lights by itself is known later than it shone, and a tap and the image that shows its
 slip may be told in either order: such light is kept until its frames are due (`lit`), and only then
 is it decided, by the stamps alone, whether a slip had lit its block already.
 """
@@ -21,7 +21,7 @@ from eol_ros.core.light.flash import FlashField
 from eol_ros.core.light.looks import REST_S
 
 NS = 1e-9
-FELT_NS = 100_000_000  # a slip is not lit again that its block lit so long before its onset
+FELT_NS = 100_000_000  # a block that lit itself at most so long before an onset is not lit again
 
 
 class Frames:
@@ -33,10 +33,10 @@ class Frames:
         self._period = 1e9 / rate_hz
         self._anchor_ns = self._last_ns = 0
         self._count = 0  # frames since the anchor
-        # heap by stamp; last, to which share of the peak light has run there from another block
+        # heap by stamp; the last item: share of the peak, if light came from another block
         self._kept: list[tuple[int, int, tuple[int, ...], Any, int | None, float | None]] = []
         self._number = 0
-        self._knock_ns: dict[int, int] = {}  # the last of each block
+        self._knock_ns: dict[int, int] = {}  # last tap of each block
         self._lit_ns: dict[int, int] = {}  # when it was last lit
 
     @property
@@ -54,7 +54,7 @@ class Frames:
     ) -> None:
         """Keep that `blocks` were lit at `stamp_ns` until `due` comes to it.
 
-        By their knocks; or with `onset_ns` for a slip that began then, if they had not lit it; or
+        By their taps; or with `onset_ns` for a slip that began then, if they had not lit it; or
         by light that has run there from another block, to the share `spread` of the peak, if they
         had not been lit for REST_S and are dimmer: it ends a fall of theirs only with a rise.
         """

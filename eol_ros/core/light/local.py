@@ -75,7 +75,7 @@ class LocalField(FlashField):
     [0.276, 0.75]
     """
 
-    SHORTEST_S = 0.02  # a block obeys nobody but itself when it stops to fall
+    SHORTEST_S = 0.02  # shortest decay: the block itself ends its fall, not the bridge
 
     def __init__(
         self, decay_s: float, peak: float = 1.0, limited: bool = True, table: Table = Table()

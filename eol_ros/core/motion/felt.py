@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Slips that a block's own accelerometer felt: told at the knock, before any image shows them.
+"""Provisional slips: published at a tap of a block's accelerometer, before an image shows them.
 
-A knock comes some 6 ms after a block breaks loose, the image that shows it beyond doubt 10 to 40 ms
-after. So a slip is told provisionally at its knock, where such knocks have proved to be slips, and
-VERDICT_S later the images confirm or retract it.
+A tap comes some 6 ms after a block breaks loose; the first image that shows it beyond doubt comes
+10 to 40 ms after. So a slip is published provisionally at its tap if most taps of this kind were
+slips. VERDICT_S later the images confirm or retract it.
 
-Such knocks: those of a strength within the same octave, of a block that rested before them or that
-moved. A slip begins with (mu_s - mu_k) g, which is a matter of the table, while what hands and feet
-send through it mostly is weaker; and a block that all but stopped and goes on feels as if it had
-broken loose, on worn grit one time in ten. So the probability that a knock is a slip is the share
-of those of its kind that the images have confirmed lately (the mean of a Beta posterior). Strong
-ones are believed until one is retracted, weak ones only when many were slips.
+A kind of taps: those within one octave of strength, of blocks that rested before or of blocks that
+moved. A slip begins with (mu_s - mu_k) g, which depends on the table; hands and feet on the table
+mostly cause weaker taps. A block that nearly stopped and goes on feels as if it had broken loose,
+on worn grit one time in ten. So the probability that a tap is a slip is the share of taps of its
+kind that the images have confirmed lately (the mean of a Beta posterior). By the prior, strong
+taps count as slips until one is retracted, weak ones only after many were slips.
 
-All follows from the stamps of knocks and images. Each arrives with a delay of its own, so a knock
-is judged by the images that are LAG_S older than it, whichever have come since, and waits for them
-where they are late: a replay decides the same.
+The result depends on the stamps of taps and images alone, not on their delays. A tap is judged by
+the images at least LAG_S older than it, and waits for them if they are late: a replay decides the
+same.
 """
 
 import math
@@ -29,17 +29,17 @@ from eol_ros.core import elementary
 PROVISIONAL = 1
 CONFIRMED = 2
 RETRACTED = 3
-LAG_S = 0.05  # three images at 60 a second: by the time of a knock's report these have come
-VERDICT_S = 0.1  # from a knock to the image that confirms or retracts it: twice what a START takes
-REST_S, REST_IMAGES = 0.25, 4  # by fewer, in that time, a block is not known to rest anywhere
-WHOLE = 0.75  # of the images of that time: where more are lost, slips go unseen
-LOST = 1.5  # periods without an image: where one is lost about a knock nothing is learnt of it
-KEPT_S = 0.5  # images and verdicts; knocks that are later than this are another day's
+LAG_S = 0.05  # least age of images that judge a tap, three at 60/s: most have come by its report
+VERDICT_S = 0.1  # from a tap to the image that confirms or retracts it: twice what a START takes
+REST_S, REST_IMAGES = 0.25, 4  # window, and fewest images in it that show where a block rests
+WHOLE = 0.75  # least share of the images of that window: if more are lost, slips go unseen
+LOST = 1.5  # gap, in periods, of a lost image; a tap beside one teaches nothing
+KEPT_S = 0.5  # how long images and verdicts are kept; later taps are not judged by them
 WEAKEST_MPS2 = 0.16  # the firmware's threshold, 16 mg, where the first octave begins
 OCTAVES = 6
-WEAK = 2  # octaves in which rims that are hit and floors that are walked on are felt
-PRIOR, PRIOR_WEAK = (199.8, 200.0), (0.5, 1.0)  # confirmed, of all: what is believed before any
-MOVES_MPS, MOVES_S = 0.003, 0.02  # a block that went so fast, over so long, was moving
+WEAK = 2  # number of lowest octaves: hits on the rim and footsteps lie there
+PRIOR, PRIOR_WEAK = (199.8, 200.0), (0.5, 1.0)  # prior: taps confirmed, and all taps
+MOVES_MPS, MOVES_S = 0.003, 0.02  # least speed of a moving block, and over which time
 MEMORY = 1000.0  # verdicts after which one counts for 1/e
 
 
@@ -59,7 +59,7 @@ class Knock(NamedTuple):
 
 @dataclass(frozen=True)
 class FeltSlip:
-    """What is told of a knock, as in eol_msgs/FeltSlip.
+    """A provisional slip or its verdict, as in eol_msgs/FeltSlip.
 
     `slip` is the number of the slip that confirms it, else 0; `x` and `y`, m, are where the block
     was LAG_S before.
@@ -74,7 +74,7 @@ class FeltSlip:
 
     @property
     def block(self) -> int:
-        """Id of the block whose it is."""
+        """Id of the block."""
         return self.knock.block
 
 
@@ -92,9 +92,9 @@ class _Verdict(NamedTuple):
 
 
 class Felt:
-    """Decides which knocks are told as slips, and learns from what the images say of them.
+    """Decides which taps are published as provisional slips, and learns from their verdicts.
 
-    level: of the probability from which a knock is told; 1 tells none.
+    level: least probability of a tap that is published; 1: none is.
     """
 
     def __init__(self, level: float):
@@ -105,12 +105,12 @@ class Felt:
         """Forget all: the stamps begin again."""
         self._images: deque[_Image] = deque()
         self._held: list[Knock] = []  # until the images come that judge them
-        self._open: dict[Knock, tuple[tuple[int, int], FeltSlip | None]] = {}  # None: not told
+        self._open: dict[Knock, tuple[tuple[int, int], FeltSlip | None]] = {}  # None: not published
         self._counts = np.array([[PRIOR_WEAK] * WEAK + [PRIOR] * (OCTAVES - WEAK)] * 2)
         self._late: deque[_Verdict] = deque()  # not in the counts yet
 
     def tap(self, knock: Knock) -> list[FeltSlip]:
-        """Take a knock; return it if it is told now."""
+        """Take a tap; return its provisional slip if it is published now."""
         if self._images and self._images[-1].stamp_s > knock.stamp_s - LAG_S:
             return self._decide(knock)
         self._held.append(knock)
@@ -119,7 +119,7 @@ class Felt:
     def look(
         self, stamp_s: float, x: np.ndarray, y: np.ndarray, seen: np.ndarray
     ) -> list[FeltSlip]:
-        """Take the (n,) blocks of an image; return the knocks that waited for it and are told."""
+        """Take the (n,) blocks of an image; return the slips of taps that waited for it."""
         if self._images and not stamp_s > self._images[-1].stamp_s:
             return []
         self._images.append(_Image(stamp_s, np.array(x), np.array(y), np.array(seen, bool)))
@@ -132,7 +132,7 @@ class Felt:
         return [told for knock in sorted(ready) for told in self._decide(knock)]
 
     def judge(self, stamp_s: float, knock: Knock, slip: int) -> list[FeltSlip]:
-        """Say in the image of `stamp_s` which slip (0: none) `knock` was; return the verdict."""
+        """Take which slip (0: none) `knock` was, by the image of `stamp_s`; return the verdict."""
         if knock not in self._open:
             return []
         kind, told = self._open.pop(knock)
@@ -170,7 +170,7 @@ class Felt:
         return [told] if probability >= self.level else []
 
     def _probability(self, kind: tuple[int, int], until_s: float) -> float:
-        """Return the share of knocks of this kind that images up to `until_s` have confirmed."""
+        """Return the share of taps of this kind that images up to `until_s` have confirmed."""
         counts = self._counts.copy()
         for verdict in self._late:
             if verdict.stamp_s <= until_s:

@@ -4,7 +4,7 @@
 Starts are decided by the camera alone, at once. A tap of a block's own accelerometer takes effect a
 fixed time after its stamp, however late or early it arrived, so that a replay decides the same; it
 gives the stop of a slip, and its cascade, a better onset: the camera says where, the tap says when.
-Sooner than the camera, what was felt is told beside (`felt.py`), to be confirmed or retracted.
+Provisional slips (`felt.py`) come sooner than the camera's, which confirm or retract them.
 """
 
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ TAP_LAG_S = VERDICT_S  # a tap counts from the first image this much later than 
 # another at once the images see the onset up to 45 ms late, for they tell of the first one's rest.
 TAP_WINDOW_S = 0.05
 FUSE_SIGMA_S = 1e-4  # no onset is known better
-BEGUN_S = 0.5  # slips are known by their onsets for so long
+BEGUN_S = 0.5  # how long the onset of a slip is remembered, for its tap
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class NumberedSlip:
 
 @dataclass
 class _Begun:
-    """A slip that began lately; `felt`: a knock is its own."""
+    """A slip that began lately; `felt`: a tap is its own."""
 
     slip: int
     block: int
@@ -78,7 +78,7 @@ class Motion:
         self.detector = SlipDetector(settings, self.table)
         self.cascades = Cascades(settings, self.table)
         self.felt = Felt(settings.tap_probability)
-        self.taps: list[Knock] = []  # whose time has not come
+        self.taps: list[Knock] = []  # not yet in effect
         self._begun: list[_Begun] = []
         self._told: list[FeltSlip] = []  # in the newest image
         self.fused: dict[int, tuple[float, float]] = {}  # slip: onset and sigma with its tap
@@ -92,8 +92,7 @@ class Motion:
     def tap(self, knock: Knock) -> list[FeltSlip]:
         """Take a report of a block's accelerometer; return the slip if it is told at once.
 
-        Arrival order does not matter: what is told then waits for images that are late, and comes
-        with `felt_slips`.
+        Arrival order does not matter: a slip that waits for late images comes with `felt_slips`.
         """
         if knock.block not in self.table.ids:
             return []
@@ -102,7 +101,7 @@ class Motion:
         return self.felt.tap(knock)
 
     def felt_slips(self) -> list[FeltSlip]:
-        """Return what the image given to `starts` says of knocks: that they are slips, or none."""
+        """Return provisional slips and verdicts that follow from the image given to `starts`."""
         told, self._told = self._told, []
         return told
 
@@ -158,7 +157,7 @@ class Motion:
         STOP along, before its START.
         """
         self._went_back = stamp_s < self.detector.history.last_s - BACK_S
-        if self._went_back:  # what is left of the time before would come due some day
+        if self._went_back:  # taps from before the jump would take effect at some later time
             self.taps = [t for t in self.taps if t.stamp_s <= stamp_s + TAP_LAG_S]
             self._begun.clear()
             self.felt.reset()

@@ -31,10 +31,10 @@ def pink_noise(sample_rate: float) -> np.ndarray:
 class ChannelTest:
     """Plays the bursts, from `start_s` on the time axis of the engine, and measures each.
 
-    `names`: what people call each output.
+    `names`: the name of each output.
 
     `levels_db` has a level for each channel that was measured: the peak of its samples while its
-    burst sounded; NaN where nobody looked in time.
+    burst sounded; NaN if they were not read in time.
     """
 
     def __init__(self, mixer: Mixer, start_s: float, names: Sequence[str]):
@@ -99,7 +99,7 @@ class ChannelTest:
         ]
 
     def words(self) -> str:
-        """Return it for people: `left -16 dBFS, right -16 dBFS`."""
+        """Return the levels as text: `left -16 dBFS, right -16 dBFS`."""
         return ', '.join(
             f'{name} ' + (f'{level_db:.0f} dBFS' if level_db == level_db else 'not measured')
             for name, level_db in zip(self._names, self.levels_db, strict=False)

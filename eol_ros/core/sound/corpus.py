@@ -27,14 +27,14 @@ class Source:
 
     @property
     def name(self) -> str:
-        """What `weights` and `regions` call it: its file without the ending; `ice` is made."""
+        """Name in `weights` and `regions`: the file without its ending; `ice` for the default."""
         name = self.path.rpartition('/')[2]
         stem = name.rpartition('.')[0] or name
         return 'ice' if re.fullmatch(r'ice-\d+-\d+', stem) else stem
 
     @property
     def folder(self) -> str:
-        """The name of the folder it lies in, by which they call all sounds in there."""
+        """Name of its folder, which stands there for all sounds in the folder."""
         return self.path.rpartition('/')[0].rpartition('/')[2]
 
 
@@ -70,7 +70,7 @@ class Corpus:
     x_name: str = AXES[0]
     y_name: str = AXES[1]
     digest: str = ''  # SHA-256 of audio and settings
-    notes: tuple[str, ...] = ()  # what was wrong with the sources yet could be lived with
+    notes: tuple[str, ...] = ()  # faults of the sources that did not prevent the corpus
 
     def __len__(self) -> int:
         return len(self.grains)
@@ -82,7 +82,7 @@ class Corpus:
 
     @property
     def reading_s(self) -> float:
-        """How long the node `sound` is given to read the sounds in, s."""
+        """Time that the node `sound` gets to read the sounds, s."""
         sound_s = sum(source.duration_s for source in self.sources)
         return min(max(sound_s / READ_PER_S, LEAST_READING_S), MOST_READING_S)
 

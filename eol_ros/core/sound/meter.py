@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What people see of the sound: the waveform of the last second and its spectrum."""
+"""The sound meter: waveform of the last second, spectrum, levels and counters."""
 
 from dataclasses import dataclass
 

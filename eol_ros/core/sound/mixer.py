@@ -310,7 +310,7 @@ class Mixer:
         self.set(gain_db, loudness_lufs, governor_db)
         s['gain'] = s['gain_target']
         self._lent: dict[int, tuple[Bank, float]] = {}  # by id, with its last frame
-        publish(s, 0)  # whatever is compiled is so before it is needed
+        publish(s, 0)  # compiles it now, not at the first trigger
         warm_up()
         render(self.address, np.empty((0, channels), np.float32))
 

@@ -73,7 +73,7 @@ STATE = np.dtype(
         ('fade_step', 'f8'),  # share of a fade made in a frame
         ('ring_head', 'i8'),
         ('card', 'i8'),  # 1 while a sound card may render; one that is given up hears silence
-        ('busy', 'i8'),  # 1 while a sound card does: nobody else may then
+        ('busy', 'i8'),  # 1 while a sound card renders: no other thread may then
         # the callback's own
         ('ring_tail', 'i8'),
         ('frame', 'i8'),  # frames made so far
@@ -88,7 +88,7 @@ STATE = np.dtype(
         ('window_fill', 'i8'),
         ('window_next', 'i8'),
         ('limiter', 'f8'),  # gain now
-        ('limiter_least', 'f8'),  # gain since somebody asked
+        ('limiter_least', 'f8'),  # least gain since the last reading
         ('held', 'f8'),
         ('box_sum', 'i8'),
         ('settled', 'i8'),  # frames since the limiter last had to work

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between two sets of settings: what a sound is on its way from one preset to another."""
+"""Interpolation of settings between two presets."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -50,7 +50,7 @@ def between(
 
 
 class Glide:
-    """On the way from one preset to another: what changes with each step, so that it is told once.
+    """A glide from one preset to another; each step has only the settings that change.
 
     kinds: the class of settings of each node; start, end: values by node and name, of the same
     names. What only one of them has stays as it is.

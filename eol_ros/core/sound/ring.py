@@ -85,7 +85,7 @@ def mistakes(settings: SoundSettings) -> Iterator[tuple[str, str]]:
 
 
 def output_names(settings: SoundSettings) -> list[str]:
-    """Return what people call each output, in order."""
+    """Return the name of each output, in order."""
     s = settings
     grains = [speaker.name for speaker in parse(s.speakers)]
     if not grains:

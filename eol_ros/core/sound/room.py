@@ -5,7 +5,7 @@ J.-M. Jot, A. Chaigne, "Digital delay networks for designing artificial reverber
 Convention (1991), preprint 3030: each line of d samples has the gain 10^(-3 d / (f_s T)), so that
 all of them decay by 60 dB in the same T, and a one-pole low-pass that makes it a shorter time for
 high frequencies. The lines are mixed by a Hadamard matrix, which keeps energy. Each loudspeaker
-hears another row of it: what it says is as dense, and not the same.
+hears another row of it: its sound is as dense, but not the same.
 
 A vector holds one sample of all lines (`lanes.py`), so the bits are those of `lanes`. The room
 falls asleep, with exact zeros, when what it last heard has decayed by TAIL_DB.

@@ -20,8 +20,8 @@ Where `match` says so, the nearest are those most like the block in weighted des
 place. Where `weights` says so, a block can play only a share of the grains of a sound: always the
 same ones, other ones for each block.
 
-Ambience: with `ambience_rate` set, blocks at rest under stress creak: grains of nobody, quiet and
-slow, by chance and the oftener the greater the stress (`stress.py`). No rule above holds for them.
+Ambience: with `ambience_rate` set, blocks at rest under stress creak: quiet, slow grains without a
+block, by chance and the oftener the greater the stress (`stress.py`). No rule above holds for them.
 
 `space_m` and `radius` are those of the default table: positions are scaled to it by the area
 that the blocks of a table reach along x and y, so that every table covers the space alike. A block
@@ -53,7 +53,7 @@ from eol_ros.settings import GrainsSettings
 FORGET_S = 0.25  # a block unseen for longer starts again
 LONGEST_LEAD_S = 60.0  # a switch farther ahead is left over from before the stamps began again
 AMBIENCE_EDGE_S = 10.0  # longer than any grain: half is attack, half is release
-FELT_S = 0.01  # a block's acceleration at its knock times this is the speed that its image shows
+FELT_S = 0.01  # a block's acceleration at its tap times this is the speed that its image shows
 SLIP_S = 0.04  # a slip that is felt lasts longer: what may sound again so soon still belongs to it
 NOTHING = np.zeros(0, TRIGGER)
 NOISE_SIGMAS = 6.0  # a step below this many standard deviations of a step is not motion
@@ -121,7 +121,7 @@ class Selector:
         self._since_s = np.full(n, -np.inf)  # when its motion began
         self.moving = np.zeros(n, bool)
         self.speed = np.zeros(n)
-        self._felt: dict[tuple[int, int], float] = {}  # block, grain column: its last knock
+        self._felt: dict[tuple[int, int], float] = {}  # block, grain column: its last tap
         self._felt_second: list[deque[float]] = [deque() for _ in range(n)]
         self._second: deque[tuple[float, int]] = deque()
         self._in_second = [0] * n
@@ -148,7 +148,7 @@ class Selector:
         self._durations = corpus.grains['duration_s'][self._grains]
         self._sounded_s = np.full(len(self._grains), -np.inf)
         self._armed = np.ones((self.table.cells, len(self._grains)), bool)
-        self._felt.clear()  # by columns of another corpus
+        self._felt.clear()  # its keys are columns of the earlier corpus
         places = corpus.grains[self._grains]
         self._places = np.stack([places['x'], places['y']])
         if np.isfinite(self._time_s):
@@ -242,12 +242,12 @@ class Selector:
     ) -> np.ndarray:
         """Take a slip that its block felt, before an image shows it.
 
-        Return its triggers (n,) TRIGGER. time_s: the stamp of the knock; x, y: where the block
+        Return its triggers (n,) TRIGGER. time_s: the stamp of the tap; x, y: where the block
         rested, in m. Where the rule is that each slip sounds at its start (`fence`,
         `rearm_at_rest`) the block sounds the grains that it reaches from there; `refractory_s` and
-        `block_cap` hold for the knocks of one block. A grain that may sound again within SLIP_S
+        `block_cap` hold for the taps of one block. A grain that may sound again within SLIP_S
         sounds then, as it would by the images of a block that goes on moving. Nothing of `update`
-        changes, and nothing of it counts here: images and knocks may come in any order.
+        changes, and nothing of it counts here: images and taps may come in any order.
         """
         s = self.settings
         if s.mode != 'fence' or not s.rearm_at_rest or not len(self._grains):
@@ -263,7 +263,7 @@ class Selector:
             second.popleft()
         for j in column[np.argsort(far[0, column], kind='stable')].tolist():
             wait_s = max(self._felt.get((block, j), -np.inf) + s.refractory_s - time_s, 0.0)
-            if wait_s > s.refractory_s + SLIP_S:  # it sounded in a time to come: clocks were set
+            if wait_s > s.refractory_s + SLIP_S:  # its last sound is in the future: a clock was set
                 wait_s = 0.0
             if wait_s > SLIP_S or len(second) >= s.block_cap:
                 continue

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One grain, told by two senses: where a block felt its slip the knock sounds it, and the images,
-which show the slip some 20 ms later, ask for the same grain again. Whichever comes first is played.
+"""One grain with two triggers: the tap of a block sounds it, and the images, which show the slip
+some 20 ms later, ask for the same grain again. Whichever comes first is played.
 """
 
-SAME_S = 0.15  # from the knock to the image that asks for its grains, at most
-MOST = 4096  # grains remembered until those of long ago are forgotten
+SAME_S = 0.15  # from the tap to the image that asks for its grains, at most
+MOST = 4096  # grains remembered before old ones are dropped
 
 
 class FirstSense:
-    """Feed it each trigger; nothing else is remembered of them than what was played."""
+    """Decides which triggers are played; it remembers only the played ones."""
 
     def __init__(self) -> None:
         self._played: dict[tuple[int, int, bool], float] = {}
@@ -16,7 +16,7 @@ class FirstSense:
     def plays(self, stamp_s: float, block: int, grain: int, felt: bool) -> bool:
         """Return whether a trigger is played: not if the other sense has played the same one.
 
-        An image asks for it after the knock: what one asked for before was another slip.
+        The trigger of the image follows the tap; an earlier one belongs to another slip.
         """
         other_s = self._played.get((block, grain, not felt))
         if other_s is not None:

@@ -20,8 +20,8 @@ WHOLE = (0.0, 0.0, 1.0, 1.0)
 def weights(lines: Sequence[str], names: Sequence[str], folders: Sequence[str] = ()) -> np.ndarray:
     """Return the weight of each of the sounds `names`, (n,) in 0..1; 1 where nothing is said.
 
-    A line names a sound, or one of `folders`, of each sound the folder it lies in; its own line
-    counts before its folder's. Lines that name others count when these are there.
+    A line names a sound or a folder; `folders` has the folder of each sound. The line of a sound
+    counts before that of its folder. Lines with other names wait for such sounds.
 
     Examples
     --------
@@ -37,7 +37,7 @@ def absent(
     folders: Sequence[str] = (),
     empty: Sequence[str] = (),
 ) -> list[str]:
-    """Return what is to be told of lines, as in `weights`, that name no sound and no folder.
+    """Return a message for each line, as in `weights`, that names no sound and no folder.
 
     Examples
     --------
@@ -92,7 +92,7 @@ def _no_sound(
 
 
 def _said(lines: Sequence[str], names: Sequence[str], folders: Sequence[str]) -> list[str]:
-    """Return the word that is said of each sound, '' for none."""
+    """Return the word of the lines for each sound, '' for none."""
     said = _by_name(lines)
     both = zip(names, folders or [''] * len(names), strict=True)
     return [said.get(name) or said.get(folder, '') for name, folder in both]
