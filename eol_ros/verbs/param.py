@@ -12,7 +12,7 @@ EXAMPLES = [
     'eol param list grains',
     'eol param get grains radius',
     'eol param set grains radius 0.05',
-    "eol param set sound gain_db -- -12             # '--' lets a value begin with a minus",
+    'eol param set sound gain_db -12',
     'eol param set grains grain_s 0.1               # shorter grains; the corpus is cut again',
 ]
 

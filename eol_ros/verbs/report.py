@@ -52,8 +52,8 @@ def add_arguments(parser):
     )
     parser.add_argument(
         '--measured', metavar='SCENE',
-        help='scene with the springs, friction and mass that `eol measure` found, for moments and '
-            'energies (default: those of the twin, if it was recorded)',
+        help='scene with the stiffness, friction and mass that `eol measure` found, for seismic '
+            'moments and energies (default: those of the twin, if it was recorded)',
     )  # fmt: skip
     parser.add_argument('--json', action='store_true', help='print the numbers as JSON')
 
