@@ -59,20 +59,21 @@ class NoiseModel:
         """Return `sigma` (n,) m over its reference, >= 1: a block half under an arm has more.
 
         The first sigma initialises the noise, since a block that moves when first seen is not
-        noisy. A smaller sigma initialises it again, until images at rest have more weight.
+        noisy. A smaller sigma initialises it again, until images at rest have more weight. NaN and
+        0 are unknown.
         """
         if sigma is None:
             return np.ones(len(self.rows))
-        rows, samples = self.rows, self.rows['samples']
+        rows, samples, known = self.rows, self.rows['samples'], seen & (sigma > 0)
         better = (samples < 2 * PRIOR_SAMPLES) & (sigma < rows['sigma_m'])
-        new = seen & (better | (samples == 0))
+        new = known & (better | (samples == 0))
         if new.any():
             first = np.maximum(sigma[new], FLOOR_M)
             rows[new] = np.zeros((), NOISE)
             rows['moments'][new, 0], rows['sigma_m'][new] = first**2, first
             rows['samples'][new] = PRIOR_SAMPLES
         reference = np.where(rows['sigma_m'] > 0, rows['sigma_m'], np.inf)
-        return np.maximum(np.where(seen, sigma, 0.0) / reference, 1.0)
+        return np.maximum(np.where(known, sigma, 0.0) / reference, 1.0)
 
     def distance2(self, moments: np.ndarray) -> np.ndarray:
         """Return Mahalanobis distances squared (n,) (Proc. Natl. Inst. Sci. India 2, 1936), times
@@ -102,12 +103,12 @@ class NoiseModel:
         gain = np.where(quiet, 1.0 / np.maximum(samples, 1.0), 0.0)
         scale = 1.0 / (2.0 * variance)  # two axes
         rows['moments'] += gain[:, None] * (scale[:, None] * moments - rows['moments'])
-        if sigma is not None:  # a short occlusion does not change the reference
-            sigma = np.where(quiet, sigma, rows['sigma_m'])  # may be NaN of a block not seen
+        known = rows['sigma_m'] > 0
+        if sigma is not None and known.any():  # a short occlusion does not change the reference
+            sigma = np.where(quiet & (sigma > 0), sigma, rows['sigma_m'])
             unoccluded = np.minimum(sigma, OCCLUDED * rows['sigma_m'])
             rows['sigma_m'] += gain * (unoccluded - rows['sigma_m'])
             # motion of a block that moves when first seen is not noise
-            known = samples > 0
             ratio = rows['moments'][:, 0] / np.where(known, rows['sigma_m'], np.inf) ** 2
             over = ratio / (MOST**2 * np.median(ratio[known]))
             rows['moments'] /= np.maximum(over, 1.0)[:, None]

@@ -60,6 +60,23 @@ def test_a_slip_starts_at_the_corners_of_the_settings(stop_s, baseline_s):
     assert [e.kind for e in events] == [START, STOP]
 
 
+@pytest.mark.parametrize('unknown', [np.nan, 0.0])
+@pytest.mark.parametrize('images', [range(1), range(60, 61), range(400)])
+def test_an_unknown_sigma_hides_no_slip(unknown, images):
+    random, rest = np.random.default_rng(0), rest_lattice()
+    detector = SlipDetector(MotionSettings())
+    events = []
+    for k in range(300):
+        x, y = (rest + random.normal(0, 2e-5, rest.shape)).T
+        x[[3, 12]] += slide(k / 60, 3.0)
+        sigma = np.full(N_BLOCKS, 2e-5)
+        sigma[:4] = unknown if k in images else 2e-5
+        events += detector.update(k / 60, x, y, SEEN, sigma)
+    assert sorted((e.kind, e.block) for e in events) == [
+        (START, 3), (START, 12), (STOP, 3), (STOP, 12),
+    ]  # fmt: skip
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('fps', [60, 120])
 def test_a_slow_slide_is_not_cut_in_pieces(fps):
