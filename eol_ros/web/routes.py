@@ -33,7 +33,7 @@ PAGES = {
     '/wall/left': 'wall.html',
     '/wall/right': 'wall.html',
 }
-MAX_BODY = 4096
+MAX_BODY = 16384  # 16 paths of 100 points
 MAX_MESSAGE = 4096
 GRAINS_PER_S = 30.0  # sound files read for outlines; a pointer that sweeps over grains asks less
 KERNEL_BUFFER = 131072  # bytes on their way to one viewer: some five images
@@ -114,6 +114,8 @@ class Routes:
             else:
                 with _connection(request).serving():
                     response = await handler(request)
+        except web.HTTPRequestEntityTooLarge as error:
+            response = _error(error.status, f'a request has at most {MAX_BODY} bytes')
         except web.HTTPException as error:
             response = _error(error.status, error.reason)
         if not response.prepared:

@@ -255,7 +255,7 @@ def test_a_node_that_does_not_run_is_named(serve):
         ('axes', '{"x": "a b", "y": "c"}', 'is not a name'),
         ('sleep', '[]', 'a JSON object'),
         ('sleep', '{', 'not JSON'),
-        ('sleep', '[' * 4000, 'not JSON'),
+        ('sleep', '[' * 16000, 'not JSON'),
         ('dance', '{}', 'controls are: sleep'),
     ],
 )
@@ -268,7 +268,10 @@ def test_bad_requests_are_told_what_is_wrong(serve, name, body, words):
 
 def test_a_long_body_and_a_wrong_method(serve):
     server = serve()
-    assert ask(server, '/control/sleep', 'x' * 10000)[0] == 413
+    status, _, text = ask(server, '/control/sleep', 'x' * 16385)
+    assert status == 413 and json.loads(text)['error'] == 'a request has at most 16384 bytes'
+    path = ' '.join(['0.20,0.25'] * 100)
+    assert ask(server, '/control/paths', json.dumps({'value': [path] * 16}))[0] == 200
     assert ask(server, '/control/sleep')[0] == 405
     assert ask(server, '/', '{}')[0] == 405
 
