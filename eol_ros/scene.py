@@ -416,7 +416,7 @@ def check_value(field_: dataclasses.Field[Any], value: Any) -> Any:
             choices += f'. {hint}'
         raise ConfigError(said('not_one_of', value=repr(value), choices=choices))
     if (form := meta.get('kind')) in FORMS and not re.fullmatch(FORMS[form], str(value)):
-        raise ConfigError(said('not_a_line', value=f'{value!r}', shape=form))
+        raise ConfigError(said('not_a_line', value=f'{value!r:.80}', shape=form))
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         low, high = meta.get('min'), meta.get('max')
         inside = (low is None or value >= low) and (high is None or value <= high)

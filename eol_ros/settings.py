@@ -300,7 +300,8 @@ class MotionSettings:
     stop_s: float = setting(0.1, 'averaging time of the speed for stop_mps', 's', 0.05, 0.25)
     baseline_s: float = setting(
         0.2,
-        'averaging time of the rest position to which the start of a slip is compared',
+        'averaging time of the rest position to which the start of a slip is compared; it must '
+        'span at least 3 images',
         's',
         0.1,
         0.25,
@@ -440,13 +441,14 @@ DESCRIPTORS = (
 )
 
 
-_NUMBER = r'[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?'
-_SHARE = r'(0|1|0?\.\d+|[01]\.0*)'
+_NUMBER = r'[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[-+]?[0-9]+)?'
+_SHARE = r'(0|1|0?\.[0-9]+|[01]\.0*)'
+_PATH = 'X,Y X,Y ... (2 to 100 points in 0..1)'
 # What the lines of a setting look like, by the words for people.
 FORMS = {
     'NAME WEIGHT': rf'\S.* {_SHARE}',
     'DESCRIPTOR WEIGHT SOURCE': rf'({"|".join(DESCRIPTORS)}) {_NUMBER} (x|y|speed|last)',
-    'X,Y X,Y ...': rf'{_SHARE},{_SHARE}( {_SHARE},{_SHARE}){{1,99}}',
+    _PATH: rf'{_SHARE},{_SHARE}( {_SHARE},{_SHARE}){{1,99}}',
     'NAME REGION': rf'\S.* (left|right|near|far|{_SHARE}(,{_SHARE}){{3}})',
 }
 
@@ -479,7 +481,7 @@ class GrainsSettings:
         'which blocks reach grains; match and panning use the own places of the blocks. The x of a '
         'block is its position along each path; its y interpolates from the first path (near) to '
         'the last (far)',
-        kind='X,Y X,Y ...',
+        kind=_PATH,
     )
     segment: str = live(
         'chop',

@@ -53,7 +53,11 @@ def test_a_region_that_cannot_be_is_refused(line):
     ('form', 'good', 'bad'),
     [
         ('NAME WEIGHT', ['ice 0', 'low tide .5', 'a 1', 'a 0.25'], ['ice', 'a 2', 'a -1', 'a x']),
-        ('X,Y X,Y ...', ['0,0 1,1', '.1,.2 0.3,0.4 1,0'], ['0,0', '0,0 1', '0,0 2,1', '0,0  1,1']),
+        (
+            'X,Y X,Y ... (2 to 100 points in 0..1)',
+            ['0,0 1,1', '.1,.2 0.3,0.4 1,0'],
+            ['0,0', '0,0 1', '0,0 2,1', '0,0  1,1', '.\u0665,0 1,1'],  # pages read ASCII digits
+        ),
         ('NAME REGION', ['ice left', 'low tide 0,0,0.5,1'], ['ice', 'ice up', 'ice 0,0,2,1']),
         (
             'DESCRIPTOR WEIGHT SOURCE',
