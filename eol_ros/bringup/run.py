@@ -47,7 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         dest='seconds',
         type=within(1e-3, 1e9),
         metavar='SECONDS',
-        help='stop SECONDS after all nodes are OK, or after a fault of SECONDS (exit code 1)',
+        help='stop SECONDS (0.001 or more) after all nodes are OK, or after a fault of SECONDS, at '
+        'least 5 (exit code 1)',
     )
     parser.add_argument(
         '--bag', metavar='DIR', help='record into this folder, even if the scene says recorder: off'
