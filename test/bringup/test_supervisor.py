@@ -292,20 +292,17 @@ def test_a_stopped_process_never_goes_on(start, monkeypatch, tmp_path):
     """It would for an instant, and leave half done what its threads begin in it."""
     for name, value in (('SILENT_S', 10.0), ('STOPPED_S', 0.5), ('QUIET_S', 0.2), ('LOOK_S', 0.1)):
         monkeypatch.setattr(policy, name, value)
-    went_on = tmp_path / 'went_on'
+    stopped, went_on = tmp_path / 'stopped', tmp_path / 'went_on'
+    stopped.touch()
     script = (
         BEAT
         + f"""
 import threading
 signal.signal(signal.SIGABRT, signal.SIG_IGN)
 def note():
-    last = time.monotonic()
-    while True:
-        now = time.monotonic()
-        if now - last > 0.4:
-            open({str(went_on)!r}, 'w').close()
-        last = now
+    while open({str(stopped)!r}).read() != str(os.getpid()):
         time.sleep(0.001)
+    open({str(went_on)!r}, 'w').close()
 threading.Thread(target=note, daemon=True).start()
 while True:
     beat(sys.argv[1]); time.sleep(0.1)
@@ -315,7 +312,11 @@ while True:
 
     def work():
         all_ok(supervisor)
-        os.kill(supervisor.children[0].popen.pid, signal.SIGSTOP)
+        pid = supervisor.children[0].popen.pid
+        os.kill(pid, signal.SIGSTOP)
+        threads = list(Path(f'/proc/{pid}/task').iterdir())
+        wait_until(lambda: all(') T' in (one / 'stat').read_text() for one in threads))
+        stopped.write_text(str(pid))
         restarted(supervisor.children[0])
 
     attended(supervisor, work)

@@ -492,7 +492,10 @@ def test_an_afterglow_runs_through_the_last_slips_in_their_order(fake, make_ligh
     again = [(int(b), at_s[k]) for k, b in np.argwhere(rises) if at_s[k] > 0.7]
 
     assert [block for block, _ in again] == [3, 20, 9]
-    assert [t for _, t in again] == pytest.approx([1.3, 1.4, 1.55], abs=0.06)
+    frames_s = np.array(at_s)
+    for (_, t), due_s in zip(again, (1.3, 1.4, 1.55), strict=True):
+        before_s = frames_s[frames_s < t].max()  # a frame of a busy machine may be late
+        assert due_s - 0.06 < t and before_s < due_s + 0.06
 
 
 def test_a_knock_is_reported_when_its_block_has_measured_it():

@@ -44,7 +44,7 @@ def test_an_instrument_is_played_and_silenced_at_the_end(server, node):
     rtmidi = pytest.importorskip('rtmidi')
     one = node('jack:virtual')
     instrument = rtmidi.MidiIn(rtmidi.API_UNIX_JACK, 'instrument')
-    wait_until(lambda: any('eol_ros' in port for port in instrument.get_ports()), 10.0)
+    wait_until(lambda: any('eol_ros' in port for port in instrument.get_ports()))
     instrument.open_port(
         next(i for i, port in enumerate(instrument.get_ports()) if 'eol_ros' in port)
     )
@@ -56,7 +56,7 @@ def test_an_instrument_is_played_and_silenced_at_the_end(server, node):
                 heard.append(tuple(message[0]))
             return len(heard) >= count
 
-        wait_until(more, 10.0, turn=lambda: (one.look(), time.sleep(0.01)))
+        wait_until(more, turn=lambda: (one.look(), time.sleep(0.01)))
 
     one.on_slip(Slip(block=3, kind=START, speed=0.25))
     one.on_slip(Slip(block=3, kind=STOP))
@@ -121,9 +121,9 @@ def test_an_output_that_is_not_there_is_looked_for_again(server, node):
     assert one.health.text == 'no MIDI output: jack:synth: no such output; there is none'
     synth = rtmidi.MidiIn(rtmidi.API_UNIX_JACK, 'synth')
     synth.open_virtual_port('keys')
-    wait_until(lambda: one.find() or one.out, 10.0)
+    wait_until(lambda: one.find() or one.out)
     assert one.health.level == 0 and 'synth' in one.health.text
     synth.close_port()
     synth.delete()
-    wait_until(lambda: one.find() or one.health.level == 1, 10.0)
+    wait_until(lambda: one.find() or one.health.level == 1)
     one.close()

@@ -115,7 +115,7 @@ def test_websockets_of_one_address_keep_no_viewer_out(serve):
 
     async def greeted(client):
         ws = await client.ws_connect(url)
-        assert (await ws.receive_json(timeout=5))['t'] == 'hello'
+        assert (await ws.receive_json(timeout=30))['t'] == 'hello'
         return ws
 
     async def crowd():
@@ -127,17 +127,17 @@ def test_websockets_of_one_address_keep_no_viewer_out(serve):
             crowd = [await greeted(one) for _ in range(10)]
             began = time.monotonic()
             mine = [await greeted(other) for _ in range(2)]
-            assert time.monotonic() - began < 2 * SERVED_S
+            assert time.monotonic() - began < 5 * SERVED_S
             with pytest.raises(aiohttp.WSServerHandshakeError) as caught:
                 await one.ws_connect(url)
             assert caught.value.status == 503
             for ws in mine + crowd[:8]:  # the newest of the crowd have gone
                 await ws.send_json({'ping': 1})
-                while (await ws.receive_json(timeout=5))['t'] != 'pong':
+                while (await ws.receive_json(timeout=30))['t'] != 'pong':
                     pass
             for ws in crowd[8:]:
                 while not ws.closed:
-                    await ws.receive(timeout=5)
+                    await ws.receive(timeout=30)
             return len(server.hub.viewers)
 
     assert asyncio.run(crowd()) == 10

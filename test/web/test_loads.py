@@ -106,7 +106,7 @@ PATHS = ['/screen/left', *(f'/control/{name}' for name in CONTROLS)]
 def post(serve):
     """Return a function that posts to one server and returns the status of the answer."""
     server = serve()
-    line = http.client.HTTPConnection('127.0.0.1', server.port, timeout=5)
+    line = http.client.HTTPConnection('127.0.0.1', server.port, timeout=30)
 
     def ask(path, body, **headers):
         line.request('POST', path, body, headers={k: v for k, v in headers.items() if v})
@@ -158,7 +158,7 @@ def test_odd_names_are_not_found(serve, tmp_path, path):
     from eol_ros.devices.files.media_folder import Pictures
 
     server = serve(picture=Pictures(str(tmp_path)).file)
-    line = http.client.HTTPConnection('127.0.0.1', server.port, timeout=5)
+    line = http.client.HTTPConnection('127.0.0.1', server.port, timeout=30)
     line.request('POST' if path.startswith('/control') else 'GET', path)
     assert line.getresponse().status == 404
     line.close()
@@ -184,7 +184,7 @@ def test_no_message_is_a_fault_of_the_server(post, messages):
                     await ws._writer.send_frame(text.encode('utf-8', 'surrogatepass'), 1)
                     await ws.send_str('{"ping": 1}')
                     while True:  # until the pong, or the door is closed with a reason
-                        got = await ws.receive(timeout=5)
+                        got = await ws.receive(timeout=30)
                         if got.type != aiohttp.WSMsgType.TEXT:
                             assert ws.close_code in (1007, 1008)
                             break

@@ -62,13 +62,11 @@ def test_the_monitor_shows_each_block_where_it_is(shown, browser):
     server.hub.put('notices', {'t': 'cascades', 'areas': areas, 'recent': [], 'law': {}})
     put()
     until_page(browser, 'eol.camera.past.length && eol.views.lights.levels.some((l) => l)')
-    time.sleep(0.4)  # the list of coordinates, the screen
-    seen = run(browser, 'return document.getElementById("camera-state").textContent')
-    assert seen.startswith(f'{table.count} of {table.count} seen')
+    seen = f'{table.count} of {table.count} seen'
+    until_page(browser, f'document.getElementById("camera-state").textContent.startsWith("{seen}")')
     rows = '[...document.querySelectorAll("#coords tbody tr")]'
-    assert run(browser, f'return {rows}.map((row) => row.cells[0].textContent)') == [
-        str(block) for block in table.ids
-    ]
+    listed = f'{rows}.map((row) => row.cells[0].textContent).join()'
+    until_page(browser, f'{listed} === "{",".join(map(str, table.ids))}"')
     wide = 'return [scrollX, innerHeight - document.querySelector("body").scrollHeight]'
     assert run(browser, wide) == [0, 0]
     walk = """
@@ -83,8 +81,7 @@ def test_the_monitor_shows_each_block_where_it_is(shown, browser):
     keys = ['ArrowUp', 'ArrowRight', 'ArrowUp', 'ArrowDown', 'ArrowDown']
     above = table.ids[(table.ids > right) & (table.ids % table.columns == right % table.columns)][0]
     assert run(browser, walk, keys) == [first, right, above, right, right]
-    lit = 'return document.getElementById("light-sum").textContent'
-    assert run(browser, lit).startswith('1 ')
+    until_page(browser, 'document.getElementById("light-sum").textContent.startsWith("1 ")')
     assert complaints(browser) == []
 
 
@@ -109,7 +106,7 @@ def test_the_table_page_draws_rim_blocks_and_springs(shown, browser):
     order = lambda springs: sorted(np.round(np.sort(s, axis=0), 4).tolist() for s in springs)  # noqa: E731
     assert np.allclose(order(found['springs']), order(ends), atol=2e-4)
     run(browser, 'eol.hands.heldAt = performance.now(); eol.drawing.dirty = true;')
-    time.sleep(0.5)
+    until_page(browser, '!eol.drawing.hint && !eol.drawing.dirty')
     shot = picture(browser)
     box = run(browser, 'const b = eol.drawing.canvas.getBoundingClientRect();'
                        'return [b.left, b.top, eol.drawing.side, eol.drawing.perM]')  # fmt: skip

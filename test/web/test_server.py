@@ -15,6 +15,7 @@ from pathlib import Path
 
 import aiohttp
 import pytest
+from support.waiting import wait_until
 
 from eol_ros.core import terrain
 from eol_ros.core.budget import Budget
@@ -35,7 +36,7 @@ def ask(server, path, body=None, **headers):
         headers={k.replace('_', '-'): v for k, v in headers.items()},
     )
     try:
-        with urllib.request.urlopen(request, timeout=5) as answer:
+        with urllib.request.urlopen(request, timeout=30) as answer:
             return answer.status, answer.headers, answer.read().decode('utf-8', 'replace')
     except urllib.error.HTTPError as error:
         return error.code, error.headers, error.read().decode()
@@ -64,7 +65,7 @@ def live(server, talk, **options):
 async def notice(ws, kind):
     """Return the next notice of a kind."""
     while True:
-        message = await ws.receive(timeout=5)
+        message = await ws.receive(timeout=30)
         assert message.type == aiohttp.WSMsgType.TEXT, message
         data = json.loads(message.data)
         if data['t'] == kind:
@@ -82,7 +83,7 @@ async def wants(server, ws, channel):
 async def closed(ws):
     """Return the code with which the server closes."""
     while True:
-        message = await ws.receive(timeout=5)
+        message = await ws.receive(timeout=30)
         if message.type in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED):
             return ws.close_code
 
@@ -339,7 +340,7 @@ def test_hands_on_the_rim_need_trust_and_are_bounded(serve):
         await notice(ws, 'pong')
 
     live(server, talk)
-    time.sleep(0.1)
+    wait_until(lambda: len(server.bridge.calls) > 1)
     (_, source, velocity, hold_s), last = server.bridge.calls
     assert velocity == pytest.approx((0.36, 0.48, 0.012)) and 0 < hold_s <= 1
     assert last == ('rim', source, (0.0, 0.0, 0.0), hold_s)  # gone: the hand lets go
@@ -494,7 +495,8 @@ def test_one_viewer_more_than_allowed_is_refused(serve):
                 await client.ws_connect(url)
             assert caught.value.status == 503
             await first[0].close()
-            await asyncio.sleep(0.1)
+            while len(server.hub.viewers) > 1:
+                await asyncio.sleep(0.01)
             await (await client.ws_connect(url)).close()
             await first[1].close()
 
@@ -509,11 +511,12 @@ def test_streams_flow_only_to_who_asks_and_end_with_the_server(serve):
         await wants(server, ws, 'blocks')
         server.hub.put('image', b'no')
         server.hub.put('blocks', b'yes')
-        message = await ws.receive(timeout=5)
+        message = await ws.receive(timeout=30)
         assert (message.type, message.data) == (aiohttp.WSMsgType.BINARY, b'yes')
+        began_s = time.time()
         await ws.send_str('{"ping": 12.5}')
         pong = await notice(ws, 'pong')
-        assert pong['ping'] == 12.5 and abs(pong['now'] - time.time()) < 1
+        assert pong['ping'] == 12.5 and began_s <= pong['now'] <= time.time()
         tick = await notice(ws, 'tick')
         assert tick['viewers'] == 1
         server.stop()
@@ -538,7 +541,7 @@ def test_a_viewer_that_does_not_read_costs_a_bounded_amount_and_then_sees_the_ne
         ws._reader._protocol.transport.resume_reading()
         newest = -1
         while newest != 399:
-            message = await ws.receive(timeout=5)
+            message = await ws.receive(timeout=30)
             if message.type == aiohttp.WSMsgType.BINARY:
                 number = int.from_bytes(message.data[:4], 'big')
                 assert number > newest and len(message.data) == 50_004
@@ -583,7 +586,7 @@ def test_documents_are_handed_out(serve):
     heights = terrain.landscape(1)
     server.routes.documents['terrain'] = (heights * 65535).astype('<u2').tobytes()
     url = f'http://127.0.0.1:{server.port}/terrain'
-    with urllib.request.urlopen(url, timeout=5) as answer:
+    with urllib.request.urlopen(url, timeout=30) as answer:
         assert len(answer.read()) == 2 * 161 * 161  # what static/terrain.js expects
     server.routes.documents['status'] = b'{"a": 1}'
     assert json.loads(ask(server, '/status')[2]) == {'a': 1}
