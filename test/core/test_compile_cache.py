@@ -36,7 +36,7 @@ import numpy as np
 import kernels
 from eol_ros import compiled
 
-KINDS = [np.float64, np.float32, np.int64, np.int32]
+KINDS = [np.float64, np.int32]
 
 def work(first):
     for k in range(len(KINDS)):
@@ -62,7 +62,7 @@ TOGETHER = """
 for k in range(3):
     os.environ['NUMBA_CACHE_DIR'] = f'{sys.argv[1]}/{k}'
     assert [ended(child) for child in [fork(first) for first in range(8)]] == [0] * 8
-    assert [ended(fork(first, allowed=0)) for first in range(4)] == [0] * 4
+    assert [ended(fork(first, allowed=0)) for first in range(2)] == [0] * 2
 """
 KILLED = """
 os.environ['NUMBA_CACHE_DIR'] = f'{sys.argv[1]}/whole'
@@ -162,7 +162,7 @@ def test_eight_processes_with_the_oldest_numba_that_is_allowed(run, tmp_path):
     done = run(TOGETHER, python=python)
     assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
     both = [run(ONCE, python=each).stdout for each in (python, sys.executable) * 2]
-    assert both == ['8\n', '8\n', '0\n', '0\n']  # in one folder, and neither takes the other's
+    assert both == ['4\n', '4\n', '0\n', '0\n']  # in one folder, and neither takes the other's
 
 
 @pytest.mark.parametrize('times', [5, pytest.param(20, marks=pytest.mark.soak)])
@@ -177,14 +177,14 @@ def test_a_compilation_is_killed(run, times):
 ], ids=['halved', 'flipped'])  # fmt: skip
 def test_a_damaged_object_is_compiled_again_and_said(run, tmp_path, damage):
     """What is damaged is told by test/verbs/test_compile.py, without a compiler."""
-    assert run(ONCE).stdout == '8\n'
+    assert run(ONCE).stdout == '4\n'
     files = objects(tmp_path)
-    assert len(files) == 12
+    assert len(files) == 6
     used = [path for path in files if '.term-' not in path.name]  # within these
     for path in files:
         path.write_bytes(damage(path.read_bytes()))
     done = run(ONCE)
-    assert (done.returncode, done.stdout) == (0, '8\n'), done.stderr
+    assert (done.returncode, done.stdout) == (0, '4\n'), done.stderr
     assert all(f'{path} is damaged; compiling it again' in done.stderr for path in used)
     done = run(ONCE)
     assert (done.returncode, done.stdout, done.stderr) == (0, '0\n', '')
@@ -197,13 +197,13 @@ def mounted(folder, then):
     if not able:
         pytest.skip('no mount namespace of its own can be made here')
     folder.mkdir()
-    script = f'mount -t tmpfs -o size=64k tmpfs {folder} && {then} && exec "$@"'
+    script = f'mount -t tmpfs -o size=16k tmpfs {folder} && {then} && exec "$@"'
     return [*own, 'sh', '-c', script, 'sh']
 
 
 def test_a_full_cache(run, tmp_path):
     done = run(ONCE, *mounted(tmp_path / 'small', 'true'), NUMBA_CACHE_DIR=str(tmp_path / 'small'))
-    assert (done.returncode, done.stdout) == (0, '8\n'), done.stderr
+    assert (done.returncode, done.stdout) == (0, '4\n'), done.stderr
     (line,) = done.stderr.splitlines()
     assert 'compiled loops are not stored' in line and 'No space left on device' in line
 
