@@ -115,7 +115,7 @@ def listener(nodes):
 
 def play(nodes, path, wait_s=10.0, **settings):
     node = nodes.add(ReplayNode(ReplaySettings(bag=str(path), wait_s=wait_s, **settings)))
-    nodes.until(lambda: node.state == 'over', 20.0)
+    nodes.until(lambda: node.state == 'over')
     nodes.run(0.3)
     nodes.end(node)
     return node
@@ -142,7 +142,7 @@ def test_a_calibration_that_an_old_bag_has_as_text_is_played_as_its_message(node
     reader.create_subscription(Calibration, 'calibration', heard.append, QOS['latched'])
     settings = ReplaySettings(bag='bags/sample', topics=('calibration',), wait_s=0.0)
     nodes.add(ReplayNode(settings))
-    assert nodes.until(lambda: heard, 20.0)
+    assert nodes.until(lambda: heard)
     text = str(open_bag('bags/sample').table('calibration')['data'][0])
     expected = calibration_file.loads(text, 'bags/sample')
     assert (heard[0].width, heard[0].digest) == (expected.image_width, expected.digest)
@@ -160,7 +160,7 @@ def test_it_has_the_services_of_rosbag2_player(ros, nodes, bag):
         client = asking.create_client(type_, f'/eol/replay/{name}')
         assert client.wait_for_service(20.0)
         future = client.call_async(type_.Request(**fields))
-        nodes.until(future.done, 20.0)
+        nodes.until(future.done)
         return future.result()
 
     call(Pause, 'pause')
@@ -184,7 +184,7 @@ def test_a_reader_in_another_process_sets_the_pace(ros, bag, python):
     node = ReplayNode(ReplaySettings(bag=str(path), topics=('slips',), wait_s=60.0, fast=True))
     try:
         wait_until(lambda: node.state in ('playing', 'over'), 70)  # it may be over in 10 ms
-        wait_until(lambda: node.state == 'over', 10)  # 3 s for each but the last would be 57
+        wait_until(lambda: node.state == 'over', 30)  # 3 s for each but the last would be 57
         lines = [json.loads(reader.stdout.readline()) for _ in sent['slips']]
         assert [line['slip'] for line in lines] == list(range(0, 100, 5))
     finally:
@@ -224,20 +224,20 @@ def test_a_reader_that_was_held_up_misses_no_image(ros, played_images):
     time.sleep(0.9)  # 27 images; the publisher keeps 12
     assert node.player.position_s - begin_s < 0.6
     reader.send_signal(signal.SIGCONT)
-    wait_until(lambda: node.state == 'over', 10)
+    wait_until(lambda: node.state == 'over')
     assert [json.loads(reader.stdout.readline())['step'] for _ in range(60)] == list(range(60))
 
 
 @pytest.mark.slow
 def test_a_reader_that_does_not_come_back_is_waited_for_once(ros, played_images, monkeypatch):
-    monkeypatch.setattr('eol_ros.nodes.replay.ACKNOWLEDGED_S', 1.0)
+    monkeypatch.setattr('eol_ros.nodes.replay.ACKNOWLEDGED_S', 2.0)
     node, reader = played_images
     reader.kill()
     begin = time.monotonic(), node.player.position_s
-    wait_until(lambda: node.state == 'over', 20)
+    wait_until(lambda: node.state == 'over')
     taken_s = time.monotonic() - begin[0]
     expected_s = node.bag.duration_s - begin[1] + 0.3
-    assert expected_s <= taken_s < expected_s + 2.5  # once for each history would be 4 s
+    assert expected_s <= taken_s < expected_s + 6  # once for each history would be 8 s
 
 
 @pytest.mark.slow

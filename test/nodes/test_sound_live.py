@@ -56,28 +56,37 @@ def change(domain, node, **values):
         context.try_shutdown()
 
 
-def test_a_bag_renders_to_the_samples_of_the_live_run(tmp_path):
-    """Bit for bit, limiter and all; the live file holds 16 of the bits."""
-    path = scene(tmp_path)
-    with Graph(path, tmp_path / 'bags', watched=('grain_triggers',)) as graph:
+def ran(folder):
+    """Run it until it has sounded; return what it says of itself, and what its recorder lost."""
+    with Graph(scene(folder), folder / 'bags', watched=('grain_triggers',)) as graph:
         graph.wait_until_ok()  # nothing may slip before the sound has its corpus
         change(graph.domain, 'twin', hands='visitors')
         seen = graph.watch.seen['grain_triggers']
         # hands that pull hard cause so many within a second, which is too short to compare
         wait_until(lambda: len(seen) >= 60 and seen[-1][0] - seen[0][0] > 3e9)
         time.sleep(1.5)  # the last of them sound
-        values, lost = graph.node('sound')['values'], graph.node('recorder')['values']['lost']
-    assert lost == 0, 'the bag has not all triggers'
+        return graph.node('sound')['values'] | {'lost': graph.node('recorder')['values']['lost']}
+
+
+def test_a_bag_renders_to_the_samples_of_the_live_run(tmp_path):
+    """Bit for bit, limiter and all; the live file holds 16 of the bits."""
+    for again in range(3):  # a machine that stands still for a second has other sound
+        folder = tmp_path / str(again)
+        folder.mkdir()
+        values = ran(folder)
+        if not (values['lost'] or values['late'] or values['underruns']):
+            break
     assert values['triggers'] >= 60
-    assert (values['late'], values['dropped'], values['unheard']) == (0, 0, 0), values
-    assert values['underruns'] == 0, 'the machine stood still for half a second'
-    bag = next((tmp_path / 'bags').iterdir())
-    out = tmp_path / 'offline.wav'
-    assert cli.main(['render', str(bag), '--scene', str(path), '--output', str(out)]) == 0
+    found = {name: values[name] for name in ('lost', 'late', 'dropped', 'unheard', 'underruns')}
+    assert not any(found.values()), found
+    out = folder / 'offline.wav'
+    bag = next((folder / 'bags').iterdir())
+    words = ['render', str(bag), '--scene', str(folder / 'scene.yaml'), '--output', str(out)]
+    assert cli.main(words) == 0
     offline, rate = soundfile.read(out, dtype='float32')
     assert rate == FS and np.abs(offline).max() > 0.5
     wanted = np.round(np.clip(offline, -1, 1) * 32767).astype('<i2')
-    with wave.open(str(tmp_path / 'live.wav')) as file:
+    with wave.open(str(folder / 'live.wav')) as file:
         live = np.frombuffer(file.readframes(file.getnframes()), '<i2').reshape(-1, 2)
     begins = [int(np.flatnonzero(sound.any(axis=1))[0]) for sound in (live, wanted)]
     live, wanted = live[begins[0] :], wanted[begins[1] :]
