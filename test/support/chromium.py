@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from eol_ros import parent_death
-from support.waiting import wait_until
+from support.waiting import GENEROUS_S, wait_until
 
 webdriver = pytest.importorskip('selenium.webdriver')
 BROWSER, DRIVER = shutil.which('chromium'), shutil.which('chromedriver')
@@ -172,7 +172,7 @@ def visit(browser, address, path, width=1280, height=800, mobile=False):
     until_page(browser, 'eol.link.viewer')
 
 
-def until_page(browser, condition, seconds=40.0):
+def until_page(browser, condition, seconds=GENEROUS_S):
     """Wait until a condition holds in the page; return its value."""
     script = f'return Boolean(window.eol) && ({condition})'
     return wait_until(
