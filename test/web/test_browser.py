@@ -349,6 +349,7 @@ def test_the_table_shows_what_can_be_done_until_somebody_does_it(graph, browser)
 def test_cascades_in_words_and_by_the_motor_of_a_phone(graph, browser):
     address = show(graph, browser, '/table', 'eol.link.heard.cascades && eol.counts.packets > 5')
     run(browser, 'navigator.vibrate = (ms) => { eol.shaken = ms; return true; }')
+    run(browser, 'eol.drawing.paths.slip = () => {}; eol.drawing.paths.cascades = []')
     tell = 'eol.link.emit("cascades", {recent: [[arguments[0], 24, arguments[1], 9, 0.5]]})'
     line = 'document.getElementById("caption")'
     run(browser, tell, 1, 7)
@@ -375,6 +376,20 @@ def test_cascades_in_words_and_by_the_motor_of_a_phone(graph, browser):
         assert run(browser, f'return {line}.textContent').startswith('A single')
         run(browser, 'eol.modes.said[2] -= 6000')
         until_page(browser, f'{line}.hidden')
+        # Nor while a greater one is drawn, whose words have its hue.
+        run(
+            browser,
+            """
+            eol.drawing.paths.pass = () => {};
+            const at = performance.now();
+            const slips = [24, 23, 22].map((block) => ({block, onset: 0, at}));
+            eol.drawing.paths.cascades = [{number: 1, hue: 2, slips, joins: [], keep: 1e5}];
+        """,
+        )
+        run(browser, tell, 24, 2)
+        assert run(browser, f'return {line}.hidden')
+        run(browser, tell, 25, 3)
+        assert run(browser, f'return {line}.style.borderColor') == 'rgb(217, 160, 255)'
         browser.find_element('id', 'captions').click()
         visit(browser, address, '/table')
         assert run(browser, 'return document.getElementById("captions").ariaPressed') == 'false'

@@ -127,10 +127,21 @@ def test_ways_of_cascades(table, browser):
         [[12, [[12, 11]], 0], [7, [], 1]],
         [[12, [[12, 11], [12, 13, 18]], 0], [7, [], 1]],  # by springs, around a corner
         [[13, [[13, 12], [12, 11], [13, 18]], 0], [7, [], 1]],  # told late, began before
-        [[13, [[13, 12], [12, 11], [13, 18]], 0], [7, [], 1]],  # 0 has no neighbour in it
-        [[13, [[13, 12], [12, 17, 16], [16, 11], [13, 18]], 0], [7, [], 1]],  # 11 slips later
+        [[13, [[13, 12], [12, 11], [13, 18]], 0], [7, [[0]], 1]],  # 0 has no neighbour in it
+        [[13, [[13, 12], [12, 17, 16], [16, 11], [13, 18]], 0], [7, [[0]], 1]],  # 11 slips later
         [[24, [], 0]],
     ]
+
+
+def test_a_slip_far_from_all_others_has_a_small_mark(table, browser):
+    def marks():
+        box = run(browser, AT, [(0.0, 6, 1), (0.3, 7, 1), (0.6, 23, 1)], 1000, True)
+        shot = picture(browser)
+        return [hued(shot, box, 1, centre) for centre in CENTRES]
+
+    wait_until(lambda: marks()[6] > 0)
+    found = marks()
+    assert found[6] > 1.5 * found[23] > 0 and found[0] == 0
 
 
 def test_nothing_leaves_the_picture(table, browser):

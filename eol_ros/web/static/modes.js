@@ -37,11 +37,12 @@ export class Modes {
     this.show();
   }
 
-  // A phone shakes the longer the more blocks slipped.
-  cascade(area, nucleus) {
+  // A phone shakes the longer the more blocks slipped. hue: in which the cascade is drawn.
+  cascade(area, nucleus, hue = '') {
     if (!this.captions) return;
     if (this.said && area <= this.said[0] && performance.now() - this.said[2] < HOLD_MS) return;
     this.said = [area, nucleus, performance.now()];
+    this.line.style.borderColor = hue;
     this.show();
     if (navigator.userActivation?.hasBeenActive) navigator.vibrate?.(Math.min(20 + 25 * area, 600));
   }
@@ -49,6 +50,7 @@ export class Modes {
   // Words that stay for so long, whatever else is told.
   replay(words, long) {
     this.replayed = { words, until: performance.now() + long };
+    this.line.style.borderColor = '';
     this.show();
   }
 

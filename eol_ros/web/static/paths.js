@@ -8,7 +8,8 @@ const REPLAY_MS = 700; // from slip to slip
 const HUES = 4;
 
 // The tree of slips {block, onset, at} in order of onset: each block is joined to the nearest one that
-// slipped before, of several to the latest. Returns [{path: blocks from spring to spring, at}].
+// slipped before, of several to the latest. Returns [{path: blocks from spring to spring, at}]; the
+// path of a block none of whose neighbours slipped before is that block alone.
 export function tree(slips) {
   return slips.flatMap(({ block, at }, i) => {
     const [column, row] = place(block);
@@ -16,7 +17,7 @@ export function tree(slips) {
     const far = slips.slice(0, i).map((other) => [steps(other.block), other.block]).filter(([[x, y]]) => Math.max(x, y) === 1);
     const least = Math.min(...far.map(([[x, y]]) => x + y));
     const cause = far.findLast(([[x, y]]) => x + y === least)?.[1];
-    if (cause === undefined) return [];
+    if (cause === undefined) return i ? [{ path: [block], at }] : [];
     if (least === 1) return [{ path: [cause, block], at }];
     // No spring runs across: by one of two corners, that which stays at rest if only one does.
     const [from, to] = place(cause);

@@ -7,7 +7,7 @@ import { addLanguages, language, say, speak } from './i18n.js';
 import { BLOCK_M, CELLS, IDS } from './lattice.js';
 import { Link, readBlocks, readLeds, readTruth } from './link.js';
 import { caption, Modes, part } from './modes.js';
-import { TableDrawing } from './tabledraw.js';
+import { HUES, TableDrawing } from './tabledraw.js';
 import { write } from './paint.js';
 import { land } from './terrain.js';
 import { WallView } from './wallview.js';
@@ -89,7 +89,11 @@ link.on('cascades', (day) => {
   counts.cascade = area;
   greatest = day.greatest?.[2] > 1 ? day.greatest : null;
   offer();
-  if (told !== null && onset !== told && !link.asleep) modes.cascade(area, nucleus);
+  const { cascades } = drawing.paths;
+  const greater = cascades.some(({ slips }) => slips.length > area); // is drawn: its words come yet
+  if (told !== null && onset !== told && !link.asleep && !greater) {
+    modes.cascade(area, nucleus, HUES[cascades.findLast(({ slips }) => slips[0].block === nucleus)?.hue]);
+  }
   told = onset;
 });
 for (const wall of walls) {

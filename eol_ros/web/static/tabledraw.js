@@ -9,7 +9,7 @@ const VIEW_M = Math.max(...PLATFORM_M) + 0.06;
 const SIZE = BLOCK_M / 0.084; // of coils and marks, which were drawn for blocks of 84 mm
 const WAVE_MS = 1100;
 const MARK_FADE_MS = 1000; // at the end: the mark is whole for 2 s after the last slip
-const HUES = [THREAD, WATER, '#d9a0ff', '#6f9bff']; // of cascades at the same time
+export const HUES = [THREAD, WATER, '#d9a0ff', '#6f9bff']; // of cascades at the same time
 const COIL_M = 0.0085 * SIZE; // half the height of a spring's picture
 const PULL_M = 0.018; // radius of a hand
 const TAUT_M = 0.1; // of the line between a hand and what it holds
@@ -279,8 +279,11 @@ export class TableDrawing {
       brush.strokeStyle = brush.fillStyle = HUES[hue];
       for (const { path, at } of joins) {
         if (at > now) continue;
-        brush.globalAlpha = bright(at);
-        this.drawArrow(path.map((id) => [state.x[id], state.y[id]]));
+        // What left the first block stays as bright as its mark: it tells which way the cascade went.
+        brush.globalAlpha = path[0] === slips[0].block ? 1 : bright(at);
+        const places = path.map((id) => [state.x[id], state.y[id]]);
+        if (places.length > 1) this.drawArrow(places);
+        else this.drawRing(...places[0], 0.012 * SIZE, 0.012 * SIZE, brush.globalAlpha);
       }
       const [{ block }] = slips;
       const since = now - Math.max(...begun.map(({ at }) => at));
