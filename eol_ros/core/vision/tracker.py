@@ -204,7 +204,7 @@ class Tracker:
         follower = self.follower
         assert follower is not None
         self._image, blocks = image, follower.update(stamp_s, image)
-        if (other := follower.elsewhere(stamp_s, image)) is not None:
+        while (other := follower.elsewhere(stamp_s, image)) is not None:
             self.follower = follower = other
             blocks = other.blocks
             self.turn.lost(stamp_s)

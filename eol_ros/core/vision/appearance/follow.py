@@ -313,8 +313,7 @@ class Follower:
         good = self._judge(self._all)
         if good.sum() < self._seen_blocks:
             self._sought_s = stamp_s
-        self._met[:], self._pause_s = False, model.AGAIN_S[0]
-        self._again_s = stamp_s + self._pause_s
+        self._met[:], self._pause_s, self._again_s = False, model.AGAIN_S[0], stamp_s
         return good
 
     def elsewhere(self, stamp_s: float, image: np.ndarray) -> 'Follower | None':
@@ -366,7 +365,7 @@ class Follower:
         self.blocks['sure_px'][new] = model.LOST_PX
         self._patches[0]['starts'] = 0
         self._ahead(0.0)
-        self._pause_s = model.AGAIN_S[0]
+        self._pause_s, self._again_s = model.AGAIN_S[0], -math.inf
 
     def _approach(self, image: np.ndarray) -> float:
         """Fit all blocks from places that are some px off; return the evidence of their sides."""
