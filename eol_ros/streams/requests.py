@@ -103,7 +103,8 @@ class Value:
         """Return the value; raise UsageError where it is none that a message can carry."""
         if isinstance(value, (list, tuple)) and all(isinstance(line, str) for line in value):
             return tuple(value)
-        if not isinstance(value, (bool, int, float, str)):
+        whole = isinstance(value, int) and abs(value) < 2**63
+        if not (whole or isinstance(value, (float, str))):
             raise UsageError(said('no_value', name=self.name, value=f'{str(value)[:40]!r}'))
         return value
 
@@ -159,7 +160,7 @@ class Kind:
     def check(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the checked values; raise UsageError that names what is wrong."""
         if self.name == SET:
-            return dict(values)
+            return {name: Value(name).check(value) for name, value in values.items()}
         return checked(self.name, self.takes, values)
 
 

@@ -68,7 +68,7 @@ def _set(args, field) -> int:
     from eol_ros.ros.request_words import value_of
     from eol_ros.ros.requests import REQUESTS
     from eol_ros.streams.graph import NODES
-    from eol_ros.streams.requests import SET, Asked
+    from eol_ros.streams.requests import KINDS, SET, Asked
     from eol_ros.verbs.call import answer
 
     if args.value is None:
@@ -81,7 +81,8 @@ def _set(args, field) -> int:
     value = value_of(args.value, field.type)
     if REQUESTS not in NODES[args.node].subscribes:
         return _write(args, value)
-    return answer(Asked(SET, args.node, {args.name: value}, source='eol param'), args)
+    values = KINDS[SET].check({args.name: value})
+    return answer(Asked(SET, args.node, values, source='eol param'), args)
 
 
 def _write(args, value) -> int:

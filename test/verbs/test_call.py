@@ -9,7 +9,7 @@ from support.domains import next_domain
 
 from eol_ros import cli
 from eol_ros.bringup import status
-from eol_ros.errors import DeviceMissing
+from eol_ros.errors import DeviceMissing, UsageError
 from eol_ros.ros import network
 from eol_ros.ros.request_words import asked_of, value_of
 from eol_ros.streams.requests import Asked
@@ -43,6 +43,14 @@ def test_the_types_are_those_of_the_settings_and_requests():
     assert type(values['gain_db']) is float
     assert asked_of(['save_preset', 'preset=on']).values == {'preset': 'on'}
     assert asked_of(['sleep', 'sound']) == Asked('sleep', 'sound')
+
+
+@pytest.mark.parametrize(
+    'text', ['[0,0 1,1]', '', '{a: 1}', '[1, 2.5]', '2026-01-01', '99999999999999999999']
+)
+def test_a_value_that_no_message_can_carry_is_refused_before_it_is_sent(text):
+    with pytest.raises(UsageError, match='paths: .* is not a number, text or list of texts'):
+        asked_of(['set', 'grains', f'paths={text}'])
 
 
 @pytest.mark.parametrize(
