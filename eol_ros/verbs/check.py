@@ -6,6 +6,7 @@ import functools
 import json
 import os
 import re
+import shlex
 import shutil
 import sys
 import tempfile
@@ -82,6 +83,8 @@ def run(args):
             if getattr(settings, f.name) != f.default
         ]
         print(f'  {name:9} {", ".join(changed) or "as it ships"}')
+    for name, words in scene.programs.items():
+        print(f'  {name:9} {printable(shlex.join(words))}')
     installed.require()
     if absent:
         raise DeviceMissing('\n'.join(str(m) for m in absent))

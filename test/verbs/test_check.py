@@ -241,6 +241,9 @@ def test_an_own_program_or_its_script_that_is_missing(check, tmp_path):
     assert 'programs.e: ./there.py: not executable; `chmod +x` it' in words
     assert 'programs.c' not in words and 'programs.d' not in words
 
+    code, out, _ = check('  twin: {}\n', head='programs: {c: [python, there.py]}\n')
+    assert code == 0 and out.endswith('\n  c         python there.py\n')
+
 
 def test_each_mistake_shows_its_line_and_a_caret(check):
     words = check("  panel: {pin: 'geheim7', hos: 'geheim7'}  # 地 \n  twin: {夢: 1, fpss: 3}\n")[2]
