@@ -170,7 +170,8 @@ def setup(extra: str) -> None:
         subprocess.run([sys.executable, '-m', 'venv', VENV], check=True)
 
     steps: list[tuple] = []
-    if not ready.exists():
+    # `pip install .` in this environment replaces the link by a copy that then ages
+    if not (ready.exists() and any(VENV.glob('lib/*/site-packages/__editable__*eol_ros*'))):
         say('installing the wheels (about a minute, once)')
         steps.append(('wheels', install_wheels, extra))
     browser_ready = VENV / 'browser' / f'.ready-{digest(*sorted(BROWSER.glob("*.json")))}'
