@@ -16,7 +16,7 @@ EXAMPLES = [
     'eol bag verify bags/rehearsal_2026-11-21_10-00-00',
     'eol bag recover bags/rehearsal_2026-11-21_10-00-00',
     'eol bag recover run_0.mcap --output whole.mcap',
-    'eol bag cut bags --start 60 --end 90 --topics blocks,slips --output a-minute.mcap',
+    'eol bag cut bags --start 60 --end 120 --topics blocks,slips --output a-minute.mcap',
     'eol bag keep bags/museum_2026-11-21_10-00-00',
 ]
 LONG_BYTES = 1 << 28  # read in a second or two
