@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs all tests in their two parts, and says at the end what was not tested and why.
 
-    tools/run_tests.py            everything: four at a time, then what keeps real time, one by one
+    tools/run_tests.py            everything: six at a time, then what keeps real time, one by one
     tools/run_tests.py --quick    the pure core without its slow tests, in two processes
     tools/run_tests.py --bare     what touches devices, pages and scenes, on a machine that has none
                                   of the optional system packages: they are hidden, not removed
@@ -33,7 +33,7 @@ SLOWEST = 10  # files that the last lines name with their seconds
 REMEMBERED = 10
 RECORD = ROOT / '.pytest_cache' / 'second-tries.json'
 NOTHING_SELECTED = 5  # pytest's exit code, where a part holds none of what was asked for
-BESIDE = ('-n', '4', '--dist', 'loadfile', '--no-loadscope-reorder')  # many of them wait
+BESIDE = ('-n', '6', '--dist', 'loadfile', '--no-loadscope-reorder')  # many of them wait
 MAY_COMPILE = '--timeout=300'  # the first test that calls a kernel may compile it
 PARTS = {
     'side by side': (*BESIDE, MAY_COMPILE, '-m', 'not live and not soak and not firmware'),

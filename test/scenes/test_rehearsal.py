@@ -13,14 +13,14 @@ import pytest
 import yaml
 from support.bags import counted_losses
 from support.running import Graph, stand_in
-from support.waiting import wait_until
+from support.waiting import GENEROUS_S, wait_until
 
 from eol_ros import scene as scenes
 from eol_ros.analysis import open_bag
 from eol_ros.devices.bag.reader import BagReader
 from eol_ros.streams.cdr import stamp_ns
 
-pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(420)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(420)]
 EVERY = ('truth', 'blocks', 'slips', 'led_commands', 'grain_triggers', 'wall', 'cascades')
 
 
@@ -58,21 +58,19 @@ def run(tmp_path_factory):
     try:
         graph.wait_until_ok()
         graph.mark()
-        wait_until(lambda: graph.watch.seen['slips'] and graph.watch.seen['grain_triggers'], 60)
-        time.sleep(5)
+        seen = graph.watch.seen
+        wait_until(lambda: all(seen[topic] for topic in ('slips', 'grain_triggers', 'cascades')))
+        wait_until(lambda: len(seen['blocks']) > 320)
         figures = graph.figures()
         pids = list(graph.pids())
         led_stamps = {a.stamp_us for a in graph.arrivals() if a.stamp_us}
-        begin = time.monotonic()
     finally:
         code = graph.stop()
-    stop_s = time.monotonic() - begin
     return {
         'graph': graph,
         'figures': figures,
         'pids': pids,
         'code': code,
-        'stop_s': stop_s,
         'bag': next(p for p in bags.iterdir() if p.is_dir()),
         'led_stamps': led_stamps,
     }
@@ -83,18 +81,20 @@ def no_time(run):
     return run['figures']['idle_percent'] < 30
 
 
+@pytest.mark.live
 def test_it_stops_clean_and_leaves_nothing(run):
     assert run['code'] == 0
-    assert run['stop_s'] < 10
     assert orphans(run['pids']) == []
 
 
+@pytest.mark.live
 def test_no_image_is_lost_unless_the_machine_has_no_time_and_then_it_is_counted(run):
     counted_losses(open_bag(run['bag']))
     lost = {node: run['figures']['lost'].get(node, 0) for node in ('tracker', 'recorder')}
     assert no_time(run) or not any(lost.values()), lost
 
 
+@pytest.mark.live
 def test_the_stamp_of_the_image_passes_unchanged(run):
     """Oracle: the bag's images, and the truth that the twin publishes beside each."""
     bag = open_bag(run['bag'])
@@ -127,6 +127,7 @@ print(json.dumps([result.holes, {t.topic: [t.proved, t.recomputed, t.different, 
 """
 
 
+@pytest.mark.live
 def test_replay_is_exact(run):
     # In a process of its own, as `eol report BAG --retrack`: a library that another test has loaded
     # may have changed how this process rounds.
@@ -139,11 +140,13 @@ def test_replay_is_exact(run):
     assert set(topics) >= {'blocks', 'slips', 'grain_triggers'}
     assert topics['blocks'][1] > 0
     # A proof ends at the first image that is missing from the bag.
-    if not (holes and no_time(run)):
+    whole = not (holes and no_time(run))
+    if whole:
         assert topics['blocks'][1] >= 300
         assert topics['slips'][1] > 0 and topics['grain_triggers'][1] > 0
     for topic, (proved, recomputed, different, first) in topics.items():
-        assert proved == recomputed and not different, f'{topic}: {different} differ, {first}'
+        assert not different, f'{topic}: {different} differ, {first}'
+        assert proved == recomputed or not whole, topic
 
 
 def eol(graph, *words):
@@ -180,15 +183,15 @@ def test_killed_nodes_come_back_and_no_other_is_started_again(tmp_path):
                     for row in rows
                 )
 
-            wait_until(back, 30)
+            wait_until(back)
             after = {row['node']: row['pid'] for row in graph.status()['nodes']}
             assert {n for n in before if before[n] != after[n]} == set(killed)
         count = len(graph.watch.seen['blocks'])
-        wait_until(lambda: len(graph.watch.seen['blocks']) > count + 60, 10)
+        wait_until(lambda: len(graph.watch.seen['blocks']) > count + 60)
         # What people had asked for outlives the processes that they asked.
-        wait_until(lambda: graph.node('sound')['values'].get('muted') is True, 10)
+        wait_until(lambda: graph.node('sound')['values'].get('muted') is True)
         assert eol(graph, 'param', 'get', 'grains', 'radius') == '0.11'
-        wait_until(lambda: 'asleep' in graph.node('montage')['text'], 10)
+        wait_until(lambda: 'asleep' in graph.node('montage')['text'])
         assert graph.stop() == 0
     for bag in (p for p in (tmp_path / 'bags').iterdir() if p.is_dir()):
         assert '/eol/blocks' in open_bag(bag).topics
@@ -202,7 +205,7 @@ def test_a_signal_while_it_starts(tmp_path, number):
     time.sleep(0.7)
     graph.process.send_signal(number)
     try:
-        assert graph.process.wait(15) == 0
+        assert graph.process.wait(GENEROUS_S) == 0
     finally:
         graph.stop()
     assert 'Traceback' not in graph.log.read_text()
