@@ -286,7 +286,8 @@ class Selector:
         step = elementary.hypot(*(at - self._at).T)
         with np.errstate(invalid='ignore', divide='ignore'):
             speed = np.where(known, step / dt, 0.0)
-            clear = step >= NOISE_SIGMAS * np.sqrt(2) * np.fmax(sigma_m, 0.0)  # NaN: unknown
+            noise_m = np.fmax(np.asarray(sigma_m, float), 0.0)  # NaN: unknown
+            clear = step >= NOISE_SIGMAS * np.sqrt(2) * noise_m
         fast = known & np.where(self.moving, speed >= s.stop_mps, (speed >= s.start_mps) & clear)
         self._fast_s[fast] = time_s
         moving = fast | (self.moving & (time_s - self._fast_s < s.rest_s))

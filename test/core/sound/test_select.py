@@ -289,15 +289,22 @@ def run(settings, places, path, duration_s=0.25):
     return passed(Selector(settings, space(places, duration_s)), path)
 
 
-def passed(selector, path, start_s=0.0, told=1):
+def passed(selector, path, start_s=0.0, told=1, sigma_m=0.0):
     at = rest_lattice() + 5.0  # the others are far away
     found = []
     for i, place in enumerate(path):
         at[12] = place
         for _ in range(told):
-            image = start_s + i / FPS, *at.T.copy(), EVERYONE, np.zeros(25)
+            image = start_s + i / FPS, *at.T.copy(), EVERYONE, np.full(25, sigma_m)
             found.append(selector.update(*image))
     return np.concatenate(found)
+
+
+def test_a_block_of_unknown_sigma_sounds_as_an_exact_one():
+    exact, unknown = (
+        passed(Selector(STILL, space(CENTRE)), THROUGH, sigma_m=sigma) for sigma in (0.0, np.nan)
+    )
+    assert len(exact) and exact.tobytes() == unknown.tobytes()
 
 
 def circling(selector, images, begin=0):
