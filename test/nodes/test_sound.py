@@ -364,11 +364,13 @@ def test_late_grains_lead_to_a_latency_that_would_do(graph, tmp_path):
     until(lambda: node.banks.at(now_ns()))
 
     def play(count=WINDOW):
-        before = node.mixer.state['triggers'][0]
-        for _ in range(count):
-            probe.triggers.publish(trigger(now_ns() - 400_000_000, gain=0.001))
-            until(lambda: True)
-        until(lambda: node.mixer.state['triggers'][0] == before + count)
+        before = int(node.mixer.state['triggers'][0])
+        while missing := before + count - int(node.mixer.state['triggers'][0]):
+            taken = before + count + node.unheard  # what a busy machine takes in later than 1 s
+            for _ in range(missing):
+                probe.triggers.publish(trigger(now_ns() - 400_000_000, gain=0.001))
+                until(lambda: True)
+            until(lambda: node.mixer.state['triggers'][0] + node.unheard == taken)  # noqa: B023
 
     play(WINDOW // 2)
     node.judge_arrivals()
@@ -395,10 +397,15 @@ def test_what_waited_behind_a_pulled_cable_is_not_played(graph, tmp_path):
     node, probe, until, _ = graph
     probe.corpus.publish(corpus_of(tmp_path))
     until(lambda: node.banks.at(now_ns()))
-    for age_ms in (*range(20_000, 1_500, -100), 200):
+    for age_ms in range(20_000, 1_500, -100):
         probe.triggers.publish(trigger(now_ns() - age_ms * 1_000_000))
-    until(lambda: node.mixer.state['triggers'][0])
-    assert (node.unheard, node.mixer.state['triggers'][0]) == (185, 1)
+    until(lambda: node.unheard == 185)
+    for busy in range(10):  # then what is 0.2 s old may be too old, too
+        probe.triggers.publish(trigger(now_ns() - 200_000_000))
+        until(lambda: node.mixer.state['triggers'][0] or node.unheard == 186 + busy)  # noqa: B023
+        if node.mixer.state['triggers'][0]:
+            break
+    assert (node.unheard, node.mixer.state['triggers'][0]) == (185 + busy, 1)
 
 
 def test_a_preset_is_saved_and_glided_to(graph, tmp_path, monkeypatch):
