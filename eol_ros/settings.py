@@ -168,7 +168,11 @@ class TwinSettings:
         choices=('visitors', 'nobody'),
     )
     stiffness: float = setting(
-        70.0, 'spring stiffness (its choice: docs/explanation/science.md)', 'N/m', 5, 2000
+        70.0,
+        'stiffness of the geometric springs (its choice: docs/explanation/science.md)',
+        'N/m',
+        5,
+        2000,
     )
     stiffness_error: float = setting(
         0.0,
@@ -183,7 +187,8 @@ class TwinSettings:
     block_kg: float = setting(0.25, 'mass of a block with its cover', 'kg', 0.05, 2)
     mu_static: float = setting(
         0.9,
-        'mean static friction coefficient of the blocks, which differ by up to 15 %',
+        'mean static friction coefficient; a random factor of each block, uniform from 0.85 to '
+        '1.15, multiplies it and mu_kinetic',
         '',
         0,
         2,
