@@ -12,6 +12,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.service import Service
 from std_srvs.srv import SetBool, Trigger
+from support.spinning import matched
 from support.waiting import wait_until
 
 from eol_ros.errors import EolError
@@ -162,8 +163,9 @@ def test_a_request_that_no_node_answers_is_answered(ros, kind, node, words):
     with Graph(EventsExecutor, panel, sound):
         wait_until(lambda: panel.count_publishers('/eol/requests') == 2, 30.0)
         wait_until(lambda: sound.requests.publisher.get_subscription_count() >= 3, 30.0)
+        wait_until(lambda: matched(panel, sound))  # else it does not hear the answer
         sound.requests.ask(Asked(kind, node))
-        wait_until(lambda: results, 30.0)
+        wait_until(lambda: results)
         assert (results[0].accepted, results[0].node) == (False, 'panel')
         assert results[0].reason.startswith(words)
 

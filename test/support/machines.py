@@ -266,7 +266,7 @@ def ip(*words: str) -> None:
     subprocess.run(['ip', *words], check=True, capture_output=True, text=True)
 
 
-def answer(child: subprocess.Popen[str], seconds: float = 40.0) -> str:
+def answer(child: subprocess.Popen[str], seconds: float = 100.0) -> str:
     """Return what a command said when it has ended well."""
     out, err = child.communicate(timeout=seconds)
     assert child.returncode == 0, err
