@@ -10,6 +10,7 @@ from eol_ros.devices.bag.mcap_file import BagTopic
 from eol_ros.devices.bag.writer import BagWriter
 from eol_ros.devices.camera import sources
 from eol_ros.devices.camera.image_sequence import open_source
+from eol_ros.errors import ConfigError
 from eol_ros.streams.images import TYPE, Codec
 
 T0, STEP = 1_700_000_000_000_000_000, 16_666_667
@@ -32,10 +33,19 @@ def test_stamps_of_a_bag(tmp_path, stamps, kept, told):
         data = codec.pack(0 if stamp is None else T0 + stamp * STEP, IMAGE)
         bag.write('/eol/camera/image_raw', data, T0 + k * STEP, T0, k + 1)
     bag.close()
-    source = open_source(str(tmp_path / 'bag'))
+    source = open_source(str(tmp_path))  # the newest bag in a folder
+    assert source.name == str(tmp_path / 'bag')
     assert [round((t - T0 * 1e-9) / STEP * 1e9) for t, _ in source.read()] == kept
     assert [note for note in source.notes if not any(part in note for part in told)] == []
     assert len(source.notes) == len(told)
+
+
+def test_pictures_count_before_bags_beside_them_and_a_bag_may_have_no_images(tmp_path):
+    BagWriter(tmp_path / 'bag', [BagTopic('/eol/slips', TYPE, DEFINITION)], {}).close()
+    with pytest.raises(ConfigError, match=r'bag: has no raw images; `recorder: {images: all}` kee'):
+        open_source(str(tmp_path))
+    cv2.imwrite(str(tmp_path / 'a.png'), IMAGE)
+    assert len(list(open_source(str(tmp_path)).read())) == 1
 
 
 @pytest.mark.parametrize(

@@ -138,7 +138,8 @@ def open_source(path: str, fps: float | None = None, stamps: str | None = None) 
         raise DeviceMissing(f'{path}: there is no such file or folder')
     check_file(place)
     files = '*.mcap', 'metadata.yaml'
-    if place.suffix == '.mcap' or any(any(place.glob(name)) for name in files):
+    bags = any(place.glob('*/*.mcap')) and not _pictures(place)  # the newest is taken
+    if place.suffix == '.mcap' or bags or any(any(place.glob(name)) for name in files):
         if stamps is not None:
             raise UsageError('--stamps: a bag has the stamps of its images: leave it out')
         return _bag(place)
@@ -169,8 +170,12 @@ def _stack(path: Path, moments: Moments) -> ImageSource:
     return _series(str(path), moments, stack, np.ascontiguousarray)
 
 
+def _pictures(folder: Path) -> list[Path]:
+    return [f for f in visible(folder) if f.suffix.lower() in PICTURES]
+
+
 def _folder(folder: Path, moments: Moments) -> ImageSource:
-    files = [f for f in visible(folder) if f.suffix.lower() in PICTURES]
+    files = _pictures(folder)
     if not files:
         raise DeviceMissing(
             f'{folder}: neither a bag nor an image in this folder ({" ".join(PICTURES)})'
@@ -252,6 +257,8 @@ def _bag(path: Path) -> ImageSource:
     from eol_ros.streams.taps import RECORD, to_core
 
     bag = BagReader(path)
+    if not any('image' in name for name in bag.topics):
+        raise ConfigError(f'{bag.path}: has no raw images; `recorder: {{images: all}}` keeps them')
     topic = bag.own(IMAGE_TOPIC)
     codec = Codec(bag.topics[topic].definition)
 
@@ -277,7 +284,7 @@ def _bag(path: Path) -> ImageSource:
             source.notes.append(f'{odd} images whose stamps fall back or jump ahead are left out')
         source.notes += bag.cut_short
 
-    source = ImageSource(str(path), 0.0, bag.counts[topic], images, about=bag.about)
+    source = ImageSource(str(bag.path), 0.0, bag.counts[topic], images, about=bag.about)
     try:
         taps = bag.own(TAPS_TOPIC)
     except ConfigError:
