@@ -130,6 +130,19 @@ def test_images_of_poor_cameras_show_all_blocks(spoil, most_px):
     assert off.max() < most_px
 
 
+@pytest.mark.parametrize('lens_px', [0.3, 0.5, 0.7, 0.9])
+def test_blocks_at_rest_stay_where_they_are_under_a_sharp_lens(lens_px):
+    """Half the size of an image through a good lens; as their faces get known, too."""
+    camera = Calibration.ideal(640, 400)
+    renderer = Renderer(RenderOptions(noise='L0', psf_px=lens_px), camera, 2)
+    random = np.random.default_rng(1)
+    xy, yaw = REST + random.normal(0, 0.004, (25, 2)), random.normal(0, 0.05, 25)
+    found = followed([renderer.render(*xy.T, yaw, k) for k in range(40)], camera)
+    off = np.hypot(found['x'] - xy[:, 0], found['y'] - xy[:, 1]) * camera.px_per_m()
+    assert found['seen'].all() and found['known'][-1].all()
+    assert off.max() < 0.03
+
+
 def under_an_arm(image, centre, level):
     """Return the image with an arm from below whose hand ends at the place `centre`, px."""
     left = int(centre[0]) - 110

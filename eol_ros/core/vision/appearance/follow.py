@@ -222,7 +222,7 @@ class Follower:
         for fresh in (False, True):
             found['x'], found['y'], found['yaw'] = *place, self._angles[i, j]
             found['start_px'] = model.LOST_PX
-            self._register(image, one, fresh)
+            self._register(image, one, fresh, model.ROUNDS_LOST)
             good[block] = self._judge(one, fresh)[block]
             if good[block] or not self.blocks['known'][block]:
                 break
@@ -379,19 +379,22 @@ class Follower:
 
     def _focus(self, image: np.ndarray) -> None:
         """Fit all blocks of the first image, with the blur at which their sides show best."""
-        start, best = self.found.copy(), -math.inf
+        start, found, tried = self.found.copy(), self.found, list[float]()
+        best, best_px, kept = (-math.inf, 0.0), 0.0, (self.blur_px, 0, start)
         for blur_px in model.FIRST_BLUR_PX:
-            self.found[:] = start
-            self.blur_px, self._blur_looks = blur_px, 0
+            near, far = sorted((best_px, blur_px))
+            if best[0] == math.inf and any(near < one < far for one in tried):
+                continue  # beyond one that is worse
+            found[:], self.blur_px, self._blur_looks = start, blur_px, 0
             nats = self._approach(image)
-            if nats > best:
-                best, kept, state = nats, self.found.copy(), (self.blur_px, self._blur_looks)
-            if np.median(self.found['nats']) > model.CLEAR_NATS:
-                break
-        if nats < best:
-            self.found[:] = kept
-            self.blur_px, self._blur_looks = state
-            self._register(image, self._all, fresh=True)
+            clear = np.median(found['nats']) > model.CLEAR_NATS
+            rank = math.inf if clear else nats, -float(np.median(found['misfit']))
+            tried.append(blur_px)
+            if rank > best:
+                best, best_px = rank, blur_px
+                kept = self.blur_px, self._blur_looks, found.copy()
+        self.blur_px, self._blur_looks, found[:] = kept
+        self._register(image, self._all, fresh=True)
 
     def _orient(self, stamp_s: float) -> None:
         """Turn the ids as covers or places say; else the turn is open, if it was dark for long."""

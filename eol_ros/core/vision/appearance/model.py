@@ -13,8 +13,9 @@ from eol_ros.core.table import Table
 
 # The face of a block
 CELLS = 12  # of the brightness map, along each axis: 3.8 px at 545 px/m
-# Standard deviation of an edge, tried in the first image: of a sharp lens and a pixel, and wider
-FIRST_BLUR_PX = 1.3, 2.1, 3.4
+# Standard deviation of an edge, tried in the first image: of a usual lens and a pixel, then sharper
+# and wider ones
+FIRST_BLUR_PX = 1.3, 1.0, 0.8, 0.63, 0.5, 1.65, 2.1, 2.7, 3.4
 BLUR_PX = 0.4, 4.0  # from a pixel's own to that of a lens far out of focus
 BLUR_LOOKS = 24  # of printed covers: after more, uneven light near the sides widens edges
 YOUNG = 12  # looks; the mean of fewer is noisier than a third of one image
