@@ -257,7 +257,7 @@ def _table(result: dict[str, Any]) -> str:
         )
     for row in result['told']:
         lines.append(
-            f'drop {row["drop"]:g}: {row["told"]} told at their knocks, {row["retracted"]} '
+            f'drop {row["drop"]:g}: {row["told"]} provisional slips, {row["retracted"]} '
             f'retracted, {row["retracted_slips"]} of them slips ({row["retracted_per_h"]:.0f} an '
             f'hour, {row["retracted"] / max(row["told"], 1):.2%}); of slips over 1 mm '
             f'{row["over_1mm"]["found"]:.4f}, over 2 mm {row["over_2mm"]["found"]:.4f}; onset RMS '

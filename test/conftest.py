@@ -62,7 +62,7 @@ def any_stamp(monkeypatch):
 
 
 _HERE = Path(__file__).parent
-# Long files late in the alphabet run first, or one of six processes would run on alone.
+# Long files late in the alphabet run first; at the end they would run in one process alone.
 LONGEST = (
     'scenes/test_cold.py', 'test_packaging.py', 'test_damaged_files.py', 'test_strangers.py',
     'verbs/test_echo_verb.py', 'web/test_state_on_pages.py', 'web/test_wall_pages.py',

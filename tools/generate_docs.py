@@ -40,7 +40,7 @@ RESULTS = {
 }
 MESSAGES = ROOT / 'msg_defs' / 'eol_msgs' / 'msg'
 PLAY_GRAIN = """\
-The easiest way is `eol call play_grain grain=12`. A node publishes a `GrainTrigger`. In a shell \
+The easiest way is `eol call play_grain grain=12`. A node can publish a `GrainTrigger`, in a shell \
 with [`eol_msgs`](../guides/connect.md#rviz-and-your-own-ros-2-nodes):
 
 ```python
@@ -60,8 +60,8 @@ rclpy.spin_once(node, timeout_sec=1.0)  # time to send it
 
 Fields left out are 0. `gain: 0` is silent. `rate: 0` is out of range: the grain is dropped and \
 counted (`dropped`). A stamp over 60 s from now is rejected. Attack and release are at least 2 ms. \
-`block: 255` means no block; the id of a block makes the grain part of its cascade. With `ros2`, \
-not tried:
+`block: 255` means no block; the id of a block makes the grain part of its cascade. The \
+same with `ros2` (not tried):
 
     ros2 topic pub --once /eol/grain_triggers eol_msgs/msg/GrainTrigger \\
         '{header: auto, grain: 12, block: 255, gain: 1.0, rate: 1.0}'"""
@@ -139,10 +139,9 @@ def topics_page() -> str:
         '## Nodes',
         node_table(),
         '## Topics',
-        'Every topic without *transient local* is volatile: a late subscriber gets the next '
-        'message and nothing older. `blocks` and `slips` are volatile, so a node that joins late '
-        'misses what was published before. On a transient local (latched) topic a late subscriber '
-        'that asks for transient local gets the newest message at once.',
+        'Every topic without *transient local* is volatile, such as `blocks` and `slips`: a late '
+        'subscriber gets the next message and nothing older. On a transient local (latched) topic '
+        'a late subscriber that asks for transient local gets the newest message at once.',
         topic_table(),
         '## Services',
         'The node `panel` serves them; in a scene without it, another node that subscribes to '
@@ -170,7 +169,7 @@ def settings_page() -> str:
         'in a scene; the same names are ROS parameters. *Live* settings can change while the node '
         'runs, by `eol param set NODE NAME VALUE`, the panel or `ros2 param set /eol/NODE NAME '
         'VALUE`. The node refuses to change others: write them into the scene and start it again. '
-        '`ros2 param describe /eol/NODE NAME` and rqt show range and meaning of a parameter.',
+        '`ros2 param describe /eol/NODE NAME` and rqt show the range and meaning of a parameter.',
         'A live change, by whichever way, survives a crash of the node, of bringup and a power '
         'cut. Ctrl-C discards it, except in a run by `eol service`, which keeps it over every '
         'boot until the scene of that node changes ([after a power cut]'

@@ -126,7 +126,7 @@ def with_live_tests(paths: list[str]) -> list[str]:
 
 
 def compile_tests() -> None:
-    """Compile all test files, in two processes; else each of six would compile all of them."""
+    """Compile all test files, in two processes; otherwise each of six would compile all."""
     files = sorted(str(path) for path in (ROOT / 'test').rglob('test_*.py'))
     words = [sys.executable, '-m', 'pytest', '--collect-only', '-q']
     halves = [
@@ -134,7 +134,7 @@ def compile_tests() -> None:
         for k in range(2)
     ]
     for half in halves:
-        half.wait()  # what it says of faults is said again
+        half.wait()  # the parts report its faults again
 
 
 def run_part(selection: tuple[str, ...], paths: list[str], words: list[str]) -> tuple[int, dict]:

@@ -170,7 +170,7 @@ def setup(extra: str) -> None:
         subprocess.run([sys.executable, '-m', 'venv', VENV], check=True)
 
     steps: list[tuple] = []
-    # `pip install .` in this environment replaces the link by a copy that then ages
+    # `pip install .` in this environment replaces the link by a copy that becomes outdated
     if not (ready.exists() and any(VENV.glob('lib/*/site-packages/__editable__*eol_ros*'))):
         say('installing the wheels (about a minute, once)')
         steps.append(('wheels', install_wheels, extra))

@@ -122,7 +122,7 @@ def _lacking(bag: Bag) -> list[str]:
 
 
 def _felt(kinds: np.ndarray, duration_s: float) -> dict[str, Any]:
-    """Return how many slips were told at their taps, and what the images said of them."""
+    """Return the counts of provisional slips: published, confirmed and retracted by images."""
     told, confirmed, retracted = (
         int((kinds == kind).sum()) for kind in (felt.PROVISIONAL, felt.CONFIRMED, felt.RETRACTED)
     )
@@ -491,7 +491,7 @@ def summary(found: dict[str, Any]) -> str:
     if 'felt_slips' in found:
         f = found['felt_slips']
         lines.append(
-            f'{f["told"]} slips told at their taps, {f["retracted"]} retracted: '
+            f'{f["told"]} provisional slips, {f["retracted"]} retracted: '
             f'{f["retracted_percent"]} %, {f["retracted_per_hour"]} an hour'
         )
     if 'cascades' in found:

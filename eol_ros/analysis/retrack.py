@@ -501,7 +501,7 @@ def _compare_triggers(
 
 
 def _felt(bag: Bag) -> list[Any]:
-    """Return the slips that were told at their taps, in order of stamps."""
+    """Return the recorded provisional slips, in order of stamps."""
     if bag.name('felt_slips') not in bag.topics:
         return []
     rows = felt.RECORD.each(bag.table('felt_slips'))

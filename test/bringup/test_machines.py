@@ -137,7 +137,7 @@ def test_each_machine_lists_all_of_them_and_names_one_that_is_pulled(machines, t
     asked = stamp_s > meter_s[meter_s < pulled_s][-1] - 1
     asked &= stamp_s < meter_s[meter_s > back_s][0]
     took = after['triggers'][0] - before['triggers']
-    assert took <= (asked & ~away).sum(), 'none of those of 12 s'
+    assert took <= (asked & ~away).sum(), 'a grain of the 12 s without cable sounded'
     for topic, number in (('blocks', 'image'), ('grain_triggers', 'sequence')):
         assert set(np.diff(bag.table(topic)[number].astype(int))) == {1}
     assert set(json.loads(bag.gaps['lost_before_recorder'])) <= {'/eol/sound_meter'}

@@ -162,7 +162,7 @@ def test_eight_processes_with_the_oldest_numba_that_is_allowed(run, tmp_path):
     done = run(TOGETHER, python=python)
     assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
     both = [run(ONCE, python=each).stdout for each in (python, sys.executable) * 2]
-    assert both == ['4\n', '4\n', '0\n', '0\n']  # in one folder, and neither takes the other's
+    assert both == ['4\n', '4\n', '0\n', '0\n']  # one folder; neither loads the other's code
 
 
 @pytest.mark.parametrize('times', [5, pytest.param(20, marks=pytest.mark.soak)])

@@ -60,7 +60,7 @@ def new_mixer(**options):
 
 
 def paced(mixer):
-    """Whether as many frames are played in half a second as it has."""
+    """Return whether the mixer plays half a second of frames in half a second."""
     before, frame = time.monotonic(), int(mixer.state['frame'][0])
     time.sleep(0.5)
     frames = int(mixer.state['frame'][0]) - frame

@@ -13,7 +13,7 @@ IS = [name for name, (right, _) in SERIES.items() if right == 'yes']
 
 
 def seeds(name):
-    """The realisations that are asked; one of what takes longest."""
+    """Return the seeds of the realisations to test; one for the slowest series."""
     return range(1 if name in ('sum of three relaxations', *TWIN) else 2)
 
 

@@ -184,7 +184,7 @@ def test_a_reader_in_another_process_sets_the_pace(ros, bag, python):
     node = ReplayNode(ReplaySettings(bag=str(path), topics=('slips',), wait_s=60.0, fast=True))
     try:
         wait_until(lambda: node.state in ('playing', 'over'), 70)  # it may be over in 10 ms
-        wait_until(lambda: node.state == 'over', 30)  # 3 s for each but the last would be 57
+        wait_until(lambda: node.state == 'over', 30)  # 19 waits of 3 s would take 57
         lines = [json.loads(reader.stdout.readline()) for _ in sent['slips']]
         assert [line['slip'] for line in lines] == list(range(0, 100, 5))
     finally:
@@ -237,7 +237,7 @@ def test_a_reader_that_does_not_come_back_is_waited_for_once(ros, played_images,
     wait_until(lambda: node.state == 'over')
     taken_s = time.monotonic() - begin[0]
     expected_s = node.bag.duration_s - begin[1] + 0.3
-    assert expected_s <= taken_s < expected_s + 6  # once for each history would be 8 s
+    assert expected_s <= taken_s < expected_s + 6  # a wait for each history would take 8 s
 
 
 @pytest.mark.slow

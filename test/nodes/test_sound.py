@@ -366,7 +366,7 @@ def test_late_grains_lead_to_a_latency_that_would_do(graph, tmp_path):
     def play(count=WINDOW):
         before = int(node.mixer.state['triggers'][0])
         while missing := before + count - int(node.mixer.state['triggers'][0]):
-            taken = before + count + node.unheard  # what a busy machine takes in later than 1 s
+            taken = before + count + node.unheard  # a busy machine drops some as over 1 s late
             for _ in range(missing):
                 probe.triggers.publish(trigger(now_ns() - 400_000_000, gain=0.001))
                 until(lambda: True)
@@ -400,7 +400,7 @@ def test_what_waited_behind_a_pulled_cable_is_not_played(graph, tmp_path):
     for age_ms in range(20_000, 1_500, -100):
         probe.triggers.publish(trigger(now_ns() - age_ms * 1_000_000))
     until(lambda: node.unheard == 185)
-    for busy in range(10):  # then what is 0.2 s old may be too old, too
+    for busy in range(10):  # a busy machine may drop a trigger of 0.2 s, too
         probe.triggers.publish(trigger(now_ns() - 200_000_000))
         until(lambda: node.mixer.state['triggers'][0] or node.unheard == 186 + busy)  # noqa: B023
         if node.mixer.state['triggers'][0]:

@@ -57,7 +57,7 @@ def change(domain, node, **values):
 
 
 def ran(folder):
-    """Run it until it has sounded; return what it says of itself, and what its recorder lost."""
+    """Run the scene until it sounds; return the values of `sound` and the recorder's losses."""
     with Graph(scene(folder), folder / 'bags', watched=('grain_triggers',)) as graph:
         graph.wait_until_ok()  # nothing may slip before the sound has its corpus
         change(graph.domain, 'twin', hands='visitors')
@@ -70,7 +70,7 @@ def ran(folder):
 
 def test_a_bag_renders_to_the_samples_of_the_live_run(tmp_path):
     """Bit for bit, limiter and all; the live file holds 16 of the bits."""
-    for again in range(3):  # a machine that stands still for a second has other sound
+    for again in range(3):  # a machine that stalls for a second changes the sound
         folder = tmp_path / str(again)
         folder.mkdir()
         values = ran(folder)

@@ -163,7 +163,7 @@ def test_a_request_that_no_node_answers_is_answered(ros, kind, node, words):
     with Graph(EventsExecutor, panel, sound):
         wait_until(lambda: panel.count_publishers('/eol/requests') == 2, 30.0)
         wait_until(lambda: sound.requests.publisher.get_subscription_count() >= 3, 30.0)
-        wait_until(lambda: matched(panel, sound))  # else it does not hear the answer
+        wait_until(lambda: matched(panel, sound))  # otherwise it misses the answer
         sound.requests.ask(Asked(kind, node))
         wait_until(lambda: results)
         assert (results[0].accepted, results[0].node) == (False, 'panel')

@@ -17,7 +17,7 @@ SCENE = 'nodes: {twin: {}, recorder: off}'
 
 
 def test_a_cold_start_compiles_first_and_says_so(tmp_path, monkeypatch):
-    """Into a cache that has the solvers, for they take longest; `make setup` begins with none."""
+    """The cache has the solvers, which compile longest; `make setup` begins with an empty one."""
     known = compiled.folders()[0].glob('*.object')
     solvers = [path for path in known if path.name.startswith(('kernel.', 'step.', 'taylor.'))]
     monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path / 'cache'))

@@ -23,7 +23,7 @@ CHAIN = {
 # late grains at the latency as shipped.
 WAITS = {'latency_s': 0.5, 'tap_latency_s': 0.5}
 SECONDS = 3.5  # recorded after the first slip
-STATUS_S = 1.1  # each node says how it is once a second
+STATUS_S = 1.1  # each node publishes its status once a second
 RATE = 4.0
 RESULTS = ('slips', 'cascades', 'grain_triggers')
 BY_KNOCK = {'felt_slips': ('kind', 'block', 'onset'), 'felt_triggers': ('grain', 'block', 'stamp')}
@@ -51,12 +51,12 @@ def first(tmp_path_factory):
 
 
 def undisturbed(leds):
-    """Whether light is what its slips say: none came too late, and the board was there."""
+    """Return whether light followed all slips: none came late, and the board stayed connected."""
     return not leds['late_slips'] and not leds['dropped'] and leds['connections'] == 1
 
 
 def recorded(folder):
-    """Record it; return the bag and what the leds say of themselves."""
+    """Record a run; return the bag and the status values of `leds`."""
     nodes = {'twin': {}, 'tracker': {}, **CHAIN, 'recorder': {'images': 'none'}}
     watched = ('slips', 'grain_triggers', 'cascades')
     with Graph(scene(folder, 'first', **nodes), folder / 'bags', watched) as graph:

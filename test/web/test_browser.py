@@ -119,7 +119,7 @@ def test_pages_fill_every_screen_and_axe_finds_no_barrier(graph, browser, path, 
 
 
 def flawless(browser, path, touch=False):
-    """Nothing is wrong with the page that is shown, as `make screens` tells it, or not for long."""
+    """Wait until the checks of `make screens` find no fault on the page."""
 
     def look():
         nonlocal wrong
@@ -376,7 +376,7 @@ def test_cascades_in_words_and_by_the_motor_of_a_phone(graph, browser):
         assert run(browser, f'return {line}.textContent').startswith('A single')
         run(browser, 'eol.modes.said[2] -= 6000')
         until_page(browser, f'{line}.hidden')
-        # Nor while a greater one is drawn, whose words have its hue.
+        # Nor while a greater one is drawn; the caption has the hue of its cascade.
         run(
             browser,
             """
@@ -585,7 +585,7 @@ const push = setInterval(() => {
 
 
 def walked(browser):
-    """Return what the Tab key comes to, once around; again where a control came or went."""
+    """Return the controls that Tab reaches in one round; repeat if a control came or went."""
     for _ in range(3):
         seen = {}
         while True:
@@ -666,7 +666,7 @@ def test_outlines_are_of_the_picture_that_is_shown(graph, browser):
         )
         assert shown == max((s for s in known if s < picture_s + 2e-3), default=known[-1])
         ages.append(known[-1] - picture_s)
-        return len(ages) >= 20 and max(ages) > 0.01  # else there was nothing to tell apart
+        return len(ages) >= 20 and max(ages) > 0.01  # otherwise the ages prove nothing
 
     wait_until(look, turn=lambda: time.sleep(0.05))
 
@@ -823,7 +823,7 @@ def test_a_grain_is_heard_by_a_click_and_moved_by_a_drag_or_by_keys(graph, brows
     mouse(browser, 'mousePressed', x, y)
     mouse(browser, 'mouseMoved', x + 40, y + 20)
     mouse(browser, 'mouseReleased', x + 40, y + 20, 0)
-    lower = run(browser, top) - before  # a line above it may have come or gone
+    lower = run(browser, top) - before  # a line above the space may have appeared or vanished
     name, body = until_page(browser, 'eol.asked[0]')
     assert (name, body['grain']) == ('move', 7)
     w, h = run(browser, 'return [eol.space.box.w, eol.space.box.h]')

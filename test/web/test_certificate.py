@@ -42,7 +42,7 @@ def test_pages_and_live_data_come_over_https(serve, pem):
     with urllib.request.urlopen(f'{url}/wall/left', context=trusting(pem), timeout=30) as answer:
         assert answer.status == 200
     with pytest.raises(urllib.error.URLError, match='CERTIFICATE_VERIFY_FAILED'):
-        urllib.request.urlopen(url, timeout=30)  # by default nobody trusts it
+        urllib.request.urlopen(url, timeout=30)  # a default client does not trust it
 
     async def talk():
         async with (

@@ -72,7 +72,7 @@ def test_a_page_shows_every_state(serve, browser, path, language, looked_at):
     server.stop()
     until_page(browser, 'eol.link.tries > 0')
     run(browser, 'eol.link.heard.any -= 5000')
-    until_page(browser, 'eol.link.age() > 6.2')  # and a look at it later
+    until_page(browser, 'eol.link.age() > 6.2')  # old enough to be marked
     assert not AXE.exists() or barriers(browser) == []
     browser.get('about:blank')
     complaints(browser)  # of the lost connection

@@ -15,7 +15,7 @@ from eol_ros.core.light.flash import MIN_PERIOD_S
 from eol_ros.core.light.local import FIELD_OF_VIEW, new_field
 from eol_ros.core.table import Table
 
-DECAY_S = 0.1  # until the host sends another one
+DECAY_S = 0.1  # decay time until the host sends its own
 
 
 class Bridge:
@@ -52,15 +52,15 @@ class Bridge:
         self.field.peak, self.field.decay_s = peak, max(decay_s, self.field.SHORTEST_S)
 
     def felt(self, now_s: float, block: int) -> bool:
-        """A block feels a tap; return whether that lights it."""
+        """Handle a tap of a block; return whether the tap lights the block."""
         if self.by_itself:
             self.field.slip(now_s, block)
         return self.by_itself
 
     def light(self, now_s: float, mask: int, share: float = 1.0) -> None:
-        """Light the blocks of `mask` that get brighter by it to a share of the peak.
+        """Light the blocks of `mask` to a share of the peak, except those that are brighter.
 
-        Without the bridge no block gets the order.
+        Without the bridge no block receives the command.
         """
         if self.linked:
             for block in self.table.ids.tolist():
@@ -77,7 +77,7 @@ class Bridge:
             self._hold(now_s)
 
     def hear(self, now_s: float, block: int, heard: bool) -> None:
-        """Note whether the bridge hears a block; one that it does not hear must not fall."""
+        """Note whether the bridge hears a block; light of a block that it does not hear is held."""
         if heard == (block in self._silent):
             self._silent ^= {block}
             if self.linked:

@@ -25,7 +25,7 @@ from eol_ros.core.serial_protocol import GROUP
 from eol_ros.core.table import Table
 
 FLASHES_PER_S = 3
-FLASH_DEPTH = 0.1  # least change that counts, over the greatest luminance (WCAG 2.2)
+FLASH_DEPTH = 0.1  # least change that counts, as a share of the greatest luminance (WCAG 2.2)
 MIN_PERIOD_S = 1.001 / FLASHES_PER_S  # the thousandth keeps four falls out of a closed second
 HOLD_RATE = -elementary.log(1.0 - 0.8 * FLASH_DEPTH) / MIN_PERIOD_S  # 1/s, 8 % in a period
 DARK = 0.5 / 255  # rounds to level 0 on the wire

@@ -9,9 +9,9 @@ holds what was lit up to then: the same slips give the same frames, live and in 
 Frames are therefore asked for later than they lie, by more than a slip takes to be known. A slip
 that is known when frames before it are still to come returns those too.
 
-What a block lights by itself is known later than it shone, and a tap and the image that shows its
-slip may be told in either order: such light is kept until its frames are due (`lit`), and only then
-is it decided, by the stamps alone, whether a slip had lit its block already.
+A block that lights itself reports it later, and a tap and the image that shows its slip may arrive
+in either order. Such light is kept until its frames are due (`lit`). Only then the stamps alone
+decide whether a slip had lit its block already.
 """
 
 import heapq
@@ -21,7 +21,7 @@ from eol_ros.core.light.flash import FlashField
 from eol_ros.core.light.looks import REST_S
 
 NS = 1e-9
-FELT_NS = 100_000_000  # a block that lit itself at most so long before an onset is not lit again
+FELT_NS = 100_000_000  # a slip does not light a block that lit itself this short before its onset
 
 
 class Frames:
@@ -54,9 +54,10 @@ class Frames:
     ) -> None:
         """Keep that `blocks` were lit at `stamp_ns` until `due` comes to it.
 
-        By their taps; or with `onset_ns` for a slip that began then, if they had not lit it; or
-        by light that has run there from another block, to the share `spread` of the peak, if they
-        had not been lit for REST_S and are dimmer: it ends a fall of theirs only with a rise.
+        A tap lit them, without `onset_ns` and `spread`. With `onset_ns` a slip that began then
+        lights them, unless they had lit themselves. With `spread` light from another block raises
+        them to this share of the peak, if they are dimmer and had not been lit for REST_S: such
+        light ends a fall of theirs only with a rise.
         """
         self._number += 1
         heapq.heappush(self._kept, (stamp_ns, self._number, blocks, cause, onset_ns, spread))

@@ -7,10 +7,10 @@ slips. VERDICT_S later the images confirm or retract it.
 
 A kind of taps: those within one octave of strength, of blocks that rested before or of blocks that
 moved. A slip begins with (mu_s - mu_k) g, which depends on the table; hands and feet on the table
-mostly cause weaker taps. A block that nearly stopped and goes on feels as if it had broken loose,
-on worn grit one time in ten. So the probability that a tap is a slip is the share of taps of its
-kind that the images have confirmed lately (the mean of a Beta posterior). By the prior, strong
-taps count as slips until one is retracted, weak ones only after many were slips.
+mostly cause weaker taps. A block that nearly stops and goes on gives the same signal as one that
+breaks loose, on worn grit one time in ten. So the probability that a tap is a slip is the share of
+taps of its kind that the images have confirmed lately (the mean of a Beta posterior). By the prior,
+strong taps count as slips until one is retracted, weak ones only after many were slips.
 
 The result depends on the stamps of taps and images alone, not on their delays. A tap is judged by
 the images at least LAG_S older than it, and waits for them if they are late: a replay decides the

@@ -38,7 +38,7 @@ class NumberedSlip:
 
 @dataclass
 class _Begun:
-    """A slip that began lately; `felt`: a tap is its own."""
+    """A slip that began lately; `felt`: whether a tap belongs to it."""
 
     slip: int
     block: int
@@ -90,7 +90,7 @@ class Motion:
         self.cascades.settings = settings
 
     def tap(self, knock: Knock) -> list[FeltSlip]:
-        """Take a report of a block's accelerometer; return the slip if it is told at once.
+        """Take a report of a block's accelerometer; return its provisional slip, if any.
 
         Arrival order does not matter: a slip that waits for late images comes with `felt_slips`.
         """

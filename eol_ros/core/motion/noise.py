@@ -60,7 +60,7 @@ class NoiseModel:
 
         The first sigma initialises the noise, since a block that moves when first seen is not
         noisy. A smaller sigma initialises it again, until images at rest have more weight. NaN and
-        0 are unknown.
+        0 mean unknown.
         """
         if sigma is None:
             return np.ones(len(self.rows))

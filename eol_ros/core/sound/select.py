@@ -20,8 +20,9 @@ Where `match` says so, the nearest are those most like the block in weighted des
 place. Where `weights` says so, a block can play only a share of the grains of a sound: always the
 same ones, other ones for each block.
 
-Ambience: with `ambience_rate` set, blocks at rest under stress creak: quiet, slow grains without a
-block, by chance and the oftener the greater the stress (`stress.py`). No rule above holds for them.
+Ambience: with `ambience_rate` set, blocks at rest under stress trigger quiet, slow grains that name
+no block, at random times, more often under greater stress (`stress.py`). The rules above do not
+apply to them.
 
 `space_m` and `radius` are those of the default table: positions are scaled to it by the area
 that the blocks of a table reach along x and y, so that every table covers the space alike. A block

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One grain with two triggers: the tap of a block sounds it, and the images, which show the slip
-some 20 ms later, ask for the same grain again. Whichever comes first is played.
+"""First-arrival de-duplication of grains.
+
+A tap of a block triggers a grain; the images show the slip some 20 ms later and trigger the same
+grain again. The trigger that arrives first is played.
 """
 
-SAME_S = 0.15  # from the tap to the image that asks for its grains, at most
+SAME_S = 0.15  # longest time from a tap to the image that triggers the same grains
 MOST = 4096  # grains remembered before old ones are dropped
 
 
@@ -14,7 +16,7 @@ class FirstSense:
         self._played: dict[tuple[int, int, bool], float] = {}
 
     def plays(self, stamp_s: float, block: int, grain: int, felt: bool) -> bool:
-        """Return whether a trigger is played: not if the other sense has played the same one.
+        """Return whether a trigger is played: not if the other source has triggered the same grain.
 
         The trigger of the image follows the tap; an earlier one belongs to another slip.
         """

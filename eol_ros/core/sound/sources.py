@@ -18,7 +18,7 @@ WHOLE = (0.0, 0.0, 1.0, 1.0)
 
 
 def weights(lines: Sequence[str], names: Sequence[str], folders: Sequence[str] = ()) -> np.ndarray:
-    """Return the weight of each of the sounds `names`, (n,) in 0..1; 1 where nothing is said.
+    """Return the weight of each of the sounds `names`, (n,) in 0..1; 1 without a line.
 
     A line names a sound or a folder; `folders` has the folder of each sound. The line of a sound
     counts before that of its folder. Lines with other names wait for such sounds.
@@ -92,7 +92,7 @@ def _no_sound(
 
 
 def _said(lines: Sequence[str], names: Sequence[str], folders: Sequence[str]) -> list[str]:
-    """Return the word of the lines for each sound, '' for none."""
+    """Return the word behind the name of each sound or its folder, '' without a line."""
     said = _by_name(lines)
     both = zip(names, folders or [''] * len(names), strict=True)
     return [said.get(name) or said.get(folder, '') for name, folder in both]

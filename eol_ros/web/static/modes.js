@@ -37,7 +37,7 @@ export class Modes {
     this.show();
   }
 
-  // A phone shakes the longer the more blocks slipped. hue: in which the cascade is drawn.
+  // A phone vibrates longer for a larger cascade. hue: colour in which the page draws the cascade.
   cascade(area, nucleus, hue = '') {
     if (!this.captions) return;
     if (this.said && area <= this.said[0] && performance.now() - this.said[2] < HOLD_MS) return;

@@ -8,8 +8,8 @@ const REPLAY_MS = 700; // from slip to slip
 const HUES = 4;
 
 // The tree of slips {block, onset, at} in order of onset: each block is joined to the nearest one that
-// slipped before, of several to the latest. Returns [{path: blocks from spring to spring, at}]; the
-// path of a block none of whose neighbours slipped before is that block alone.
+// slipped before, of several to the latest. Returns [{path: blocks from spring to spring, at}]. A block
+// without a neighbour that slipped before has a path of itself alone.
 export function tree(slips) {
   return slips.flatMap(({ block, at }, i) => {
     const [column, row] = place(block);

@@ -90,7 +90,7 @@ link.on('cascades', (day) => {
   greatest = day.greatest?.[2] > 1 ? day.greatest : null;
   offer();
   const { cascades } = drawing.paths;
-  const greater = cascades.some(({ slips }) => slips.length > area); // is drawn: its words come yet
+  const greater = cascades.some(({ slips }) => slips.length > area); // being drawn: its caption follows
   if (told !== null && onset !== told && !link.asleep && !greater) {
     modes.cascade(area, nucleus, HUES[cascades.findLast(({ slips }) => slips[0].block === nucleus)?.hue]);
   }

@@ -279,7 +279,7 @@ export class TableDrawing {
       brush.strokeStyle = brush.fillStyle = HUES[hue];
       for (const { path, at } of joins) {
         if (at > now) continue;
-        // What left the first block stays as bright as its mark: it tells which way the cascade went.
+        // Arrows from the first block stay as bright as its mark: they show where the cascade went.
         brush.globalAlpha = path[0] === slips[0].block ? 1 : bright(at);
         const places = path.map((id) => [state.x[id], state.y[id]]);
         if (places.length > 1) this.drawArrow(places);

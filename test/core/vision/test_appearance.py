@@ -132,7 +132,7 @@ def test_images_of_poor_cameras_show_all_blocks(spoil, most_px):
 
 @pytest.mark.parametrize('lens_px', [0.3, 0.5, 0.7, 0.9])
 def test_blocks_at_rest_stay_where_they_are_under_a_sharp_lens(lens_px):
-    """Half the size of an image through a good lens; as their faces get known, too."""
+    """Images of half the usual size; the tracker learns the faces meanwhile."""
     camera = Calibration.ideal(640, 400)
     renderer = Renderer(RenderOptions(noise='L0', psf_px=lens_px), camera, 2)
     random = np.random.default_rng(1)

@@ -384,7 +384,7 @@ class Follower:
         for blur_px in model.FIRST_BLUR_PX:
             near, far = sorted((best_px, blur_px))
             if best[0] == math.inf and any(near < one < far for one in tried):
-                continue  # beyond one that is worse
+                continue  # farther from the best than a blur that is worse
             found[:], self.blur_px, self._blur_looks = start, blur_px, 0
             nats = self._approach(image)
             clear = np.median(found['nats']) > model.CLEAR_NATS

@@ -52,7 +52,7 @@ PARTS = 12  # of a side, each trusted by itself: 3.8 px at 545 px/m
 # not at all; of a side (130 px are judged: 5 standard deviations)
 PART_MISFIT, SIDE_MISFIT = (2.2, 5.0), 1.6
 ROUNDS = 12  # a cover that nothing is known of takes five before its sides are judged
-ROUNDS_LOST = 30  # of a block that may have jumped
+ROUNDS_LOST = 30  # iterations of the fit of a block that may have jumped
 # First taken to be where it was: a block of PREDICTED_PX and a way of 0.05 px in an image, whose
 # gain changes by less
 RESTS_PX, STEADY = 0.715, 0.05
@@ -120,7 +120,7 @@ PREDICTED_PX, PREDICTED_SHARE = 0.7, 0.3
 UNSEEN_PX = 0.05  # that of a block out of sight grows by so much in an image
 LOST_PX = 6.0
 LEAST = 5  # blocks in sight at least; with fewer, no usual change is known and the lattice is lost
-MORE = 2  # blocks more of a border in sight make it the right one
+MORE = 2  # a lattice a row further on is right if it sees this many border blocks more
 AGAIN_S = 0.5, 600.0  # from one look for it to the next, while a block was never seen: first, last
 SEEN_SHARE, LOST_IMAGES = 0.32, 6  # with fewer blocks for longer, the lattice is sought again
 LEARN_PX = 4.0  # in one image: a cell of a face; faster blocks are not learned from

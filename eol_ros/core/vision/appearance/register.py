@@ -41,7 +41,7 @@ FOUND = np.dtype(
         ('nats', 'f8'),  # of all sides, that light falls there as at an edge
         ('weakest', 'f8'),  # side
         ('evidence', 'f8'),  # and with what was said before
-        # the last step; infinite where a face was taken that was not fitted where it was taken
+        # the last step; infinite if the fit ended away from where it took the face
         ('step_px', 'f8'),
         ('misfit', 'f8'),  # mean squared residual in variances, of the pixels that agree
         ('side_misfit', 'f8', 4), ('side_usual', 'f8', 4),  # of each side, of all; and usually
@@ -63,8 +63,8 @@ def register(
     c: Calibration.packed(). heights (n, 4, 1 + POINTS): CoverOutlines.over the plane of c, or none
     of flat covers. blur_px: standard deviation of an edge. noise (2,): see fit.residuals.
     light, spread (n, CELLS, CELLS): their faces. fresh (n,): whether to take the face from this
-    image. rounds: iterations at most. close (n,): whether to look closely, at sides and brightness;
-    else these stay as they were found last. own, own_px: see Faces.
+    image. rounds: iterations at most. close (n,): whether to find sides and brightness, too;
+    else they keep their last values. own, own_px: see Faces.
     patches, kept, rests, places, picks, picked: of pixels.empty_patches(n), from image to image.
     """
     room, table = _room(), np.zeros(outline.SIZE, np.float32)
