@@ -78,10 +78,9 @@ def _set(args, field) -> int:
             f'{args.node}.{args.name} cannot change while the node runs: write it into the '
             'scene, and start that again'
         )
-    value = value_of(args.value, field.type)
+    values = KINDS[SET].check({args.name: value_of(args.value, field.type)})
     if REQUESTS not in NODES[args.node].subscribes:
-        return _write(args, value)
-    values = KINDS[SET].check({args.name: value})
+        return _write(args, values[args.name])
     return answer(Asked(SET, args.node, values, source='eol param'), args)
 
 

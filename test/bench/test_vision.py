@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from support.vision_bound import position_bound_px
 
+from benchmarks.vision_scenes import Film
 from eol_ros import cli
+from eol_ros.core.vision.tracker import Tracker
+from eol_ros.settings import TrackerSettings
 
 pytestmark = pytest.mark.slow
 
@@ -39,3 +42,13 @@ def test_films_and_noise_levels_are_measured(capsys, tmp_path):
         'vision_time.png',
     ]
     assert all(np.isfinite(m['ms_median']) for m in film.values())
+
+
+@pytest.mark.parametrize('seed', [50010, 50013])  # arms hide two borders, and sand glitters beyond
+def test_a_glittering_table_is_named_right_from_the_first_image_on(seed):
+    film = Film('glittering', 'L2', seed)
+    tracker = Tracker(TrackerSettings(), film.calibration)
+    image, pose, _ = film.image(0)
+    found = tracker.update(0.0, image)
+    assert found.seen.sum() > 15
+    assert np.hypot(*(found.world - pose[:, :2]).T)[found.seen].max() < 0.01

@@ -144,7 +144,7 @@ def test_each_machine_lists_all_of_them_and_names_one_that_is_pulled(machines, t
     assert bag.gaps['dropped_in_recorder'] == '{}'
 
 
-def test_a_clock_that_is_ahead_is_subtracted_and_each_killed_machine_comes_back(
+def test_a_clock_that_is_ahead_is_subtracted_and_killed_machines_come_back(
     machines, tmp_path, monkeypatch
 ):
     clock = FakeClock(tmp_path, 300_000_000)

@@ -290,7 +290,7 @@ def test_what_a_stopped_node_said_it_gives_holds_no_longer(start, monkeypatch):
 
 def test_a_stopped_process_never_goes_on(start, monkeypatch, tmp_path):
     """It would for an instant, and leave half done what its threads begin in it."""
-    for name, value in (('SILENT_S', 10.0), ('STOPPED_S', 0.5), ('QUIET_S', 0.2), ('LOOK_S', 0.1)):
+    for name, value in (('SILENT_S', 10.0), ('STOPPED_S', 3.0), ('QUIET_S', 0.2), ('LOOK_S', 0.1)):
         monkeypatch.setattr(policy, name, value)
     stopped, went_on = tmp_path / 'stopped', tmp_path / 'went_on'
     stopped.touch()
@@ -317,6 +317,7 @@ while True:
         threads = list(Path(f'/proc/{pid}/task').iterdir())
         wait_until(lambda: all(') T' in (one / 'stat').read_text() for one in threads))
         stopped.write_text(str(pid))
+        assert supervisor.children[0].popen.pid == pid  # else nothing was watched
         restarted(supervisor.children[0])
 
     attended(supervisor, work)

@@ -130,7 +130,7 @@ def test_a_busy_python_thread_does_not_starve_the_compiled_callback(card):
     worker = threading.Thread(target=busy)
     try:
         worker.start()
-        wait_until(lambda: paced(mixer), 10)
+        assert any(paced(mixer) for _ in range(3))  # the machine may stall once or twice
     finally:
         stop.set()
         worker.join()

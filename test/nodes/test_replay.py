@@ -133,7 +133,7 @@ def test_the_recorded_bytes_come_at_their_time(nodes, listener, bag):
     assert standing > 2 and times[0] < T0  # also before anything is due, and at the end
     assert times[-1] > T0 + 99 * STEP_NS
     going = {t for t in times if T0 < t < T0 + 99 * STEP_NS}
-    assert going - {T0 + i * STEP_NS for i in range(100)}  # between the messages too
+    assert len(going - {T0 + i * STEP_NS for i in range(100)}) > 2  # between the messages too
 
 
 def test_a_calibration_that_an_old_bag_has_as_text_is_played_as_its_message(nodes, ros):

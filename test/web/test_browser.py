@@ -588,7 +588,7 @@ def walked(browser):
     """Return the controls that Tab reaches in one round; repeat if a control came or went."""
     for _ in range(3):
         seen = {}
-        while True:
+        for _ in range(200):
             press(browser, 'Tab', hold=True)
             found = run(browser, FOCUSED)
             if found and found['at'] in seen:

@@ -133,6 +133,21 @@ def test_ways_of_cascades(table, browser):
     ]
 
 
+def test_joins_fade_and_nothing_takes_their_place(table, browser):
+    left = """
+    return import('/static/paths.js').then(({Paths}) => {
+      const paths = new Paths();
+      for (const [block, s] of [[6, 0], [7, 0.2], [12, 0.4]]) paths.slip(block, 1, s, 1000 * s);
+      return arguments[0].map((now) => {
+        paths.pass(now);
+        return paths.cascades.map(({joins}) => joins.map((join) => join.path));
+      });
+    });
+    """
+    found = run(browser, left, [400, 3300, 3500])
+    assert found == [[[[6, 7], [7, 12]]], [[[7, 12]]], []]
+
+
 def test_a_slip_far_from_all_others_has_a_small_mark(table, browser):
     def marks():
         box = run(browser, AT, [(0.0, 6, 1), (0.3, 7, 1), (0.6, 23, 1)], 1000, True)

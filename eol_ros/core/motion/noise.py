@@ -59,12 +59,13 @@ class NoiseModel:
         """Return `sigma` (n,) m over its reference, >= 1: a block half under an arm has more.
 
         The first sigma initialises the noise, since a block that moves when first seen is not
-        noisy. A smaller sigma initialises it again, until images at rest have more weight. NaN and
-        0 mean unknown.
+        noisy. A smaller sigma initialises it again, until images at rest have more weight. NaN, 0
+        and infinity mean unknown.
         """
         if sigma is None:
             return np.ones(len(self.rows))
-        rows, samples, known = self.rows, self.rows['samples'], seen & (sigma > 0)
+        rows, samples = self.rows, self.rows['samples']
+        known = seen & (sigma > 0) & (sigma < np.inf)
         better = (samples < 2 * PRIOR_SAMPLES) & (sigma < rows['sigma_m'])
         new = known & (better | (samples == 0))
         if new.any():
@@ -72,6 +73,8 @@ class NoiseModel:
             rows[new] = np.zeros((), NOISE)
             rows['moments'][new, 0], rows['sigma_m'][new] = first**2, first
             rows['samples'][new] = PRIOR_SAMPLES
+        late = known & (rows['sigma_m'] == 0)  # its noise was learned without a sigma
+        rows['sigma_m'][late] = np.maximum(sigma[late], FLOOR_M)
         reference = np.where(rows['sigma_m'] > 0, rows['sigma_m'], np.inf)
         return np.maximum(np.where(known, sigma, 0.0) / reference, 1.0)
 
@@ -105,7 +108,7 @@ class NoiseModel:
         rows['moments'] += gain[:, None] * (scale[:, None] * moments - rows['moments'])
         known = rows['sigma_m'] > 0
         if sigma is not None and known.any():  # a short occlusion does not change the reference
-            sigma = np.where(quiet & (sigma > 0), sigma, rows['sigma_m'])
+            sigma = np.where(quiet & (sigma > 0) & (sigma < np.inf), sigma, rows['sigma_m'])
             unoccluded = np.minimum(sigma, OCCLUDED * rows['sigma_m'])
             rows['sigma_m'] += gain * (unoccluded - rows['sigma_m'])
             # motion of a block that moves when first seen is not noise

@@ -204,7 +204,9 @@ class Tracker:
         follower = self.follower
         assert follower is not None
         self._image, blocks = image, follower.update(stamp_s, image)
-        while (other := follower.elsewhere(stamp_s, image)) is not None:
+        for _ in range(2):  # along both axes
+            if (other := follower.elsewhere(stamp_s, image)) is None:
+                break
             self.follower = follower = other
             blocks = other.blocks
             self.turn.lost(stamp_s)

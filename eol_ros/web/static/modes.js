@@ -25,7 +25,7 @@ export class Modes {
   constructor(buttons, line) {
     this.buttons = buttons; // by name
     this.line = line;
-    this.said = null; // [area, nucleus, performance.now() when it was told]
+    this.said = null; // [area, nucleus, performance.now() when it was told, hue]
     for (const [name, button] of Object.entries(buttons)) {
       this[name] = (localStorage.getItem(name) ?? DEFAULT[name]) === 'yes';
       button.onclick = () => {
@@ -41,8 +41,7 @@ export class Modes {
   cascade(area, nucleus, hue = '') {
     if (!this.captions) return;
     if (this.said && area <= this.said[0] && performance.now() - this.said[2] < HOLD_MS) return;
-    this.said = [area, nucleus, performance.now()];
-    this.line.style.borderColor = hue;
+    this.said = [area, nucleus, performance.now(), hue];
     this.show();
     if (navigator.userActivation?.hasBeenActive) navigator.vibrate?.(Math.min(20 + 25 * area, 600));
   }
@@ -50,7 +49,6 @@ export class Modes {
   // Words that stay for so long, whatever else is told.
   replay(words, long) {
     this.replayed = { words, until: performance.now() + long };
-    this.line.style.borderColor = '';
     this.show();
   }
 
@@ -61,5 +59,6 @@ export class Modes {
     const fresh = this.captions && this.said && performance.now() - this.said[2] < CAPTION_MS;
     this.line.hidden = !fresh && !replayed;
     if (fresh || replayed) write(this.line, replayed || caption(...this.said));
+    this.line.style.borderColor = replayed || !fresh ? '' : this.said[3];
   }
 }

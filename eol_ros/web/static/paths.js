@@ -35,10 +35,14 @@ export class Paths {
   slip(block, number, onset, now) {
     this.pass(now);
     const cascade = this.cascades.find((one) => one.number === number) ?? this.begin(number, KEEP_MS);
-    if (cascade.slips.some((slip) => slip.block === block)) return;
-    cascade.slips.push({ block, onset, at: now });
-    cascade.slips.sort((a, b) => a.onset - b.onset);
-    cascade.joins = tree(cascade.slips);
+    const { slips, keep } = cascade;
+    const before = slips.findIndex((slip) => slip.block === block);
+    if (before === 0 || (before > 0 && now - slips[before].at < keep)) return;
+    if (before > 0) slips.splice(before, 1);
+    slips.push({ block, onset, at: now });
+    slips.sort((a, b) => a.onset - b.onset);
+    cascade.joins = tree(slips);
+    this.pass(now);
   }
 
   begin(number, keep) {
@@ -58,13 +62,9 @@ export class Paths {
     return long;
   }
 
-  // Forget slips that have faded; the first of a cascade stays as long as any.
+  // Forget joins that have faded, and cascades whose last slip has.
   pass(now) {
-    for (const cascade of this.cascades) {
-      const { slips, keep } = cascade;
-      cascade.slips = slips.filter((slip, i) => i === 0 || now - slip.at < keep);
-      if (cascade.slips.length < slips.length) cascade.joins = tree(cascade.slips);
-    }
+    for (const cascade of this.cascades) cascade.joins = cascade.joins.filter(({ at }) => now - at < cascade.keep);
     this.cascades = this.cascades.filter(({ slips }) => now - Math.max(...slips.map(({ at }) => at)) < KEEP_MS);
   }
 }

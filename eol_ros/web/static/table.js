@@ -89,10 +89,10 @@ link.on('cascades', (day) => {
   counts.cascade = area;
   greatest = day.greatest?.[2] > 1 ? day.greatest : null;
   offer();
-  const { cascades } = drawing.paths;
-  const greater = cascades.some(({ slips }) => slips.length > area); // being drawn: its caption follows
+  const drawn = drawing.paths.cascades.filter(({ number }) => number >= 0); // NaN is of a replay
+  const greater = drawn.some(({ slips }) => slips.length > area); // its caption follows
   if (told !== null && onset !== told && !link.asleep && !greater) {
-    modes.cascade(area, nucleus, HUES[cascades.findLast(({ slips }) => slips[0].block === nucleus)?.hue]);
+    modes.cascade(area, nucleus, HUES[drawn.findLast(({ slips }) => slips[0].block === nucleus)?.hue]);
   }
   told = onset;
 });

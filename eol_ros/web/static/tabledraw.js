@@ -276,18 +276,19 @@ export class TableDrawing {
       const bright = (at) => Math.min(Math.max(1.2 * (1 - (now - at) / keep), 0.4), 1);
       const begun = slips.filter(({ at }) => at <= now);
       if (!begun.length) continue;
+      const [{ block }] = slips;
+      const since = now - Math.max(...begun.map(({ at }) => at));
+      const mark = Math.min((KEEP_MS - since) / MARK_FADE_MS, 1);
       brush.strokeStyle = brush.fillStyle = HUES[hue];
       for (const { path, at } of joins) {
         if (at > now) continue;
         // Arrows from the first block stay as bright as its mark: they show where the cascade went.
-        brush.globalAlpha = path[0] === slips[0].block ? 1 : bright(at);
+        brush.globalAlpha = path[0] === block ? mark : bright(at);
         const places = path.map((id) => [state.x[id], state.y[id]]);
         if (places.length > 1) this.drawArrow(places);
         else this.drawRing(...places[0], 0.012 * SIZE, 0.012 * SIZE, brush.globalAlpha);
       }
-      const [{ block }] = slips;
-      const since = now - Math.max(...begun.map(({ at }) => at));
-      brush.globalAlpha = Math.min((KEEP_MS - since) / MARK_FADE_MS, 1);
+      brush.globalAlpha = mark;
       if (newest.get(block) !== cascade) continue;
       this.drawOrigin(state.x[block], state.y[block], begun.length > 1);
       if (calm.matches) continue;

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.paper import N_BLOCKS, rest_lattice
 
+from eol_ros.core.motion.noise import NoiseModel
 from eol_ros.core.motion.slips import START, STOP, SlipDetector
 from eol_ros.settings import MotionSettings
 
@@ -60,7 +61,7 @@ def test_a_slip_starts_at_the_corners_of_the_settings(stop_s, baseline_s):
     assert [e.kind for e in events] == [START, STOP]
 
 
-@pytest.mark.parametrize('unknown', [np.nan, 0.0])
+@pytest.mark.parametrize('unknown', [np.nan, 0.0, np.inf])
 @pytest.mark.parametrize('images', [range(1), range(60, 61), range(400)])
 def test_an_unknown_sigma_hides_no_slip(unknown, images):
     random, rest = np.random.default_rng(0), rest_lattice()
@@ -75,6 +76,15 @@ def test_an_unknown_sigma_hides_no_slip(unknown, images):
     assert sorted((e.kind, e.block) for e in events) == [
         (START, 3), (START, 12), (STOP, 3), (STOP, 12),
     ]  # fmt: skip
+
+
+def test_a_sigma_that_comes_late_is_the_reference_of_later_ones():
+    noise = NoiseModel(1)
+    for _ in range(20):
+        assert noise.inflation(np.zeros(1), np.ones(1, bool)) == 1.0
+        noise.learn(np.ones(1, bool), np.array([[8e-10, 0, 0]]), np.ones(1), np.zeros(1), 1 / 60)
+    assert noise.inflation(np.array([2e-5]), np.ones(1, bool)) == 1.0
+    assert noise.inflation(np.array([1e-4]), np.ones(1, bool)) == pytest.approx(5.0)
 
 
 @pytest.mark.slow

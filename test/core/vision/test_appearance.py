@@ -397,7 +397,9 @@ def test_a_lattice_found_a_row_beside_its_place_is_put_right(pushed, axis):
             dark = np.abs(place[:, None] - hidden).min(axis=1) < 40
             image[(dark, slice(None)) if axis else (slice(None), dark)] = 12
         found = tracker.update(k / 60, image)
-        wrong += bool(np.nanmax(np.hypot(*(found.world - at).T)) > 0.1)
+        beside = bool(np.nanmax(np.hypot(*(found.world - at).T)) > 0.1)
+        assert k < 32 or not beside  # it is looked for again after half a second
+        wrong += beside
     assert wrong  # else this test shows nothing
     assert found.seen.all()
     assert np.hypot(*(found.world - at).T).max() < 1e-3

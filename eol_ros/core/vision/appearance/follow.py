@@ -311,9 +311,11 @@ class Follower:
             found['start_px'] = 1.0
             self._register(image, self._all)
         good = self._judge(self._all)
-        if good.sum() < self._seen_blocks:
+        few = good.sum() < self._seen_blocks
+        if few:
             self._sought_s = stamp_s
-        self._met[:], self._pause_s, self._again_s = False, model.AGAIN_S[0], stamp_s
+        self._met[:], self._pause_s = False, model.AGAIN_S[0]
+        self._again_s = stamp_s + (self._pause_s if few else 0.0)
         return good
 
     def elsewhere(self, stamp_s: float, image: np.ndarray) -> 'Follower | None':
@@ -328,8 +330,8 @@ class Follower:
             or self.blocks['seen'].sum() < self.least
         ):
             return None
-        self._pause_s = min(2 * self._pause_s, model.AGAIN_S[1])
         self._again_s = stamp_s + self._pause_s
+        self._pause_s = min(2 * self._pause_s, model.AGAIN_S[1])
         table = self.table
         index, seen = table.grid(np.arange(table.cells)), self.blocks['seen']
         for axis in (0, 1):
@@ -378,21 +380,29 @@ class Follower:
         return float(np.clip(found['nats'], *model.IMAGE_NATS).sum())
 
     def _focus(self, image: np.ndarray) -> None:
-        """Fit all blocks of the first image, with the blur at which their sides show best."""
-        start, found, tried = self.found.copy(), self.found, list[float]()
-        best, best_px, kept = (-math.inf, 0.0), 0.0, (self.blur_px, 0, start)
+        """Fit all blocks of the first image, with the blur of least misfit.
+
+        Where few blocks show all their sides, with the one of most evidence.
+        """
+        start, found, usual_px = self.found.copy(), self.found, model.FIRST_BLUR_PX[0]
+        best, best_px, tried = (-math.inf, 0.0), 0.0, list[float]()
         for blur_px in model.FIRST_BLUR_PX:
             near, far = sorted((best_px, blur_px))
-            if best[0] == math.inf and any(near < one < far for one in tried):
-                continue  # farther from the best than a blur that is worse
+            if best[0] == math.inf:
+                needless = any(near < one < far for one in tried)  # beyond one that is worse
+            else:
+                needless = bool(tried) and blur_px < usual_px  # a sharp lens shows sides there, too
+            if needless:
+                continue
             found[:], self.blur_px, self._blur_looks = start, blur_px, 0
-            nats = self._approach(image)
-            clear = np.median(found['nats']) > model.CLEAR_NATS
-            rank = math.inf if clear else nats, -float(np.median(found['misfit']))
+            nats, rows = self._approach(image), found[self._all]
+            clear = rows['nats'] > model.CLEAR_NATS
+            rank = (nats, 0.0)
+            if 2 * clear.sum() > len(clear):
+                rank = (math.inf, -float(np.median(rows['misfit'][clear])))
             tried.append(blur_px)
             if rank > best:
-                best, best_px = rank, blur_px
-                kept = self.blur_px, self._blur_looks, found.copy()
+                best, best_px, kept = rank, blur_px, (self.blur_px, self._blur_looks, found.copy())
         self.blur_px, self._blur_looks, found[:] = kept
         self._register(image, self._all, fresh=True)
 

@@ -67,7 +67,7 @@ SIDE_MOST = 0.3, 0.3, 4.0
 COARSE_PX = 0.5  # of a pose less sure, sides are taken to be as usual
 OWN_LOOKS = 30.0  # over which these are averaged
 STEP_PX, STEP_RAD = 6.0, 0.2  # the longest step of one iteration
-LAST_STEP_PX = 0.2  # the longest last step of a converged fit
+LAST_STEP_PX = 0.2  # the longest last step of a converged fit, and from where a face was taken
 
 # Decisions
 NOISE_EVERY = 16  # images between two looks at the image's noise
