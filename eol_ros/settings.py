@@ -1047,7 +1047,11 @@ class RecorderSettings:
         60,
     )
     keep_days: float = setting(
-        0.0, 'age after which bags are removed, except marked ones; 0: never', 'days', 0
+        0.0,
+        'age after which bags are removed, except marked ones and those of the last 30 recorded '
+        'days (of the last keep_days, if fewer); 0: never',
+        'days',
+        0,
     )
     keep_gb: float = setting(
         0.0,
