@@ -33,6 +33,8 @@ REMEDIES = {
 # Commands whose exit code is a result.
 RESULTS = {
     'eol status': '0: all nodes are OK; 1: a warning, or no answer; 2: an error; 69: no graph runs',
+    'eol call`, `eol param set': '1: a node refuses; 69: no graph or node runs that could answer, '
+    'or one does not answer in time; 2: no such request or argument',
     'eol check': '78: mistakes in the scene; 69: a missing package, or device with `--devices`',
     'eol bag info`, `verify`, `recover': '1: something of the bag is damaged or lost',
     'eol report --retrack': '1: a recomputed result differs, or a part cannot be proved',
@@ -100,6 +102,10 @@ def topic_table() -> str:
     return '\n'.join(rows)
 
 
+def kind_s(name: str) -> str:
+    return f'{KINDS[name].within_s:g}'
+
+
 def service_table() -> str:
     rows = ['| service | type | effect | nodes |', '| --- | --- | --- | --- |']
     for kind in KINDS.values():
@@ -107,6 +113,7 @@ def service_table() -> str:
             type_ = 'SetBool' if kind.off else 'Trigger'
             says = kind.doc + (f'; `data: false`: {KINDS[kind.off].doc}' if kind.off else '')
             nodes = ', '.join(f'`{node}`' for node in kind.whom(''))
+            nodes += f'; answer of `{kind.answered_by}`' if kind.answered_by else ''
             rows.append(f'| `/eol/{kind.name}` | `std_srvs/srv/{type_}` | {says} | {nodes} |')
     return '\n'.join(rows)
 
@@ -147,6 +154,13 @@ def topics_page() -> str:
         'The node `panel` serves them; in a scene without it, another node that subscribes to '
         '`requests`. It serves those whose nodes are in the scene. A call is also published on '
         '`requests`, so a bag has it.\n\n'
+        'The response comes when all nodes of the last column that are in the scene have answered, '
+        'or one has refused. `success: true`: all accepted; `message` is what they report, or '
+        'empty. `success: false`: `message` names the nodes that refused and why, or those that '
+        f'do not run or did not answer in time. They have {kind_s("sleep")} s (`test` '
+        f'{kind_s("test")} s, `calibrate` {kind_s("calibrate")} s, `learn_background` '
+        f'{kind_s("learn_background")} s, `restart` and `stop` {kind_s("stop")} s). Nodes that '
+        'had accepted keep what they did.\n\n'
         "    ros2 service call /eol/mute std_srvs/srv/SetBool '{data: true}'",
         service_table(),
         "The node `replay` has the services of rosbag2's player, of `rosbag2_interfaces/srv`: "
@@ -155,7 +169,8 @@ def topics_page() -> str:
         '## Play a grain from your own program',
         PLAY_GRAIN,
         '## Messages',
-        'All fields, with their units: of slips, cascades, blocks, grain triggers and so on.',
+        'All fields, with their units: of slips, cascades, blocks, grain triggers and so on. '
+        '[Contribute](../contributing.md) lists what has changed since 0.2.0.',
     ]
     for path in sorted(MESSAGES.glob('*.msg')):
         parts += [f'### {path.stem}', f'```\n{path.read_text().rstrip()}\n```']
@@ -169,7 +184,8 @@ def settings_page() -> str:
         'in a scene; the same names are ROS parameters. *Live* settings can change while the node '
         'runs, by `eol param set NODE NAME VALUE`, the panel or `ros2 param set /eol/NODE NAME '
         'VALUE`. The node refuses to change others: write them into the scene and start it again. '
-        '`ros2 param describe /eol/NODE NAME` and rqt show the range and meaning of a parameter.',
+        '`ros2 param describe /eol/NODE NAME` and rqt show the range and meaning of a parameter. '
+        'The column *range* has least and greatest value with the unit, or all allowed values.',
         'A live change, by whichever way, survives a crash of the node, of bringup and a power '
         'cut. Ctrl-C discards it, except in a run by `eol service`, which keeps it over every '
         'boot until the scene of that node changes ([after a power cut]'
@@ -276,7 +292,8 @@ def request_table() -> str:
             for t in kind.takes
         )
         takes = takes or ('NODE, NAME=VALUE ...' if kind.name == SET else '-')
-        nodes = ', '.join(f'`{n}`' for n in (kind.answered_by or ' '.join(kind.nodes)).split())
+        answering = [kind.answered_by] if kind.answered_by else kind.whom('')
+        nodes = ', '.join(f'`{node}`' for node in answering)
         rows.append(f'| `{kind.name}` | {takes} | {kind.doc} | {nodes} |')
     return '\n'.join(rows)
 

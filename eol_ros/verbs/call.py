@@ -83,7 +83,7 @@ def _list(kinds, as_json: bool) -> str:
         {
             'kind': k.name,
             'takes': [item.name for item in k.takes],
-            'nodes': [k.answered_by] if k.answered_by else list(k.nodes),
+            'nodes': [k.answered_by] if k.answered_by else list(k.whom('')),
             'doc': k.doc,
         }
         for k in kinds.values()
