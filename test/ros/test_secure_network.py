@@ -26,13 +26,14 @@ from eol_msgs.msg import Request, Slip
 rclpy.init()
 node, heard = rclpy.create_node('visitor'), []
 node.create_subscription(Slip, '/eol/slips', heard.append, 10)
-ask = node.create_publisher(Request, '/eol/requests', 10)
+ask = node.create_publisher(Request, '/eol/requests', 50)
 end = time.monotonic() + float(sys.argv[1])
 while time.monotonic() < end and (len(heard) < 5 or ask.get_subscription_count() < 1):
     rclpy.spin_once(node, timeout_sec=0.1)
 for _ in range(20):
     ask.publish(Request(kind='mute', source='visitor'))
     rclpy.spin_once(node, timeout_sec=0.05)
+ask.wait_for_all_acked(rclpy.duration.Duration(seconds=5.0))
 print(json.dumps({'heard': min(len(heard), 5), 'nodes': sorted(node.get_node_names())}))
 """
 # On the work's machine: says how many requests have arrived by a second after it is asked.
@@ -44,7 +45,7 @@ import rclpy
 from eol_msgs.msg import Request
 rclpy.init()
 node, asked = rclpy.create_node('ear'), []
-node.create_subscription(Request, '/eol/requests', asked.append, 10)
+node.create_subscription(Request, '/eol/requests', asked.append, 50)
 ends = [time.monotonic() + 200.0]
 signal.signal(signal.SIGUSR1, lambda *_: ends.append(time.monotonic() + 1.0))
 print('ready', flush=True)

@@ -57,7 +57,7 @@ def live(server, talk, **options):
         async with aiohttp.ClientSession() as client:
             url = f'http://127.0.0.1:{server.port}/live'
             async with client.ws_connect(url, **options) as ws:
-                return await asyncio.wait_for(talk(ws), 8)
+                return await asyncio.wait_for(talk(ws), 60)
 
     return asyncio.run(session())
 
