@@ -7,12 +7,8 @@ import importlib.metadata
 import os
 import re
 import shlex
-import signal
 import subprocess
 import sys
-import tempfile
-import time
-import types
 from pathlib import Path
 
 import numpy
@@ -52,23 +48,6 @@ def test_every_benchmark_explains_itself(name, capsys):
     assert 'examples:' in told and re.search(r'\n\n[A-Z].*\.\n\n', told)
     options = re.split(r'\n  (?=-)', told.partition('examples:')[0])[1:]
     assert [option for option in options if not re.search(r'\n? {2,}[^ -]', option)] == []
-
-
-def test_a_terminated_benchmark_removes_its_folder(tmp_path, monkeypatch, capsys):
-    def run(args):
-        with tempfile.TemporaryDirectory(dir=tmp_path):
-            os.kill(os.getpid(), signal.SIGTERM)
-            time.sleep(5)  # the signal ends it
-
-    parts = {'HELP': 'It ends.', 'EXAMPLES': [], 'add_arguments': lambda parser: None, 'run': run}
-    monkeypatch.setitem(sys.modules, 'benchmarks.ends', types.SimpleNamespace(**parts))
-    monkeypatch.setattr(bench, 'names', lambda: ['ends'])
-    before = signal.getsignal(signal.SIGTERM)
-    try:
-        assert cli.main(['bench', 'ends']) == 0
-    finally:
-        signal.signal(signal.SIGTERM, before)
-    assert 'stopped' in capsys.readouterr().err and not list(tmp_path.iterdir())
 
 
 def test_unknown_verb(capsys):

@@ -63,6 +63,23 @@ def test_an_import_is_not_interrupted_and_what_follows_is(number, end, tmp_path)
     assert end('def run(args):\n    import badly_made\n    wait()\neol(run)') == STOPPED
 
 
+def test_a_terminated_benchmark_removes_its_folder(end, tmp_path):
+    """It is a verb within the verb `bench`."""
+    script = """
+import tempfile
+from eol_ros.verbs import bench
+def run(args):
+    with tempfile.TemporaryDirectory(dir=os.getcwd()):
+        ASK(signal.SIGTERM); wait()
+parts = dict(EXAMPLES=[], HELP='It ends.', run=run, add_arguments=id)
+sys.modules['benchmarks.ends'] = types.SimpleNamespace(**parts)
+bench.names = lambda: ['ends']
+sys.exit(cli.main(['bench', 'ends']))
+"""
+    assert end(script) == (0, 'eol bench ends: stopped\n')
+    assert not list(tmp_path.iterdir())
+
+
 def test_llvmlite_is_not_interrupted_between_two_owners(end):
     """Freed by both, a module of machine code crashes the process."""
     script = """

@@ -3,7 +3,6 @@
 
 import importlib
 import os
-import signal
 import sys
 from pathlib import Path
 
@@ -43,6 +42,5 @@ def run(args):
     # some measure in processes of their own
     paths = [str(ROOT), *filter(None, [os.environ.get('PYTHONPATH')])]
     os.environ['PYTHONPATH'] = os.pathsep.join(paths)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # temporary folders are removed
     module = importlib.import_module(f'benchmarks.{args.name}')
     return cli.run_verb(module, f'eol bench {args.name}', args.rest)
