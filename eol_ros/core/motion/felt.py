@@ -132,7 +132,7 @@ class Felt:
         return [told for knock in sorted(ready) for told in self._decide(knock)]
 
     def judge(self, stamp_s: float, knock: Knock, slip: int) -> list[FeltSlip]:
-        """Take which slip (0: none) `knock` was, by the image of `stamp_s`; return the verdict."""
+        """Record which slip (0: none) a tap was, by the image of `stamp_s`; return the verdict."""
         if knock not in self._open:
             return []
         kind, told = self._open.pop(knock)

@@ -44,6 +44,11 @@ def second_moments(offset: np.ndarray) -> np.ndarray:
     return np.stack([x * x + y * y, x * x - y * y, 2.0 * x * y], 1)
 
 
+def _is_known(sigma: np.ndarray) -> np.ndarray:
+    """Return which of `sigma` (n,) m are known: NaN, 0 and infinity mean unknown."""
+    return (sigma > 0) & (sigma < np.inf)
+
+
 class NoiseModel:
     """Covariance of the noise of each block, learnt while it rests."""
 
@@ -59,13 +64,12 @@ class NoiseModel:
         """Return `sigma` (n,) m over its reference, >= 1: a block half under an arm has more.
 
         The first sigma initialises the noise, since a block that moves when first seen is not
-        noisy. A smaller sigma initialises it again, until images at rest have more weight. NaN, 0
-        and infinity mean unknown.
+        noisy. A smaller sigma initialises it again, until images at rest have more weight.
         """
         if sigma is None:
             return np.ones(len(self.rows))
         rows, samples = self.rows, self.rows['samples']
-        known = seen & (sigma > 0) & (sigma < np.inf)
+        known = seen & _is_known(sigma)
         better = (samples < 2 * PRIOR_SAMPLES) & (sigma < rows['sigma_m'])
         new = known & (better | (samples == 0))
         if new.any():
@@ -108,7 +112,7 @@ class NoiseModel:
         rows['moments'] += gain[:, None] * (scale[:, None] * moments - rows['moments'])
         known = rows['sigma_m'] > 0
         if sigma is not None and known.any():  # a short occlusion does not change the reference
-            sigma = np.where(quiet & (sigma > 0) & (sigma < np.inf), sigma, rows['sigma_m'])
+            sigma = np.where(quiet & _is_known(sigma), sigma, rows['sigma_m'])
             unoccluded = np.minimum(sigma, OCCLUDED * rows['sigma_m'])
             rows['sigma_m'] += gain * (unoccluded - rows['sigma_m'])
             # motion of a block that moves when first seen is not noise
